@@ -1,0 +1,254 @@
+"""The in-memory log: every stream as arrays, screened once, in REP-103 axes.
+
+A log is what `simulation` makes, what `replay` reads from and writes to bags, and what the filter is
+run over. Streams are screened when they are made (`screen`): what cannot be right is dropped and
+counted, never repaired.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimator.errors import EstimatorError
+from estimator.measurements import HeadingFix, ImuSample, Measurement, PositionFix, TrackSpeeds
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+NANOSECOND = 1e-9
+
+
+@dataclass(frozen=True)
+class TrackSpeedSeries:
+    """Track speeds: `stamps` (n,) [ns]; `speeds` (n, 2) left, right [m/s], forward positive."""
+
+    stamps: Stamps
+    speeds: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("speeds", self.stamps, self.speeds, (2,))
+
+
+@dataclass(frozen=True)
+class ImuSeries:
+    """IMU samples in the IMU's own axes.
+
+    `stamps` (n,) [ns]; `angular_velocity` (n, 3) [rad/s]; `linear_acceleration` (n, 3) [m/s²],
+    specific force, or None where the IMU has no accelerometer.
+    """
+
+    stamps: Stamps
+    angular_velocity: Floats
+    linear_acceleration: Floats | None = None
+
+    def __post_init__(self) -> None:
+        _check_shape("angular_velocity", self.stamps, self.angular_velocity, (3,))
+        if self.linear_acceleration is not None:
+            _check_shape("linear_acceleration", self.stamps, self.linear_acceleration, (3,))
+
+
+@dataclass(frozen=True)
+class PoseSeries:
+    """Planar poses: `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not)."""
+
+    stamps: Stamps
+    poses: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("poses", self.stamps, self.poses, (3,))
+
+
+@dataclass(frozen=True)
+class TwistSeries:
+    """Body velocities of `base_link`: `stamps` (n,) [ns]; `twists` (n, 3) v_x, v_y [m/s], w [rad/s]."""
+
+    stamps: Stamps
+    twists: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("twists", self.stamps, self.twists, (3,))
+
+
+@dataclass(frozen=True)
+class FixSeries:
+    """Position or pose fixes in `odom`.
+
+    `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad], yaw NaN where a fix has no heading;
+    `variances` (n, 2): of each coordinate [m²] and of yaw [rad²] (ignored where yaw is NaN).
+    """
+
+    stamps: Stamps
+    poses: Floats
+    variances: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("poses", self.stamps, self.poses, (3,))
+        _check_shape("variances", self.stamps, self.variances, (2,))
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened, as far as it is known.
+
+    Attributes:
+        poses: the pose of the robot.
+        twists: its body velocity, or None.
+        tracks: its track speeds without sensor error, or None.
+        source: where the truth comes from ("kinematic", "lidar map", ...).
+    """
+
+    poses: PoseSeries
+    twists: TwistSeries | None = None
+    tracks: TrackSpeedSeries | None = None
+    source: str = "unknown"
+
+
+@dataclass(frozen=True)
+class Log:
+    """One run: measurements of all sensors and, where known, the truth.
+
+    Attributes:
+        name: what to call it in tables and figures.
+        tracks: track speeds.
+        imu: IMU samples, or None.
+        fixes: position or pose fixes, or None.
+        truth: the truth, or None.
+        dropped: how many samples were dropped, as "stream: reason" -> count.
+        notes: what a reader found worth telling the user.
+    """
+
+    name: str
+    tracks: TrackSpeedSeries
+    imu: ImuSeries | None = None
+    fixes: FixSeries | None = None
+    truth: Truth | None = None
+    dropped: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def start(self) -> int:
+        """Stamp of the earliest track speeds or IMU sample [ns]."""
+        firsts = [series.stamps[0] for series in (self.tracks, self.imu) if _filled(series)]
+        if not firsts:
+            raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
+        return int(min(firsts))
+
+    @property
+    def end(self) -> int:
+        """Stamp of the latest track speeds or IMU sample [ns]."""
+        lasts = [series.stamps[-1] for series in (self.tracks, self.imu) if _filled(series)]
+        if not lasts:
+            raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
+        return int(max(lasts))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+        return (self.end - self.start) * NANOSECOND
+
+    def measurements(self) -> Iterator[Measurement]:
+        """All measurements in the order of their stamps; at equal stamps tracks, IMU, then fixes."""
+        streams: list[tuple[Stamps, list[Measurement]]] = [
+            (
+                self.tracks.stamps,
+                [
+                    TrackSpeeds(stamp, left, right)
+                    for stamp, (left, right) in zip(
+                        self.tracks.stamps.tolist(), self.tracks.speeds.tolist(), strict=True
+                    )
+                ],
+            )
+        ]
+        if self.imu is not None:
+            streams.append((self.imu.stamps, _imu_samples(self.imu)))
+        if self.fixes is not None:
+            for stamps, fixes in _fixes(self.fixes):
+                streams.append((stamps, fixes))
+        stamps = np.concatenate([stream[0] for stream in streams])
+        samples = [sample for stream in streams for sample in stream[1]]
+        for index in np.argsort(stamps, kind="stable").tolist():
+            yield samples[index]
+
+
+def screen(
+    stream: str, stamps: ArrayLike, *values: ArrayLike, positive: ArrayLike | None = None
+) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    """Which samples of a stream to keep, and how many are dropped for what reason.
+
+    A sample is dropped when a value is NaN or infinite, when a variance is not positive, when its
+    stamp is that of the sample before (duplicate), or earlier than one already seen (backward).
+
+    Args:
+        stream: name used in the reasons.
+        stamps: (n,) stamps [ns] in order of arrival.
+        values: arrays of n rows whose every element must be finite.
+        positive: array of n rows whose every element must be finite and positive, or None.
+
+    Returns:
+        (n,) mask of what to keep, and "stream: reason" -> count for each reason that occurred.
+    """
+    stamps = np.asarray(stamps, dtype=np.int64)
+    count = len(stamps)
+    keep = np.ones(count, dtype=bool)
+    reasons: dict[str, int] = {}
+
+    def drop(bad: NDArray[np.bool_], reason: str) -> None:
+        bad = bad & keep
+        if bad.any():
+            reasons[f"{stream}: {reason}"] = int(bad.sum())
+            keep[bad] = False
+
+    for value in values:
+        finite = np.isfinite(np.asarray(value, dtype=float)).reshape(count, -1).all(axis=1)
+        drop(~finite, "not finite")
+    if positive is not None:
+        variance = np.asarray(positive, dtype=float).reshape(count, -1)
+        drop(~(np.isfinite(variance) & (variance > 0)).all(axis=1), "variance not positive")
+    if count:
+        # The newest stamp among the samples kept so far, before each sample.
+        lowest = np.iinfo(np.int64).min
+        newest = np.maximum.accumulate(np.where(keep, stamps, lowest))
+        before = np.concatenate([[lowest], newest[:-1]])
+        drop(stamps == before, "duplicate stamp")
+        drop(stamps < before, "stamp goes backward")
+    return keep, reasons
+
+
+def _imu_samples(imu: ImuSeries) -> list[Measurement]:
+    rates = [tuple(row) for row in imu.angular_velocity.tolist()]
+    forces: list[Any] = [None] * len(rates)
+    if imu.linear_acceleration is not None:
+        forces = [tuple(row) for row in imu.linear_acceleration.tolist()]
+    return [
+        ImuSample(stamp, rate, force)
+        for stamp, rate, force in zip(imu.stamps.tolist(), rates, forces, strict=True)
+    ]
+
+
+def _fixes(fixes: FixSeries) -> Iterator[tuple[Stamps, list[Measurement]]]:
+    rows = list(
+        zip(fixes.stamps.tolist(), fixes.poses.tolist(), fixes.variances.tolist(), strict=True)
+    )
+    yield fixes.stamps, [PositionFix(t, x, y, var[0]) for t, (x, y, _), var in rows]
+    with_heading = np.isfinite(fixes.poses[:, 2])
+    yield (
+        fixes.stamps[with_heading],
+        [HeadingFix(t, pose[2], var[1]) for t, pose, var in rows if np.isfinite(pose[2])],
+    )
+
+
+def _filled(series: TrackSpeedSeries | ImuSeries | None) -> bool:
+    return series is not None and len(series.stamps) > 0
+
+
+def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:
+    if values.shape != (len(stamps), *width):
+        raise EstimatorError(
+            f"{name} must have shape {(len(stamps), *width)} to go with {len(stamps)} stamps, "
+            f"found {values.shape}"
+        )

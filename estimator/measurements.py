@@ -1,0 +1,94 @@
+"""The measurements that an estimator is fed, one at a time.
+
+Stamps are int64 nanoseconds since any epoch, the same for all sensors. Units are SI. Vectors of a
+planar kind are in REP-103 axes (x forward, y left, yaw counter-clockwise); the IMU's are in the
+IMU's own axes, as a driver publishes them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSpeeds:
+    """Speeds of the two tracks over the ground side, without slip.
+
+    Attributes:
+        stamp: time [ns]; the speeds are taken as the average since the sample before.
+        left: speed of the left track [m/s], forward positive.
+        right: speed of the right track [m/s], forward positive.
+    """
+
+    stamp: int
+    left: float
+    right: float
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """One sample of gyroscopes and accelerometers, in the IMU's own axes (sensor_msgs/Imu).
+
+    Attributes:
+        stamp: time [ns].
+        angular_velocity: [rad/s].
+        linear_acceleration: specific force [m/s²] (about +9.8 along "up" at rest), or None.
+    """
+
+    stamp: int
+    angular_velocity: Vector3
+    linear_acceleration: Vector3 | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PositionFix:
+    """Position of `base_link` in `odom`.
+
+    Attributes:
+        stamp: time [ns].
+        x: [m].
+        y: [m].
+        variance: variance of each coordinate [m²].
+    """
+
+    stamp: int
+    x: float
+    y: float
+    variance: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingFix:
+    """Yaw of `base_link` in `odom`.
+
+    Attributes:
+        stamp: time [ns].
+        yaw: [rad].
+        variance: [rad²].
+    """
+
+    stamp: int
+    yaw: float
+    variance: float
+
+
+@dataclass(frozen=True, slots=True)
+class BodyVelocity:
+    """Velocity of `base_link` in its own axes, from visual odometry or radar, say.
+
+    Attributes:
+        stamp: time [ns].
+        v_x: forward [m/s].
+        v_y: to the left [m/s].
+        variance: variance of each component [m²/s²].
+    """
+
+    stamp: int
+    v_x: float
+    v_y: float
+    variance: float
+
+
+Measurement = TrackSpeeds | ImuSample | PositionFix | HeadingFix | BodyVelocity

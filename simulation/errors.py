@@ -1,0 +1,7 @@
+"""The error of the simulation package."""
+
+from estimator.errors import IcreckonError
+
+
+class SimulationError(IcreckonError):
+    """A simulation that cannot be run as asked."""
