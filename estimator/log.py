@@ -133,26 +133,27 @@ class Log:
     @property
     def start(self) -> int:
         """Stamp of the earliest track speeds or IMU sample [ns]."""
-        firsts = [series.stamps[0] for series in (self.tracks, self.imu) if _filled(series)]
-        if not firsts:
-            raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
-        return int(min(firsts))
+        return int(min(stamps[0] for stamps in self._stamps()))
 
     @property
     def end(self) -> int:
         """Stamp of the latest track speeds or IMU sample [ns]."""
-        lasts = [series.stamps[-1] for series in (self.tracks, self.imu) if _filled(series)]
-        if not lasts:
-            raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
-        return int(max(lasts))
+        return int(max(stamps[-1] for stamps in self._stamps()))
 
     @property
     def duration(self) -> float:
         """Seconds from start to end."""
         return (self.end - self.start) * NANOSECOND
 
+    def _stamps(self) -> list[Stamps]:
+        stamps = [self.tracks.stamps] + ([] if self.imu is None else [self.imu.stamps])
+        filled = [one for one in stamps if len(one)]
+        if not filled:
+            raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
+        return filled
+
     def measurements(self) -> Iterator[Measurement]:
-        """All measurements in the order of their stamps; at equal stamps tracks, IMU, then fixes."""
+        """All measurements in the order of their stamps; at equal stamps tracks, IMU, fixes."""
         streams: list[tuple[Stamps, list[Measurement]]] = [
             (
                 self.tracks.stamps,
@@ -240,10 +241,6 @@ def _fixes(fixes: FixSeries) -> Iterator[tuple[Stamps, list[Measurement]]]:
         fixes.stamps[with_heading],
         [HeadingFix(t, pose[2], var[1]) for t, pose, var in rows if np.isfinite(pose[2])],
     )
-
-
-def _filled(series: TrackSpeedSeries | ImuSeries | None) -> bool:
-    return series is not None and len(series.stamps) > 0
 
 
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:

@@ -103,7 +103,8 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         position: place of the IMU in base_link [m].
         gyro_axes: "xyz", or "z" where only the z gyro was logged (then the rate about the body's z
             axis is that reading over the cosine of the tilt).
-        gyro_scale: factor on the rates, 1 for an ideal gyro [-].
+        gyro_scale: reading over true rate, 1 for an ideal gyro [-].
+        gyro_scale_sigma: standard deviation of what of it is not known [-].
         gyro_noise_density: [rad/s/√Hz].
         gyro_bias_sigma: standard deviation of the bias at the start [rad/s].
         gyro_bias_walk: random walk of the bias [rad/s/√s].
@@ -116,6 +117,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gyro_axes: Literal["xyz", "z"] = "xyz"
     gyro_scale: float = 1.0
+    gyro_scale_sigma: float = 0.0
     gyro_noise_density: float = 1e-3
     gyro_bias_sigma: float = 0.01
     gyro_bias_walk: float = 1e-5

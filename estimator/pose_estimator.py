@@ -1,0 +1,517 @@
+"""The streaming pose estimator: typed measurements in, one at a time; pose, twist and ICRs out."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator import state as s
+from estimator.ekf import InertiaEkf, ProcessNoise, TwistModel
+from estimator.errors import EstimatorError
+from estimator.frames import Floats, paper_to_rep103, wrap_angle
+from estimator.gating import Gate
+from estimator.health import Health
+from estimator.kinematics import IndexValues, icrs_from_indices
+from estimator.log import NANOSECOND
+from estimator.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+)
+from estimator.motion import VehicleConstants
+from estimator.robot import Robot
+from estimator.settings import Settings
+from estimator.standstill import StandstillDetector
+from estimator.variants import (
+    DEFAULT_ADAPTATION,
+    find_variant,
+    initial_indices,
+    parameter_sigmas,
+    slip_of,
+)
+
+# What a standing robot's velocity is known to be zero within [m/s, m/s, rad/s].
+STANDSTILL_SIGMA = (1e-3, 1e-3, 1e-4)
+# The random walk of the parameters runs at its full rate from this difference of track speeds on [m/s].
+FULL_TURNING = 0.1
+# Time over which the change of the track speeds is averaged for the accelerometers [s].
+ACCELERATION_AVERAGING = 0.15
+
+
+class IcrPoints(NamedTuple):
+    """ICRs of the left and the right track in base_link: (x forward, y left) [m]."""
+
+    left: tuple[float, float]
+    right: tuple[float, float]
+
+
+class Snapshot(NamedTuple):
+    """An estimate at one time: the arrays of `PoseEstimator`'s properties of the same names."""
+
+    state: Floats
+    covariance: Floats
+    twist: Floats
+    twist_covariance: Floats
+    indices: IndexValues
+
+
+class PoseEstimator:
+    """Dead reckoning of a tracked or skid-steer robot from track speeds, IMU and occasional fixes.
+
+    Feed measurements in the order of their stamps; read the estimate at any time. Poses are those of
+    `base_link` in `odom` (REP-105), twists are in `base_link` (REP-103).
+
+    Args:
+        robot: the robot, see `load_robot`.
+        variant: name of a filter variant, see `estimator.variants.VARIANTS`.
+        settings: everything that is no property of the robot.
+        start: pose at the first measurement: x, y [m], yaw [rad].
+        start_sigma: its standard deviations [m, m, rad].
+
+    Raises:
+        EstimatorError: there is no such variant.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        variant: str = "inertia-online",
+        *,
+        settings: Settings | None = None,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.robot = robot
+        self.variant = find_variant(variant)
+        self.settings = settings if settings is not None else Settings()
+        self.health = Health()
+        vehicle, imu = robot.vehicle, robot.imu
+        constants = VehicleConstants(vehicle.track_gauge, vehicle.mass, *robot.centre_of_mass_paper)
+        self._ekf = InertiaEkf(constants, self.settings.form, self.settings.inertia == "imu")
+        self._slip = self.settings.slip or slip_of(robot, self.variant)
+        adaptation = self.settings.adaptation or DEFAULT_ADAPTATION[self.variant.model]
+        sigmas = parameter_sigmas(robot, self.variant, adaptation)
+
+        ekf = self._ekf
+        ekf.x[s.POSE] = start
+        ekf.x[s.PARAMETERS] = initial_indices(robot, self.variant).as_array()
+        spread = np.zeros(s.SIZE)
+        spread[s.POSE] = start_sigma
+        spread[s.PARAMETERS] = sigmas
+        spread[s.GYRO_BIAS] = imu.gyro_bias_sigma
+        spread[s.ACCELEROMETER_BIAS] = imu.accelerometer_bias_sigma
+        spread[s.TRACK_SCALE] = robot.tracks.scale_sigma
+        spread[s.GYRO_SCALE] = imu.gyro_scale_sigma
+        ekf.P = np.diag(spread**2)
+        self._bias_walk = np.zeros(s.SIZE)
+        self._bias_walk[s.GYRO_BIAS] = imu.gyro_bias_walk
+        self._bias_walk[s.ACCELEROMETER_BIAS] = imu.accelerometer_bias_walk
+        self._parameter_walk = np.zeros(s.SIZE)
+        self._parameter_walk[s.PARAMETERS] = sigmas * adaptation.walk
+
+        self._stamp: int | None = None
+        self._newest: dict[str, int] = {}
+        self._left = self._right = 0.0
+        self._track_stamp: int | None = None
+        self._track_interval = 0.02
+        self._track_acceleration = (0.0, 0.0)
+        self._imu_interval = 0.01
+        gates = self.settings.gates
+        self._gates = {
+            "gyro": Gate(1, gates),
+            "accelerometer": Gate(1, gates),
+            "position": Gate(2, gates),
+            "heading": Gate(1, gates),
+            "body velocity": Gate(2, gates),
+        }
+        self._standstill = StandstillDetector(self.settings.standstill, imu.gyro_noise_density)
+        self._stands = False
+
+    # --- what it says -------------------------------------------------------------------------
+
+    @property
+    def stamp(self) -> int | None:
+        """Time of the estimate [ns]; None before the first measurement."""
+        return self._stamp
+
+    @property
+    def pose(self) -> Floats:
+        """(3,) x, y [m], yaw [rad] of base_link in odom; yaw counts full turns."""
+        return self._ekf.x[s.POSE].copy()
+
+    @property
+    def pose_covariance(self) -> Floats:
+        """(3, 3) covariance of `pose` in the axes of odom."""
+        return self._ekf.P[s.POSE, s.POSE].copy()
+
+    @property
+    def twist(self) -> Floats:
+        """(3,) v_x forward, v_y left [m/s], w counter-clockwise [rad/s] of base_link."""
+        return self._model().twist
+
+    @property
+    def twist_covariance(self) -> Floats:
+        """(3, 3) covariance of `twist`."""
+        jacobian = self._model().jacobian
+        return np.asarray(jacobian @ self._ekf.P @ jacobian.T)
+
+    @property
+    def indices(self) -> IndexValues:
+        """Sliding, eccentricity and steering efficiency at the present force of inertia."""
+        return self._model().motion.indices
+
+    @property
+    def icrs(self) -> IcrPoints:
+        """ICRs of the tracks in base_link by (28) to (30), at the present force of inertia."""
+        icrs = icrs_from_indices(self.indices, self.robot.vehicle.track_gauge)
+        left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
+        right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
+        return IcrPoints(left, right)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The eight parameters by name, as estimated."""
+        return dict(zip(s.PARAMETER_NAMES, self._ekf.x[s.PARAMETERS].tolist(), strict=True))
+
+    @property
+    def biases(self) -> dict[str, float]:
+        """Biases and scales by their names in `estimator.state`."""
+        names = s.STATE_NAMES[s.GYRO_BIAS : s.GYRO_SCALE + 1]
+        return dict(zip(names, self._ekf.x[s.GYRO_BIAS : s.GYRO_SCALE + 1].tolist(), strict=True))
+
+    @property
+    def state(self) -> Floats:
+        """(SIZE,) copy of the filter's state, see `estimator.state`."""
+        return self._ekf.x.copy()
+
+    @property
+    def covariance(self) -> Floats:
+        """(SIZE, SIZE) copy of the filter's covariance."""
+        return self._ekf.P.copy()
+
+    def snapshot(self) -> Snapshot:
+        """State, twist and indices at once, for the price of one evaluation of the model."""
+        model = self._model()
+        return Snapshot(
+            self._ekf.x.copy(),
+            self._ekf.P.copy(),
+            model.twist,
+            model.jacobian @ self._ekf.P @ model.jacobian.T,
+            model.motion.indices,
+        )
+
+    @property
+    def stands(self) -> bool:
+        """Whether the robot was found standing at the newest IMU sample."""
+        return self._stands
+
+    # --- what it is told ------------------------------------------------------------------------
+
+    def feed(self, measurement: Measurement) -> bool:
+        """Take one measurement.
+
+        A measurement that cannot be right (not finite, bad variance, duplicate or backward stamp) and
+        one that the gates reject leave the estimate as it was but for the passing of time, and are
+        counted in `health`.
+
+        Returns:
+            Whether the measurement was used.
+
+        Raises:
+            EstimatorError: the object is no measurement.
+        """
+        match measurement:
+            case TrackSpeeds():
+                return self._feed_track_speeds(measurement)
+            case ImuSample():
+                return self._feed_imu(measurement)
+            case PositionFix():
+                return self._feed_position(measurement)
+            case HeadingFix():
+                return self._feed_heading(measurement)
+            case BodyVelocity():
+                return self._feed_body_velocity(measurement)
+        raise EstimatorError(
+            f"no measurement: {measurement!r}; feed TrackSpeeds, ImuSample, PositionFix, HeadingFix "
+            "or BodyVelocity"
+        )
+
+    def _feed_track_speeds(self, m: TrackSpeeds) -> bool:
+        if not self._admissible("tracks", m.stamp, (m.left, m.right)):
+            return False
+        if self._track_stamp is not None:
+            interval = (m.stamp - self._track_stamp) * NANOSECOND
+            if interval <= self.settings.hold:
+                self._track_interval = interval
+                weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
+                a_l, a_r = self._track_acceleration
+                self._track_acceleration = (
+                    a_l + weight * (m.left - self._left - a_l * interval),
+                    a_r + weight * (m.right - self._right - a_r * interval),
+                )
+            else:
+                # A hole: bridge it with the old speeds, up to where the new ones begin to speak.
+                self._track_acceleration = (0.0, 0.0)
+                self._advance(m.stamp - int(self._track_interval / NANOSECOND))
+        self._left, self._right, self._track_stamp = m.left, m.right, m.stamp
+        density = self.robot.tracks.speed_noise_density
+        standing = m.left == 0.0 and m.right == 0.0
+        self._ekf.renew_track_errors(0.0 if standing else density**2 / self._track_interval)
+        self._advance(m.stamp)
+        self._standstill.track_speeds(m.stamp, m.left, m.right)
+        self.health.sensor("tracks").used += 1
+        return True
+
+    def _feed_imu(self, m: ImuSample) -> bool:
+        force = m.linear_acceleration
+        before = self._newest.get("imu")
+        if not self._admissible("imu", m.stamp, m.angular_velocity + (force or ())):
+            return False
+        if before is not None:
+            self._imu_interval = min((m.stamp - before) * NANOSECOND, self.settings.hold)
+        self._advance(m.stamp)
+        imu, ekf = self.robot.imu, self._ekf
+        reading = self._yaw_rate_reading(m)
+        bias_sigma = math.sqrt(ekf.P[s.GYRO_BIAS, s.GYRO_BIAS])
+        self._stands = self._standstill.yaw_rate(
+            m.stamp, reading, float(ekf.x[s.GYRO_BIAS]), bias_sigma
+        )
+        if self._stands:
+            self._update_standstill()
+        used, model, linearised_at = self._update_gyro(reading)
+        if force is not None and self.settings.use_accelerometer and not self._stands:
+            self._update_accelerometer(force, model, linearised_at)
+        ekf.keep_inside_bounds()
+        return used
+
+    def _update_standstill(self) -> None:
+        """A standing robot's twist is zero."""
+        self.health.standstill_updates += 1
+        model, linearised_at = self._model(), self._ekf.x.copy()
+        for axis, sigma in enumerate(STANDSTILL_SIGMA):
+            row = model.jacobian[axis]
+            moved = float(row @ (self._ekf.x - linearised_at))
+            self._ekf.update_scalar(-float(model.twist[axis]) - moved, row, sigma**2)
+
+    def _update_gyro(self, reading: float) -> tuple[bool, TwistModel, Floats]:
+        """Yaw rate times scale plus bias, linearised where a first update would take the state.
+
+        The yaw rate of the noisy track speeds is at once what the reading is compared with and the
+        regressor of the parameters; linearised there, their product would bias eta (errors in
+        variables). At the updated state the error of the track speeds is mostly gone. This is one
+        iteration of the iterated EKF (Bar-Shalom, Li, Kirubarajan, section 10.5.2).
+
+        Returns:
+            Whether the reading was used, the model that was linearised, and where.
+        """
+        ekf = self._ekf
+        variance = self.robot.imu.gyro_noise_density**2 / self._imu_interval
+        prior = ekf.x
+        residual, row, model = self._predict_gyro(reading, prior)
+        ekf.x = ekf.estimate_after(residual, row, variance)
+        residual, row, model = self._predict_gyro(reading, ekf.x)
+        linearised_at, ekf.x = ekf.x, prior
+        residual -= float(row @ (prior - linearised_at))
+        used = self._update("gyro", residual, row, variance, reopen=(s.SLIP_W,))
+        return used, model, linearised_at
+
+    def _predict_gyro(self, reading: float, x: Floats) -> tuple[float, Floats, TwistModel]:
+        """Residual of a reading at the filter's present state, its Jacobian, and the twist model."""
+        model = self._model()
+        rate, scale = float(model.twist[2]), 1.0 + float(x[s.GYRO_SCALE])
+        row = scale * model.jacobian[2]
+        row[s.GYRO_BIAS] += 1.0
+        row[s.GYRO_SCALE] += rate
+        return reading - scale * rate - float(x[s.GYRO_BIAS]), row, model
+
+    def _update_accelerometer(
+        self, force: tuple[float, float, float], model: TwistModel, linearised_at: Floats
+    ) -> None:
+        """Specific force in base_link: dv/dt + w x v at the IMU's place, plus bias."""
+        imu, ekf = self.robot.imu, self._ekf
+        v_x, v_y, w = model.twist.tolist()
+        by = model.jacobian
+        l_x, l_y, _ = imu.position
+        # dv/dt of the kinematics from the change of the track speeds, which the Jacobian by the
+        # track errors (minus the derivative by the speeds) turns into one of the twist.
+        dv_x, dv_y, dw = (-by[:, s.TRACK_ERROR] @ self._track_acceleration).tolist()
+        measured = self.robot.imu_rotation[:2] @ np.array(force)
+        predicted = (
+            dv_x - w * v_y - dw * l_y - w * w * l_x,
+            dv_y + w * v_x + dw * l_x - w * w * l_y,
+        )
+        rows = (
+            -v_y * by[2] - w * by[1] - 2.0 * w * l_x * by[2],
+            v_x * by[2] + w * by[0] - 2.0 * w * l_y * by[2],
+        )
+        # The slip's own change over the sample, and what the averaged derivative cannot follow.
+        rough = 2.0 * self._slip_sigma()[:2] ** 2 / self._slip.time_constant
+        unsure = 0.5 * np.hypot((dv_x, dv_y), dw * math.hypot(l_x, l_y))
+        white = (imu.accelerometer_noise_density**2 + rough) / self._imu_interval
+        for axis, row in enumerate(rows):
+            row[s.ACCELEROMETER_BIAS_X + axis] += 1.0
+            bias = float(linearised_at[s.ACCELEROMETER_BIAS_X + axis])
+            moved = float(row @ (ekf.x - linearised_at))
+            self._update(
+                "accelerometer",
+                float(measured[axis]) - predicted[axis] - bias - moved,
+                row,
+                float(white[axis] + unsure[axis] ** 2),
+                reopen=(s.ACCELEROMETER_BIAS_X + axis,),
+            )
+
+    def _feed_position(self, m: PositionFix) -> bool:
+        if not self._admissible("position", m.stamp, (m.x, m.y), m.variance):
+            return False
+        self._advance(m.stamp)
+        ekf, gate, health = self._ekf, self._gates["position"], self.health.sensor("position")
+        residual = np.array([m.x, m.y]) - ekf.x[:2]
+        spread = ekf.P[:2, :2] + m.variance * np.eye(2)
+        nis = float(residual @ np.linalg.solve(spread, residual))
+        if not gate.admits(nis):
+            if not gate.must_reacquire:
+                health.rejected["gate"] += 1
+                return False
+            gate.reacquired()
+            ekf.P[:2, :2] += np.eye(2) * float(residual @ residual)
+        else:
+            health.nis_sum += nis
+            health.degrees += 2
+        health.used += 1
+        for axis, value in enumerate((m.x, m.y)):
+            row = np.zeros(s.SIZE)
+            row[axis] = 1.0
+            ekf.update_scalar(value - float(ekf.x[axis]), row, m.variance)
+        ekf.keep_inside_bounds()
+        return True
+
+    def _feed_heading(self, m: HeadingFix) -> bool:
+        if not self._admissible("heading", m.stamp, (m.yaw,), m.variance):
+            return False
+        self._advance(m.stamp)
+        row = np.zeros(s.SIZE)
+        row[s.YAW] = 1.0
+        residual = float(wrap_angle(m.yaw - self._ekf.x[s.YAW]))
+        used = self._update("heading", residual, row, m.variance, reopen=(s.YAW,))
+        self._ekf.keep_inside_bounds()
+        return used
+
+    def _feed_body_velocity(self, m: BodyVelocity) -> bool:
+        if not self._admissible("body velocity", m.stamp, (m.v_x, m.v_y), m.variance):
+            return False
+        self._advance(m.stamp)
+        model, linearised_at = self._model(), self._ekf.x.copy()
+        used = True
+        for axis, value in enumerate((m.v_x, m.v_y)):
+            row = model.jacobian[axis]
+            moved = float(row @ (self._ekf.x - linearised_at))
+            used &= self._update(
+                "body velocity",
+                value - float(model.twist[axis]) - moved,
+                row,
+                m.variance,
+                reopen=(s.SLIP_X + axis,),
+            )
+        self._ekf.keep_inside_bounds()
+        return used
+
+    # --- how it works ---------------------------------------------------------------------------
+
+    def _update(
+        self, sensor: str, residual: float, row: Floats, variance: float, reopen: tuple[int, ...]
+    ) -> bool:
+        """A gated scalar update; when re-acquiring, the states in `reopen` are made uncertain first."""
+        gate, health = self._gates[sensor], self.health.sensor(sensor)
+        nis = self._ekf.innovation(residual, row, variance).nis
+        if not gate.admits(nis):
+            if not gate.must_reacquire:
+                health.rejected["gate"] += 1
+                return False
+            gate.reacquired()
+            for index in reopen:
+                self._ekf.P[index, index] += residual**2
+        else:
+            health.nis_sum += nis
+            health.degrees += 1
+        self._ekf.update_scalar(residual, row, variance)
+        health.used += 1
+        return True
+
+    def _admissible(
+        self, stream: str, stamp: int, values: tuple[float, ...], variance: float = 1.0
+    ) -> bool:
+        """Whether a measurement can be right by itself; if not, it is counted."""
+        newest = self._newest.get(stream)
+        late = self._stamp is not None and (self._stamp - stamp) * NANOSECOND > self.settings.late
+        reason = None
+        if not all(map(math.isfinite, values)):
+            reason = "not finite"
+        elif not (math.isfinite(variance) and variance > 0.0):
+            reason = "variance not positive"
+        elif newest is not None and stamp == newest:
+            reason = "duplicate stamp"
+        elif newest is not None and stamp < newest:
+            reason = "stamp goes backward"
+        elif late:
+            reason = "too late"
+        if reason is not None:
+            self.health.sensor(stream).rejected[reason] += 1
+            return False
+        self._newest[stream] = stamp
+        return True
+
+    def _advance(self, stamp: int) -> None:
+        """Propagate to a stamp [ns]; one that is not later changes nothing."""
+        if self._stamp is None:
+            self._stamp = stamp
+        while self._stamp < stamp:
+            until = stamp
+            trusted = self._trusted_until()
+            if self._stamp < trusted < stamp:
+                until = trusted
+            walk = self._bias_walk + self._parameter_walk * self._turning()
+            if self._stamp >= trusted:
+                walk[s.TRACK_ERROR] = self.settings.gap_acceleration
+            noise = ProcessNoise(self._slip_sigma(), self._slip.time_constant, walk)
+            dt = (until - self._stamp) * NANOSECOND
+            self._ekf.predict_motion(dt, self._left, self._right, noise)
+            self._stamp = until
+
+    def _trusted_until(self) -> int:
+        """Stamp [ns] up to which the newest track speeds may be held."""
+        if self._track_stamp is None:
+            return self._stamp if self._stamp is not None else 0
+        return self._track_stamp + int(self.settings.hold / NANOSECOND)
+
+    def _model(self) -> TwistModel:
+        return self._ekf.twist_model(self._left, self._right)
+
+    def _turning(self) -> float:
+        """How much of the parameters the motion can show, from 0 (straight, standing) to 1."""
+        return min(1.0, abs(self._right - self._left) / FULL_TURNING)
+
+    def _slip_sigma(self) -> Floats:
+        """(3,) stationary standard deviation of the slip at the present track speeds."""
+        slip, gauge = self._slip, self.robot.vehicle.track_gauge
+        turning = abs(self._right - self._left)
+        driving = 0.5 * abs(self._right + self._left)
+        per_gauge = turning / (gauge * max(1.0, float(self._ekf.x[s.ETA0])))
+        return np.array(
+            [
+                slip.turning_x * turning + slip.driving_x * driving,
+                slip.turning_y * turning + slip.driving_y * driving,
+                slip.turning_w * per_gauge + slip.driving_w * driving,
+            ]
+        )
+
+    def _yaw_rate_reading(self, m: ImuSample) -> float:
+        """Rate about base_link's z axis as the gyros say [rad/s]."""
+        imu, rotation = self.robot.imu, self.robot.imu_rotation
+        if imu.gyro_axes == "z":
+            return float(m.angular_velocity[2] / (rotation[2, 2] * imu.gyro_scale))
+        return float(rotation[2] @ np.array(m.angular_velocity)) / imu.gyro_scale

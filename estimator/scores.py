@@ -1,0 +1,199 @@
+"""How far an estimate is from the truth: drift, velocity errors and consistency.
+
+All scores compare at the stamps of the truth, to which the estimate is interpolated. Drift is what is
+left after estimate and truth are aligned at the start of a segment, so no frame needs to be shared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.frames import Floats, relative, wrap_angle
+from estimator.log import NANOSECOND, PoseSeries, Stamps, Truth
+from estimator.trajectory import Trajectory
+
+HORIZONS = (10.0, 30.0, 60.0)
+# Segments start this often [s] and are left out of the per-segment figures where the robot moved less
+# than this share of a metre per second of horizon.
+SEGMENT_STEP = 1.0
+SLOWEST_MEAN_SPEED = 0.02
+# Where the truth has no twists, velocities are means over windows of this length [s].
+VELOCITY_WINDOW = 1.0
+# Path length is summed over points at least this far apart in time, lest noise add up [s].
+PATH_STEP = 0.5
+
+Interval = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Segments of one horizon.
+
+    Attributes:
+        horizon: length of the segments [s].
+        starts: (n,) stamps of their starts [ns].
+        position_errors: (n,) distance of the end points after alignment at the start [m].
+        yaw_errors: (n,) [rad], signed.
+        distances: (n,) length of the true path [m].
+    """
+
+    horizon: float
+    starts: Stamps
+    position_errors: Floats
+    yaw_errors: Floats
+    distances: Floats
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """(n,) whether the robot moved enough in a segment for a ratio to mean something."""
+        return self.distances > SLOWEST_MEAN_SPEED * self.horizon
+
+    @property
+    def percent_mean(self) -> float:
+        """Mean error over mean distance [%]; NaN without a segment that moved."""
+        moved = self.moved
+        if not moved.any():
+            return float("nan")
+        return float(100.0 * self.position_errors[moved].sum() / self.distances[moved].sum())
+
+    @property
+    def percent_median(self) -> float:
+        """Median over the segments of error over distance [%]; NaN without one that moved."""
+        moved = self.moved
+        if not moved.any():
+            return float("nan")
+        return float(np.median(100.0 * self.position_errors[moved] / self.distances[moved]))
+
+    @property
+    def yaw_deg_per_m(self) -> float:
+        """Mean yaw error over mean distance [deg/m]; NaN without a segment that moved."""
+        moved = self.moved
+        if not moved.any():
+            return float("nan")
+        errors = np.degrees(np.abs(self.yaw_errors[moved]))
+        return float(errors.sum() / self.distances[moved].sum())
+
+
+def interpolate_poses(series: PoseSeries, stamps: Stamps) -> Floats:
+    """Poses (n, 3) at the given stamps: linear in position and in unwrapped yaw."""
+    at = (stamps - series.stamps[0]) * NANOSECOND
+    known = (series.stamps - series.stamps[0]) * NANOSECOND
+    yaw = np.unwrap(series.poses[:, 2])
+    columns = (series.poses[:, 0], series.poses[:, 1], yaw)
+    return np.stack([np.interp(at, known, column) for column in columns], axis=-1)
+
+
+def path_length(series: PoseSeries) -> Floats:
+    """(n,) distance travelled since the first pose [m], along points at least `PATH_STEP` apart."""
+    seconds = (series.stamps - series.stamps[0]) * NANOSECOND
+    knots = np.append(np.arange(0.0, seconds[-1], PATH_STEP), seconds[-1])
+    x, y = (np.interp(knots, seconds, series.poses[:, axis]) for axis in (0, 1))
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    return np.asarray(np.interp(seconds, knots, lengths))
+
+
+def drift(
+    estimate: PoseSeries,
+    truth: PoseSeries,
+    horizon: float,
+    *,
+    within: list[Interval] | None = None,
+    largest_gap: float = 1.0,
+) -> Drift:
+    """Drift over all segments of a given length.
+
+    Args:
+        estimate: estimated poses, in any frame.
+        truth: true poses.
+        horizon: length of the segments [s].
+        within: intervals of stamps [ns] a segment must lie in wholly; None for everywhere.
+        largest_gap: segments across a longer hole in the truth are left out [s].
+    """
+    stamps = truth.stamps[
+        (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
+    ]
+    if len(stamps) < 2:
+        return Drift(horizon, stamps[:0], *(np.zeros(0) for _ in range(3)))
+    begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
+    first = np.searchsorted(stamps, begins)
+    last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
+    ends_inside = last < len(stamps)
+    first, last = first[ends_inside], last[ends_inside]
+    gaps = np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
+    keep = gaps[first] == gaps[last]
+    if within is not None:
+        keep &= np.any(
+            [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within], axis=0
+        )
+    first, last = first[keep], last[keep]
+    true_poses = interpolate_poses(truth, stamps)
+    estimated = interpolate_poses(estimate, stamps)
+    true_step = relative(true_poses[first], true_poses[last])
+    estimated_step = relative(estimated[first], estimated[last])
+    lengths = path_length(PoseSeries(stamps, true_poses))
+    return Drift(
+        horizon,
+        stamps[first],
+        np.hypot(*(estimated_step - true_step)[:, :2].T),
+        np.asarray(wrap_angle(estimated_step[:, 2] - true_step[:, 2])),
+        lengths[last] - lengths[first],
+    )
+
+
+def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
+    """Errors (n, 3) of v_x, v_y [m/s] and w [rad/s] in the axes of base_link.
+
+    Where the truth has no twists both are taken as means over windows of `VELOCITY_WINDOW`, from the
+    poses: the displacement in the axes of the window's start over its length.
+    """
+    if truth.twists is not None:
+        stamps, twists = truth.twists.stamps, truth.twists.twists
+        inside = (stamps >= estimate.stamps[0]) & (stamps <= estimate.stamps[-1])
+        at = (stamps[inside] - estimate.stamps[0]) * NANOSECOND
+        known = (estimate.stamps - estimate.stamps[0]) * NANOSECOND
+        columns = [np.interp(at, known, estimate.twists[:, axis]) for axis in range(3)]
+        return np.stack(columns, axis=-1) - twists[inside]
+    window = int(VELOCITY_WINDOW / NANOSECOND)
+    low = max(truth.poses.stamps[0], estimate.stamps[0])
+    high = min(truth.poses.stamps[-1], estimate.stamps[-1])
+    starts = np.arange(low, high - window, window // 2)
+    # Windows in which the truth was silent for most of the time say nothing.
+    counts = np.searchsorted(truth.poses.stamps, starts + window) - np.searchsorted(
+        truth.poses.stamps, starts
+    )
+    starts = starts[counts >= 3]
+    means = [
+        relative(interpolate_poses(poses, starts), interpolate_poses(poses, starts + window))
+        / VELOCITY_WINDOW
+        for poses in (estimate.pose_series, truth.poses)
+    ]
+    return np.asarray(means[0] - means[1])
+
+
+def pose_nees(estimate: Trajectory, truth: PoseSeries) -> Floats:
+    """Normalised estimation error squared (n,) of the pose at the truth's stamps.
+
+    Chi-square with three degrees of freedom if the filter is consistent (Bar-Shalom, Li, Kirubarajan,
+    Estimation with Applications, section 5.4). Estimate and truth must share their frame. Stamps
+    at which the covariance is still singular are left out.
+    """
+    stamps = truth.stamps[
+        (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
+    ]
+    errors = interpolate_poses(estimate.pose_series, stamps) - interpolate_poses(truth, stamps)
+    errors[:, 2] = wrap_angle(errors[:, 2])
+    nearest = np.searchsorted(estimate.stamps, stamps)
+    covariances = estimate.pose_covariances[nearest]
+    regular = np.linalg.eigvalsh(covariances)[:, 0] > 1e-12
+    solved = np.linalg.solve(covariances[regular], errors[regular][..., None])[..., 0]
+    return np.einsum("ij,ij->i", errors[regular], solved)
+
+
+def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:
+    """Intervals of stamps [ns] between fixes that are at least `shortest` seconds long."""
+    edges = np.concatenate([[start], fix_stamps, [end]])
+    long = np.flatnonzero(np.diff(edges) >= int(shortest / NANOSECOND))
+    return [(int(edges[i]), int(edges[i + 1])) for i in long]

@@ -1,0 +1,40 @@
+"""Settings of the pose estimator that are no property of the robot."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from estimator.gating import GateSettings
+from estimator.robot import Slip
+from estimator.standstill import StandstillSettings
+from estimator.variants import Adaptation
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the filter works; every default is what it was tuned to.
+
+    Attributes:
+        form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
+        inertia: "tracks" (the kinematic twist's own) or "imu" (with the slip that the IMU shows).
+        slip: the slip residual, or None for the variant's own.
+        adaptation: spread of the parameters, or None for the variant's own.
+        hold: track speeds older than this are no longer trusted [s].
+        gap_acceleration: how fast their error then grows [m/s/√s].
+        late: a measurement this much older than the newest is taken as new [s]; later ones are lost.
+        use_accelerometer: whether the accelerometers update the filter.
+        gates: chi-square gates.
+        standstill: standstill detection.
+    """
+
+    form: Literal["smooth", "literal"] = "smooth"
+    inertia: Literal["tracks", "imu"] = "tracks"
+    slip: Slip | None = None
+    adaptation: Adaptation | None = None
+    hold: float = 0.3
+    gap_acceleration: float = 1.0
+    late: float = 0.02
+    use_accelerometer: bool = True
+    gates: GateSettings = GateSettings()
+    standstill: StandstillSettings = StandstillSettings()

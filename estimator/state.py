@@ -1,0 +1,48 @@
+"""The filter's state vector: what stands where, and its names.
+
+Pose, slip and biases are in REP-103 axes (x forward, y left); the index parameters are the paper's.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+STATE_NAMES: Final = (
+    "x",  # pose of base_link in odom [m, m, rad]
+    "y",
+    "yaw",
+    "slip_x",  # body velocity less that of the kinematics [m/s, m/s, rad/s]
+    "slip_y",
+    "slip_w",
+    "H",  # the eight parameters, equations (25) to (27)
+    "zeta0",
+    "zeta1",
+    "epsilon0",
+    "epsilon1",
+    "eta0",
+    "eta1",
+    "eta2",
+    "gyro_bias",  # reading less rate [rad/s]
+    "accelerometer_bias_x",  # reading less specific force, in base_link [m/s²]
+    "accelerometer_bias_y",
+    "track_scale",  # true over measured track speed, less 1 [-]
+    "gyro_scale",  # measured over true rate, less 1 [-]
+    "track_error_l",  # error of the newest track-speed sample [m/s]
+    "track_error_r",
+)
+
+SIZE: Final = len(STATE_NAMES)
+X, Y, YAW = range(3)
+POSE: Final = slice(0, 3)
+SLIP: Final = slice(3, 6)
+SLIP_X, SLIP_Y, SLIP_W = range(3, 6)
+PARAMETERS: Final = slice(6, 14)
+PARAMETER_NAMES: Final = STATE_NAMES[PARAMETERS]
+ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2 = range(7, 14)
+GYRO_BIAS: Final = 14
+ACCELEROMETER_BIAS_X, ACCELEROMETER_BIAS_Y = 15, 16
+ACCELEROMETER_BIAS: Final = slice(15, 17)
+TRACK_SCALE: Final = 17
+GYRO_SCALE: Final = 18
+TRACK_ERROR_L, TRACK_ERROR_R = 19, 20
+TRACK_ERROR: Final = slice(19, 21)

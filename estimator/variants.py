@@ -1,0 +1,139 @@
+"""The filter variants that are compared: one code path, chosen by configuration.
+
+A variant is an index model (which of the eight parameters it uses) and whether those are estimated on
+the way (`online`) or kept (`fixed`). What a model leaves unexplained, its slip, is part of it: a poorer
+model needs more. The defaults here are for a robot whose file says nothing better in `[slip]`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from estimator.errors import EstimatorError, nearest_hint
+from estimator.frames import Floats
+from estimator.robot import Indices, Robot, Slip
+
+GRAVITY = 9.80665
+
+Model = Literal["differential", "constant", "inertia"]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A filter variant: its name, its index model, and whether it estimates the parameters."""
+
+    name: str
+    model: Model
+    online: bool
+
+
+VARIANTS = {
+    variant.name: variant
+    for variant in (
+        Variant("differential", "differential", online=False),
+        Variant("constant-fixed", "constant", online=False),
+        Variant("constant-online", "constant", online=True),
+        Variant("inertia-fixed", "inertia", online=False),
+        Variant("inertia-online", "inertia", online=True),
+    )
+}
+
+
+class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How far the parameters may be from the robot file's, and how fast they may move.
+
+    `zeta1`, `epsilon1`, `eta1` and `eta2` are given as what they contribute to their index at a
+    lateral force of inertia of 0.07 times the weight (the largest in the paper's simulations).
+
+    Attributes:
+        zeta0: standard deviation at the start [m].
+        zeta1: [m].
+        epsilon0: [m].
+        epsilon1: [m].
+        eta0: [-].
+        eta1: [-].
+        eta2: [-].
+        walk: random walk of each, as a share of the above per √s of turning [1/√s].
+    """
+
+    zeta0: float = 0.02
+    zeta1: float = 0.02
+    epsilon0: float = 0.03
+    epsilon1: float = 0.05
+    eta0: float = 0.4
+    eta1: float = 0.1
+    eta2: float = 0.1
+    walk: float = 0.01
+
+
+# Shares of the track-speed difference that Table II's RMS errors are of its RMS over the grid of that
+# table (0.856 m/s); see docs/tuning.md for the rest.
+DEFAULT_SLIP: dict[Model, Slip] = {
+    "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65),
+    "constant": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18),
+    "inertia": Slip(turning_x=0.045, turning_y=0.005, turning_w=0.08),
+}
+
+DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
+    "differential": Adaptation(),
+    "constant": Adaptation(epsilon0=0.1, walk=0.05),
+    "inertia": Adaptation(),
+}
+
+
+def find_variant(name: str) -> Variant:
+    """The variant of this name.
+
+    Raises:
+        EstimatorError: there is none; the message names the nearest.
+    """
+    try:
+        return VARIANTS[name]
+    except KeyError:
+        raise EstimatorError(
+            f"no filter variant {name!r}{nearest_hint(name, list(VARIANTS))}"
+        ) from None
+
+
+def initial_indices(robot: Robot, variant: Variant) -> Indices:
+    """The parameters that a variant starts from: the robot file's, as far as its model has them."""
+    if variant.model == "differential":
+        return Indices(H=robot.indices.H)
+    if variant.model == "constant":
+        return robot.constant_indices
+    return robot.indices
+
+
+def slip_of(robot: Robot, variant: Variant) -> Slip:
+    """The slip residual of a variant: the robot file's `[slip.<variant>]`, or the default."""
+    return robot.slip.get(variant.name, DEFAULT_SLIP[variant.model])
+
+
+def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
+    """Standard deviations at the start of the eight parameters (8,), in `Indices` order.
+
+    Zero where the variant does not estimate the parameter. H has no gradient in the motion model: its
+    spread is zero too, and it stays what the robot file says.
+    """
+    if not variant.online:
+        return np.zeros(8)
+    force = 0.07 * robot.vehicle.mass * GRAVITY
+    sigmas = np.array(
+        [
+            0.0,
+            adaptation.zeta0,
+            adaptation.zeta1 / force,
+            adaptation.epsilon0,
+            adaptation.epsilon1 / force,
+            adaptation.eta0,
+            adaptation.eta1 / force,
+            adaptation.eta2 / force**2,
+        ]
+    )
+    if variant.model == "constant":
+        sigmas[[2, 4, 6, 7]] = 0.0
+    return sigmas

@@ -1,0 +1,1 @@
+"""Ground truth: trajectories, true motion, sensors and scenarios."""

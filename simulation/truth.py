@@ -1,0 +1,397 @@
+"""What really happens: the true motion behind commanded track speeds, by name of the truth.
+
+A truth takes commanded track speeds and a robot and gives a `TrueMotion`. All speeds and poses are
+in REP-103 axes: `base_link` in `odom`, starting at the origin.
+
+`kinematic`: the inertia-based kinematics (`estimator.motion.solve`, smooth form) of a robot that is
+not quite the one of the robot file, plus a slip residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import msgspec
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from estimator.errors import nearest_hint
+from estimator.frames import compose, paper_to_rep103
+from estimator.kinematics import direct, indices_at_signed_inertia, signed_inertia
+from estimator.motion import VehicleConstants, solve
+from estimator.robot import Indices, Robot, Slip
+from simulation.errors import SimulationError
+from simulation.trajectories import Command
+
+Floats = NDArray[np.float64]
+
+DEFAULT_SPREAD = 0.15
+# What no index model explains; it vanishes in straight driving.
+TRUE_SLIP = Slip(
+    turning_x=0.01,
+    turning_y=0.005,
+    turning_w=0.02,
+    driving_x=0.0,
+    driving_y=0.0,
+    driving_w=0.0,
+    time_constant=1.0,
+)
+# A time that lies closer than this to a grid point is that grid point [s].
+SAME_TIME = 1e-9
+# How often to draw parameters, and how finely to look for a second motion.
+DRAWS = 100
+SPEED_GRID = 31
+FORCE_GRID = 150
+
+
+@dataclass(frozen=True)
+class TrueMotion:
+    """The true motion on an even grid of times, and between.
+
+    Attributes:
+        rate: grid points per second [Hz]; the first is at time zero.
+        poses: (m, 3) x, y [m], yaw [rad], not wrapped.
+        twists: (m, 3) v_x, v_y [m/s], w [rad/s] of base_link in its own axes.
+        track_speeds: (m, 2) left, right [m/s].
+        distances: (m, 2) their integrals since the start [m].
+        parameters: the true parameters, or None where the truth has no index parameters.
+        source: name of the truth.
+    """
+
+    rate: float
+    poses: Floats
+    twists: Floats
+    track_speeds: Floats
+    distances: Floats
+    parameters: Indices | None
+    source: str
+
+    @property
+    def end(self) -> float:
+        """Time of the last grid point [s]."""
+        return (len(self.poses) - 1) / self.rate
+
+    def poses_at(self, times: Floats) -> Floats:
+        """Poses (n, 3) at times (n,) [s]: the arc of the mean twist since the grid point before."""
+        at, rest = self._locate(times)
+        mean = 0.5 * (self.twists[at] + self.twists_at(times))
+        return compose(self.poses[at], exponential(mean * rest[:, None]))
+
+    def twists_at(self, times: Floats) -> Floats:
+        """Twists (n, 3) at times (n,) [s], linear between grid points."""
+        return self._linear(self.twists, times)
+
+    def track_speeds_at(self, times: Floats) -> Floats:
+        """Track speeds (n, 2) [m/s] at times (n,) [s], linear between grid points."""
+        return self._linear(self.track_speeds, times)
+
+    def mean_track_speeds(self, times: Floats) -> Floats:
+        """Track speeds (n, 2) [m/s]: averages since the time before, the first one momentary."""
+        at, rest = self._locate(times)
+        mean = 0.5 * (self.track_speeds[at] + self.track_speeds_at(times))
+        distances = self.distances[at] + mean * rest[:, None]
+        averages = np.diff(distances, axis=0) / np.diff(times)[:, None]
+        return np.concatenate([self.track_speeds_at(times[:1]), averages])
+
+    def twist_rates_at(self, times: Floats, window: float) -> Floats:
+        """Time derivative (n, 3) of the twist, averaged over a window around each time.
+
+        The slip residual has no derivative at a point in time, and no sensor has endless bandwidth;
+        the average over a window does not depend on the grid.
+
+        Args:
+            times: (n,) [s].
+            window: its length [s]; cut off at the start and the end of the motion.
+
+        Returns:
+            dv_x/dt, dv_y/dt [m/s²], dw/dt [rad/s²].
+        """
+        before = np.clip(times - 0.5 * window, 0.0, self.end)
+        after = np.clip(times + 0.5 * window, 0.0, self.end)
+        change = self.twists_at(after) - self.twists_at(before)
+        return np.asarray(change / (after - before)[:, None])
+
+    def accelerations_at(self, times: Floats, window: float) -> Floats:
+        """Acceleration (n, 3) of base_link in its own axes, and of its yaw.
+
+        Args:
+            times: (n,) [s].
+            window: as in `twist_rates_at`.
+
+        Returns:
+            Forward and left, dv/dt + w x v [m/s²], and dw/dt [rad/s²].
+        """
+        rates = self.twist_rates_at(times, window)
+        v_x, v_y, w = self.twists_at(times).T
+        rates[:, 0] -= w * v_y
+        rates[:, 1] += w * v_x
+        return rates
+
+    def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
+        """Index of the grid point at or before each time, and the seconds since."""
+        at = np.floor((times + SAME_TIME) * self.rate).astype(np.int64)
+        at = np.clip(at, 0, len(self.poses) - 1)
+        rest = times - at / self.rate
+        return at, np.where(np.abs(rest) <= SAME_TIME, 0.0, rest)
+
+    def _linear(self, values: Floats, times: Floats) -> Floats:
+        at, rest = self._locate(times)
+        following = np.minimum(at + 1, len(values) - 1)
+        share = (rest * self.rate)[:, None]
+        return np.asarray(values[at] + share * (values[following] - values[at]))
+
+
+class TruthModel(Protocol):
+    """A truth: it turns commanded track speeds into the motion of a robot."""
+
+    @property
+    def name(self) -> str:
+        """Name of the truth, as in `TRUTHS`."""
+
+    def run(
+        self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
+    ) -> TrueMotion:
+        """The motion.
+
+        Args:
+            command: commanded track speeds.
+            duration: seconds that the motion must cover.
+            robot: the robot as its file describes it.
+            rng: draws what the robot file does not know, and slip.
+            rate: grid points per second [Hz].
+        """
+
+
+@dataclass(frozen=True)
+class KinematicTruth:
+    """Inertia-based kinematics of a robot that differs from its file, plus a slip residual.
+
+    The tracks follow their commands.
+
+    Attributes:
+        spread: relative spread of the true parameters; see `draw_parameters`.
+        slip: size and correlation time of the slip residual, a Gauss-Markov process.
+    """
+
+    spread: float = DEFAULT_SPREAD
+    slip: Slip = TRUE_SLIP
+
+    @property
+    def name(self) -> str:
+        """Name of the truth."""
+        return "kinematic"
+
+    def run(
+        self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
+    ) -> TrueMotion:
+        """The motion; see `TruthModel.run`, and `draw_parameters` for what is raised."""
+        parameters = draw_parameters(robot, self.spread, rng)
+        step = 1.0 / rate
+        times: Floats = np.arange(int(np.ceil((duration - SAME_TIME) * rate)) + 1) / rate
+        speeds = command(times)
+        vehicle = _vehicle(robot)
+        solved = solve(speeds[:, 0], speeds[:, 1], parameters.as_array(), vehicle).twist
+        v_x, v_y = paper_to_rep103(solved.v_x, solved.v_y)
+        unit = gauss_markov(len(times), step, self.slip.time_constant, rng)
+        size = slip_size(speeds, self.slip, robot.vehicle.track_gauge * parameters.eta0)
+        twists = np.stack([v_x, v_y, solved.w], axis=-1) + size * unit
+        distances = np.zeros_like(speeds)
+        distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
+        poses = integrate_twists(twists, step)
+        return TrueMotion(rate, poses, twists, speeds, distances, parameters, self.name)
+
+
+TRUTHS: dict[str, Callable[[float], TruthModel]] = {"kinematic": KinematicTruth}
+
+
+def check_truth(name: str) -> None:
+    """Refuse the name of a truth that does not exist.
+
+    Raises:
+        SimulationError: no truth has that name; says which is nearest.
+    """
+    if name not in TRUTHS:
+        raise SimulationError(f"no truth named {name!r}{nearest_hint(name, list(TRUTHS))}")
+
+
+def make_truth(name: str, spread: float = DEFAULT_SPREAD) -> TruthModel:
+    """A truth by name.
+
+    Args:
+        name: one of `TRUTHS`.
+        spread: relative spread of the true parameters about those of the robot file.
+
+    Raises:
+        SimulationError: no truth has that name; says which is nearest.
+    """
+    check_truth(name)
+    return TRUTHS[name](spread)
+
+
+def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
+    """The robot's index parameters, each times its own log-normal factor; H stays, and eta0 >= 1.
+
+    Parameters for which some track speeds have more than one steady motion are drawn again: with
+    them the vehicle would jump from one motion to the other.
+
+    Args:
+        robot: gives the parameters about which to draw, mass, geometry and speed range.
+        spread: standard deviation of the logarithm of each factor [-].
+        rng: draws the factors.
+
+    Raises:
+        SimulationError: `DRAWS` draws brought none with a single motion.
+    """
+    for _ in range(DRAWS):
+        factors = np.exp(spread * rng.standard_normal(7))
+        values = {
+            name: float(factor * getattr(robot.indices, name))
+            for name, factor in zip(Indices.__struct_fields__[1:], factors, strict=True)
+        }
+        values["eta0"] = max(values["eta0"], 1.0)
+        drawn = msgspec.structs.replace(robot.indices, **values)
+        if spread == 0.0 or has_single_motion(drawn, robot):
+            return drawn
+    raise SimulationError(
+        f"no true parameters of {robot.name!r} with a single motion for all track speeds in "
+        f"{DRAWS} draws; lower truth_spread ({spread!r}) or the robot's max_track_speed"
+    )
+
+
+def has_single_motion(indices: Indices, robot: Robot) -> bool:
+    """Whether the implicit model has one solution for all track speeds within max_track_speed.
+
+    Args:
+        indices: the parameters.
+        robot: gives mass, geometry and speed range.
+    """
+    vehicle, top = _vehicle(robot), robot.vehicle.max_track_speed
+    grid = np.linspace(-top, top, SPEED_GRID)
+    V_l, V_r = (speed.ravel() for speed in np.meshgrid(grid, grid))
+    # The other half is these motions backward in time, with the same force of inertia.
+    V_l, V_r = V_l[V_r > V_l, None], V_r[V_r > V_l, None]
+    largest = 3.0 * top * robot.vehicle.mass * 2.0 * top / vehicle.gauge
+    positive = np.geomspace(1e-5 * largest, largest, FORCE_GRID)
+    force = np.concatenate([-positive[::-1], positive])
+    free = indices_at_signed_inertia(force, 0.0, indices.as_array())
+    values = free._replace(eta=np.maximum(free.eta, 1.0))
+    twist = direct(V_l, V_r, values, vehicle.gauge)
+    above = force > signed_inertia(twist, vehicle.mass, vehicle.x_CM)[0]
+    return bool((np.count_nonzero(np.diff(above, axis=1), axis=1) == 1).all())
+
+
+def slip_size(track_speeds: Floats, slip: Slip, effective_gauge: float) -> Floats:
+    """Standard deviation of the slip residual, as `estimator.robot.Slip` has it.
+
+    Args:
+        track_speeds: (n, 2) left, right [m/s].
+        slip: shares of turning and driving.
+        effective_gauge: L eta0 [m].
+
+    Returns:
+        (n, 3) of v_x, v_y [m/s], w [rad/s].
+    """
+    turning = np.abs(track_speeds[:, 1] - track_speeds[:, 0])[:, None]
+    driving = np.abs(track_speeds.mean(axis=1))[:, None]
+    by_turning = np.array([slip.turning_x, slip.turning_y, slip.turning_w / effective_gauge])
+    by_driving = np.array([slip.driving_x, slip.driving_y, slip.driving_w])
+    return np.asarray(turning * by_turning + driving * by_driving)
+
+
+def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
+    """Three independent first-order Gauss-Markov processes of unit variance, exact at any step.
+
+    x_k = a x_(k-1) + sqrt(1 - a²) n_k with a = exp(-step / time_constant), stationary from the
+    start (Gelb, Applied Optimal Estimation, section 3.6).
+
+    Args:
+        count: number of samples.
+        step: time between them [s].
+        time_constant: correlation time [s].
+        rng: draws the noise.
+
+    Returns:
+        (count, 3).
+    """
+    noise = rng.standard_normal((count, 3))
+    decay = step / time_constant
+    noise[1:] *= np.sqrt(-np.expm1(-2.0 * decay))
+    # The recursion as a cumulative sum, block by block, so that exp(index * decay) stays moderate.
+    block = max(1, int(10.0 / decay))
+    growth = np.exp(np.arange(block) * decay)[:, None]
+    carried = np.zeros(3)
+    for first in range(0, count, block):
+        part = noise[first : first + block]
+        part[0] += np.exp(-decay) * carried
+        part[:] = np.cumsum(part * growth[: len(part)], axis=0) / growth[: len(part)]
+        carried = part[-1].copy()
+    return noise
+
+
+def integrate_twists(twists: Floats, step: float) -> Floats:
+    """Poses from twists sampled at an even step, starting at the origin.
+
+    Each step is the exponential map of SE(2) of the fourth-order Magnus expansion: the integral of
+    the twist plus the commutator of its two ends (Iserles et al., Lie-group methods, Acta Numerica
+    2000).
+
+    Args:
+        twists: (n, 3) v_x, v_y [m/s], w [rad/s] in body axes.
+        step: time between them [s].
+
+    Returns:
+        (n, 3) x, y [m], yaw [rad], not wrapped.
+    """
+    motion = integrals(twists, step)
+    (a_x, a_y, a_w), (b_x, b_y, b_w) = twists[:-1].T, twists[1:].T
+    motion[:, 0] += step**2 / 12.0 * (b_w * a_y - a_w * b_y)
+    motion[:, 1] += step**2 / 12.0 * (a_w * b_x - b_w * a_x)
+    steps = exponential(motion)
+    poses = np.zeros_like(twists)
+    poses[1:, 2] = np.cumsum(steps[:, 2])
+    cos, sin = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
+    poses[1:, 0] = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
+    poses[1:, 1] = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    return poses
+
+
+def integrals(values: Floats, step: float) -> Floats:
+    """Integral over each interval of values sampled at an even step, to fourth order inside.
+
+    Args:
+        values: (n, k).
+        step: time between them [s].
+
+    Returns:
+        (n - 1, k): the cubic through four samples; at both ends, the trapezoid.
+    """
+    result = 0.5 * step * (values[:-1] + values[1:])
+    if len(values) > 3:
+        inner = values[1:-2] + values[2:-1]
+        result[1:-1] = step / 24.0 * (13.0 * inner - values[:-3] - values[3:])
+    return result
+
+
+def exponential(motion: Floats) -> Floats:
+    """Exponential map of SE(2): the pose after driving a constant twist for unit time.
+
+    Args:
+        motion: (n, 3) twist times time: x, y [m], yaw [rad].
+
+    Returns:
+        (n, 3) x, y [m], yaw [rad] (Sola et al., A micro Lie theory, eq. 156 and 158).
+    """
+    x, y, yaw = motion.T
+    half = 0.5 * yaw
+    along = np.sinc(yaw / np.pi)
+    across = np.sin(half) * np.sinc(half / np.pi)
+    return np.stack([along * x - across * y, across * x + along * y, yaw], axis=-1)
+
+
+def _vehicle(robot: Robot) -> VehicleConstants:
+    return VehicleConstants(
+        robot.vehicle.track_gauge, robot.vehicle.mass, *robot.centre_of_mass_paper
+    )
