@@ -197,11 +197,14 @@ def screen(
     count = len(stamps)
     keep = np.ones(count, dtype=bool)
     reasons: dict[str, int] = {}
+    if count == 0:
+        return keep, reasons
 
     def drop(bad: NDArray[np.bool_], reason: str) -> None:
         bad = bad & keep
         if bad.any():
-            reasons[f"{stream}: {reason}"] = int(bad.sum())
+            key = f"{stream}: {reason}"
+            reasons[key] = reasons.get(key, 0) + int(bad.sum())
             keep[bad] = False
 
     for value in values:
@@ -210,13 +213,12 @@ def screen(
     if positive is not None:
         variance = np.asarray(positive, dtype=float).reshape(count, -1)
         drop(~(np.isfinite(variance) & (variance > 0)).all(axis=1), "variance not positive")
-    if count:
-        # The newest stamp among the samples kept so far, before each sample.
-        lowest = np.iinfo(np.int64).min
-        newest = np.maximum.accumulate(np.where(keep, stamps, lowest))
-        before = np.concatenate([[lowest], newest[:-1]])
-        drop(stamps == before, "duplicate stamp")
-        drop(stamps < before, "stamp goes backward")
+    # The newest stamp among the samples kept so far, before each sample.
+    lowest = np.iinfo(np.int64).min
+    newest = np.maximum.accumulate(np.where(keep, stamps, lowest))
+    before = np.concatenate([[lowest], newest[:-1]])
+    drop(stamps == before, "duplicate stamp")
+    drop(stamps < before, "stamp goes backward")
     return keep, reasons
 
 

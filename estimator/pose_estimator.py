@@ -39,8 +39,10 @@ from estimator.variants import (
 STANDSTILL_SIGMA = (1e-3, 1e-3, 1e-4)
 # The random walk of the parameters runs at its full rate from this difference of track speeds on [m/s].
 FULL_TURNING = 0.1
-# Time over which the change of the track speeds is averaged for the accelerometers [s].
-ACCELERATION_AVERAGING = 0.15
+# Time over which the change of the track speeds is averaged for the accelerometers [s], and the share
+# of it that may still be wrong because it comes late.
+ACCELERATION_AVERAGING = 0.05
+ACCELERATION_DOUBT = 0.2
 
 
 class IcrPoints(NamedTuple):
@@ -119,6 +121,7 @@ class PoseEstimator:
         self._left = self._right = 0.0
         self._track_stamp: int | None = None
         self._track_interval = 0.02
+        self._track_variance = 0.0
         self._track_acceleration = (0.0, 0.0)
         self._imu_interval = 0.01
         gates = self.settings.gates
@@ -261,7 +264,8 @@ class PoseEstimator:
         self._left, self._right, self._track_stamp = m.left, m.right, m.stamp
         density = self.robot.tracks.speed_noise_density
         standing = m.left == 0.0 and m.right == 0.0
-        self._ekf.renew_track_errors(0.0 if standing else density**2 / self._track_interval)
+        self._track_variance = 0.0 if standing else density**2 / self._track_interval
+        self._ekf.renew_track_errors(self._track_variance)
         self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)
         self.health.sensor("tracks").used += 1
@@ -313,6 +317,8 @@ class PoseEstimator:
         variance = self.robot.imu.gyro_noise_density**2 / self._imu_interval
         prior = ekf.x
         residual, row, model = self._predict_gyro(reading, prior)
+        # The newest track speeds are averages of the time before, so they come late.
+        variance += float(row[s.TRACK_ERROR] @ self._track_acceleration) ** 2 * self._track_age() ** 2
         ekf.x = ekf.estimate_after(residual, row, variance)
         residual, row, model = self._predict_gyro(reading, ekf.x)
         linearised_at, ekf.x = ekf.x, prior
@@ -349,10 +355,14 @@ class PoseEstimator:
             -v_y * by[2] - w * by[1] - 2.0 * w * l_x * by[2],
             v_x * by[2] + w * by[0] - 2.0 * w * l_y * by[2],
         )
-        # The slip's own change over the sample, and what the averaged derivative cannot follow.
+        # The slip's own change over the sample, what comes late of the derivative, and its noise.
         rough = 2.0 * self._slip_sigma()[:2] ** 2 / self._slip.time_constant
-        unsure = 0.5 * np.hypot((dv_x, dv_y), dw * math.hypot(l_x, l_y))
         white = (imu.accelerometer_noise_density**2 + rough) / self._imu_interval
+        late = ACCELERATION_DOUBT * np.hypot((dv_x, dv_y), dw * math.hypot(l_x, l_y))
+        by_change = by[:2, s.TRACK_ERROR] + np.outer((-l_y, l_x), by[2, s.TRACK_ERROR])
+        averaging = max(ACCELERATION_AVERAGING, self._track_interval)
+        change = self._track_variance / averaging**2 * np.sum(by_change**2, axis=1)
+        variances = white + late**2 + change
         for axis, row in enumerate(rows):
             row[s.ACCELEROMETER_BIAS_X + axis] += 1.0
             bias = float(linearised_at[s.ACCELEROMETER_BIAS_X + axis])
@@ -361,7 +371,7 @@ class PoseEstimator:
                 "accelerometer",
                 float(measured[axis]) - predicted[axis] - bias - moved,
                 row,
-                float(white[axis] + unsure[axis] ** 2),
+                float(variances[axis]),
                 reopen=(s.ACCELEROMETER_BIAS_X + axis,),
             )
 
@@ -481,6 +491,13 @@ class PoseEstimator:
             dt = (until - self._stamp) * NANOSECOND
             self._ekf.predict_motion(dt, self._left, self._right, noise)
             self._stamp = until
+
+    def _track_age(self) -> float:
+        """Age of the newest track speeds [s]: they are those of the middle of their interval."""
+        if self._track_stamp is None or self._stamp is None:
+            return 0.0
+        age = (self._stamp - self._track_stamp) * NANOSECOND + 0.5 * self._track_interval
+        return min(age, self.settings.hold)
 
     def _trusted_until(self) -> int:
         """Stamp [ns] up to which the newest track speeds may be held."""

@@ -1,0 +1,1 @@
+"""Logs in, estimates out: bags, topic mapping, running the filter over a log, reports."""

@@ -1,0 +1,155 @@
+"""A proposed robot file: what a log shows, and placeholders for what no log can tell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from estimator.log import Log
+from replay.mounting import Mounting
+from replay.topics import TopicMap
+
+FILL_IN = "# not in the log: fill in"
+
+
+def robot_file_text(
+    path: Path, mapping: TopicMap, mounting: Mounting | None, log: Log | None, clocks_differ: bool
+) -> str:
+    """The text of a robot file that `load_robot` and `topic_map` accept.
+
+    Args:
+        path: the bag, for the robot's name.
+        mapping: the topics as guessed.
+        mounting: what the log tells about the IMU, or None.
+        log: the log read by that mapping with a sprocket radius of 1 m, or None.
+        clocks_differ: whether header stamps of the topics come from clocks that are far apart.
+    """
+    lines = [
+        f"# Proposed by inspecting {path.name}: check every line.",
+        f"name = {_text(path.stem)}",
+        "format = 1",
+        "",
+        *_vehicle(mapping, log),
+        "",
+        *_imu(mounting, log),
+        *_log(mapping, clocks_differ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _vehicle(mapping: TopicMap, log: Log | None) -> list[str]:
+    lines = [
+        "[vehicle]",
+        f"mass = 100.0             {FILL_IN} (kg, with load)",
+        f"track_gauge = 0.5        {FILL_IN} (m, between the track or wheel centrelines)",
+        f"sprocket_radius = 0.1    {FILL_IN} (m, effective)",
+        f"max_track_speed = 1.0    {FILL_IN} (m/s)",
+    ]
+    if mapping.tracks is None:
+        lines.append("# The log holds no track speeds: it shows the IMU, but cannot be replayed.")
+    elif log is not None and len(log.tracks.speeds):
+        fastest = float(np.abs(log.tracks.speeds).max())
+        if mapping.tracks.left:
+            lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
+        else:
+            lines.append(
+                "# The log holds an odometry in m/s, for which sprocket_radius is not used."
+            )
+    return lines
+
+
+def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
+    if mounting is None:
+        if log is None or log.imu is None:
+            return ["# The log holds no IMU that measures rates.", ""]
+        return ["# The IMU has no (usable) accelerometer, so nothing shows how it is mounted.", ""]
+    x, y, z = mounting.specific_force
+    roll, pitch, yaw = mounting.rotation_rpy_deg
+    lines = [
+        f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²; roll and pitch turn it upright.",
+        "# Yaw: accelerations follow the track speeds with it."
+        if mounting.yaw_shown
+        else f"# Yaw {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward.",
+        _turning_comment(mounting.turning_correlation),
+        "[imu]",
+        f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]",
+        f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up)",
+    ]
+    if mounting.gyro_axes == "z":
+        lines.append('gyro_axes = "z"    # the x and y gyros read zero all the time')
+    if mounting.gyro_bias is None:
+        lines.append("# No standstill long enough to show the gyro bias.")
+    else:
+        bias = mounting.gyro_bias
+        lines.append(
+            f"# Gyro bias at standstill ({mounting.still_seconds:.0f} s): "
+            f"({bias[0]:.5f}, {bias[1]:.5f}, {bias[2]:.5f}) rad/s in the IMU's axes."
+        )
+    if mounting.gyro_noise_density:
+        lines.append(
+            f"gyro_noise_density = {mounting.gyro_noise_density:.2g}    # rad/s/√Hz, at standstill"
+        )
+    if mounting.accelerometer_noise_density:
+        lines.append(
+            f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
+            "    # m/s²/√Hz, fast vibration while driving; slow disturbances add to it"
+        )
+    return [*lines, ""]
+
+
+def _turning_comment(correlation: float | None) -> str:
+    if correlation is None:
+        return "# No track speeds to check the sign of turning with."
+    said = f"# Track speeds and the rate about the vertical have a correlation of {correlation:.2f}"
+    if correlation > 0.3:
+        return f"{said}: the sign of turning is right."
+    if correlation < -0.3:
+        return f"{said}: TURNS THE WRONG WAY, left and right may be swapped."
+    return f"{said}: too little to check the sign of turning."
+
+
+def _log(mapping: TopicMap, clocks_differ: bool) -> list[str]:
+    time = []
+    if clocks_differ:
+        time = ['time = "recording"    # header stamps of the topics are more than 1 s apart']
+    lines: list[str] = []
+    if mapping.tracks:
+        lines += ["[log.tracks]", f"topic = {_text(mapping.tracks.topic)}"]
+        if mapping.tracks.left:
+            lines += [
+                f"left = {_texts(mapping.tracks.left)}",
+                f"right = {_texts(mapping.tracks.right)}",
+            ]
+        else:
+            lines.append(f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)")
+        lines += [*time, ""]
+    if mapping.imu:
+        lines += ["[log.imu]", f"topic = {_text(mapping.imu.topic)}", *time, ""]
+    if mapping.fixes:
+        lines += ["[log.fixes]", f"topic = {_text(mapping.fixes.topic)}"]
+        if mapping.fixes.position_sigma is not None:
+            lines.append(f"position_sigma = {mapping.fixes.position_sigma}    {FILL_IN} (m)")
+        lines += [*time, ""]
+    if mapping.truth:
+        lines += ["[log.truth]", f"topic = {_text(mapping.truth.topic)}"]
+        if mapping.truth.twist:
+            lines.append(f"twist = {_text(mapping.truth.twist)}")
+        if mapping.truth.tracks:
+            lines.append(f"tracks = {_text(mapping.truth.tracks)}")
+        lines += [*time, ""]
+    return lines[:-1]
+
+
+def _text(value: str) -> str:
+    """A TOML basic string; JSON's escapes are a subset of TOML's."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _texts(values: tuple[str, ...]) -> str:
+    return f"[{', '.join(map(_text, values))}]"
+
+
+def _round(degrees: float) -> float:
+    return round(degrees, 1) + 0.0

@@ -1,0 +1,120 @@
+"""The topic mapping: which topic of a bag is which stream, the `[log]` table of a robot file."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import msgspec
+
+from estimator.config import convert
+from estimator.robot import Robot
+from replay.errors import ReplayError
+
+Clock = Literal["header", "recording"]
+
+
+class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The topic of the track speeds.
+
+    Attributes:
+        topic: name; sensor_msgs/JointState, nav_msgs/Odometry or geometry_msgs/TwistStamped.
+        left: joints of the left side (JointState), whose rates are averaged.
+        right: joints of the right side (JointState).
+        gauge: track gauge by which the robot's controller made speed and yaw rate of track speeds
+            [m] (Odometry, TwistStamped); the vehicle's where left out.
+        time: stamps from the message's header, or the time of recording.
+    """
+
+    topic: str
+    left: tuple[str, ...] = ()
+    right: tuple[str, ...] = ()
+    gauge: float | None = None
+    time: Clock = "header"
+
+    def __post_init__(self) -> None:
+        if bool(self.left) != bool(self.right):
+            raise ValueError("left and right must both name joints, or both be left out")
+        _require_positive("gauge", self.gauge)
+
+
+class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The topic of the IMU (sensor_msgs/Imu).
+
+    Attributes:
+        topic: name.
+        time: stamps from the message's header, or the time of recording.
+    """
+
+    topic: str
+    time: Clock = "header"
+
+
+class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The topic of position or pose fixes in `odom`.
+
+    Attributes:
+        topic: name; geometry_msgs/PoseWithCovarianceStamped or PoseStamped, or nav_msgs/Odometry.
+        position_sigma: standard deviation of each coordinate where a message has no covariance [m].
+        heading_sigma: the same of yaw [rad]; where left out, such a message has no heading.
+        time: stamps from the message's header, or the time of recording.
+    """
+
+    topic: str
+    position_sigma: float | None = None
+    heading_sigma: float | None = None
+    time: Clock = "header"
+
+    def __post_init__(self) -> None:
+        _require_positive("position_sigma", self.position_sigma)
+        _require_positive("heading_sigma", self.heading_sigma)
+
+
+class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The topics of the truth.
+
+    Attributes:
+        topic: the pose; geometry_msgs/PoseStamped or PoseWithCovarianceStamped, or
+            nav_msgs/Odometry (which gives the twist too).
+        twist: the body velocity (geometry_msgs/TwistStamped), or None.
+        tracks: the true track speeds (JointState, joints as in `[log.tracks]`), or None.
+        source: what the truth is ("lidar map", say), for reports; the topic where left out.
+        time: stamps from the messages' headers, or the time of recording.
+    """
+
+    topic: str
+    twist: str | None = None
+    tracks: str | None = None
+    source: str = ""
+    time: Clock = "header"
+
+
+class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a robot's logs keep each stream; None where they have none of it."""
+
+    tracks: TrackTopic | None = None
+    imu: ImuTopic | None = None
+    fixes: FixTopic | None = None
+    truth: TruthTopic | None = None
+
+    def __post_init__(self) -> None:
+        if self.truth and self.truth.tracks and not (self.tracks and self.tracks.left):
+            raise ValueError("truth.tracks needs the joints left and right of tracks")
+
+
+def topic_map(robot: Robot, source: str) -> TopicMap:
+    """The `[log]` table of a robot file, checked.
+
+    Args:
+        robot: the robot.
+        source: name of its file, for messages.
+
+    Raises:
+        ReplayError: a misspelt key, a wrong type or a bad value.
+    """
+    return convert(robot.log, TopicMap, f"{source}: [log]", ReplayError)
+
+
+def _require_positive(name: str, value: float | None) -> None:
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be a positive number, found {value!r}")

@@ -1,0 +1,74 @@
+"""What several tests need: where the sample logs are, and small logs made on the spot."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.log import (
+    FixSeries,
+    ImuSeries,
+    Log,
+    PoseSeries,
+    TrackSpeedSeries,
+    Truth,
+    TwistSeries,
+)
+from estimator.robot import Robot, load_robot
+
+REPOSITORY = Path(__file__).parent.parent
+
+
+def sample_log(folder: Path, name: str) -> Path:
+    """A sample log by its name, or a visible skip where it is absent."""
+    path = folder / name
+    if not path.exists():
+        pytest.skip(f"no sample log {path}")
+    return path
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of the sample logs: $ICRECKON_DATA, or ../shared/data beside the repository."""
+    folder = Path(os.environ.get("ICRECKON_DATA", REPOSITORY.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no sample logs at {folder}; set ICRECKON_DATA to their folder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return load_robot("auriga-alpha")
+
+
+def make_log(seconds: float = 4.0, seed: int = 1, start: int = 1_700_000_000_123_456_789) -> Log:
+    """A log with every stream, of random numbers."""
+    rng = np.random.default_rng(seed)
+
+    def stamps(rate: float, offset: int = 0) -> np.ndarray:
+        count = int(seconds * rate)
+        jitter = rng.integers(0, 1000, count)
+        return start + offset + (np.arange(count) * (10**9 / rate)).astype(np.int64) + jitter
+
+    tracks, imu, fixes, truth = stamps(50), stamps(100, 3), stamps(5, 7), stamps(20, 11)
+    poses = rng.normal(size=(len(fixes), 3))
+    variances = rng.uniform(0.01, 1.0, (len(fixes), 2))
+    poses[::3, 2] = np.nan
+    variances[::3, 1] = 1e6
+    return Log(
+        name="made",
+        tracks=TrackSpeedSeries(tracks, rng.normal(size=(len(tracks), 2))),
+        imu=ImuSeries(
+            imu, rng.normal(size=(len(imu), 3)), rng.normal([0.0, 0.0, 9.81], 1.0, (len(imu), 3))
+        ),
+        fixes=FixSeries(fixes, poses, variances),
+        truth=Truth(
+            PoseSeries(truth, rng.normal(size=(len(truth), 3))),
+            TwistSeries(truth, rng.normal(size=(len(truth), 3))),
+            TrackSpeedSeries(truth, rng.normal(size=(len(truth), 2))),
+            source="random",
+        ),
+    )
