@@ -62,11 +62,16 @@ def _refuse_unknown_keys(
         if key not in fields:
             where = f" in [{table}]" if table else ""
             raise error(f"{source}: unknown key {key!r}{where}{nearest_hint(key, list(fields))}")
+        path = f"{table}.{key}" if table else key
         for nested in _structs_in(fields[key]):
-            path = f"{table}.{key}" if table else key
             for item in value if isinstance(value, list) else [value]:
                 if isinstance(item, dict):
                     _refuse_unknown_keys(item, nested, source, path, error)
+        if typing.get_origin(fields[key]) is dict and isinstance(value, dict):
+            for nested in _structs_in(typing.get_args(fields[key])[1]):
+                for name, item in value.items():
+                    if isinstance(item, dict):
+                        _refuse_unknown_keys(item, nested, source, f"{path}.{name}", error)
 
 
 def _structs_in(annotation: Any) -> list[Any]:

@@ -1,10 +1,13 @@
 """The extended Kalman filter: state propagation and measurement updates, nothing about streams.
 
-    pose'  = pose (+) Exp(twist dt)          twist = kinematics(track speeds, parameters) + slip
-    slip'  = slip exp(-dt / tau) + noise     a Gauss-Markov process for each component
+    pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip
+    slip' = slip exp(-dt / tau) + noise   a Gauss-Markov process for each component
 
-Parameters, biases and scales are constants or random walks. The error of the newest track-speed sample
-is part of the state, because one and the same error moves the pose and shows in the gyro's innovation.
+Parameters, biases and scales are constants or random walks. The fast slip is white from one sample of
+the track speeds to the next, their error included; it is part of the state because the same error moves
+the pose and shows in the gyro's innovation. It also keeps the parameters from being learnt from what is
+fast: the slip alone would call slow agreement cheap and make much of the noise in quick changes, and
+noisy track speeds are no good regressors for those (errors in variables).
 """
 
 from __future__ import annotations
@@ -21,13 +24,24 @@ from estimator.motion import Channels, Form, Motion, VehicleConstants, channels,
 
 # How much of eta0 is kept away from the bounds x_ICRl < 0 < x_ICRr and eta0 >= 1.
 BOUND_MARGIN = 1e-3
+# Moving to one bound may cross another; a few rounds settle it.
+BOUND_ROUNDS = 50
+ROUNDING = 1e-12
 
 
 class TwistModel(NamedTuple):
-    """The body velocity at a state: value (3,), Jacobian by the state (3, SIZE), and the motion."""
+    """The body velocity at a state.
+
+    Attributes:
+        twist: (3,) v_x, v_y [m/s], w [rad/s].
+        jacobian: (3, SIZE) its derivative by the state.
+        by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
+        motion: the solved motion model, in the paper's axes.
+    """
 
     twist: Floats
     jacobian: Floats
+    by_speeds: Floats
     motion: Motion
 
 
@@ -90,10 +104,12 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """
         x = self.x.tolist()
         scale = 1.0 + x[s.TRACK_SCALE]
-        V_l = left * scale - x[s.TRACK_ERROR_L]
-        V_r = right * scale - x[s.TRACK_ERROR_R]
+        V_l, V_r = left * scale, right * scale
+        forward, sideways, turning = (
+            slip_share * slow + fast for slow, fast in zip(x[s.SLIP], x[s.FAST_SLIP], strict=True)
+        )
         # REP-103 slip in the paper's axes: right is minus left.
-        slip = (-slip_share * x[s.SLIP_Y], slip_share * x[s.SLIP_X], slip_share * x[s.SLIP_W])
+        slip = (-sideways, forward, turning)
         parameters = x[s.PARAMETERS]
         motion = solve(
             V_l,
@@ -115,10 +131,11 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             slip_in_inertia=self.slip_in_inertia,
         )
         twist = motion.twist
+        by_speeds = _by_speeds(by)
+        jacobian = _twist_jacobian(by, motion, slip_share)
+        jacobian[:, s.TRACK_SCALE] = by_speeds @ (left, right)
         return TwistModel(
-            np.array([twist.v_y, -twist.v_x, twist.w]),
-            _twist_jacobian(by, motion, left, right, slip_share),
-            motion,
+            np.array([twist.v_y, -twist.v_x, twist.w]), jacobian, scale * by_speeds, motion
         )
 
     def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
@@ -154,13 +171,16 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """Hand filterpy's `predict` the state that `predict_motion` has worked out."""
         self.x = self._next_x
 
-    def renew_track_errors(self, variance: float) -> None:
-        """A new track-speed sample has come: its error is independent of all that was known."""
-        self.x[s.TRACK_ERROR] = 0.0
-        self.P[s.TRACK_ERROR, :] = 0.0
-        self.P[:, s.TRACK_ERROR] = 0.0
-        self.P[s.TRACK_ERROR_L, s.TRACK_ERROR_L] = variance
-        self.P[s.TRACK_ERROR_R, s.TRACK_ERROR_R] = variance
+    def renew_fast_slip(self, covariance: Floats) -> None:
+        """A new track-speed sample has come, with a fast slip independent of all that was known.
+
+        Args:
+            covariance: (3, 3) of the new fast slip.
+        """
+        self.x[s.FAST_SLIP] = 0.0
+        self.P[s.FAST_SLIP, :] = 0.0
+        self.P[:, s.FAST_SLIP] = 0.0
+        self.P[s.FAST_SLIP, s.FAST_SLIP] = covariance
 
     def innovation(self, residual: float, row: Floats, variance: float) -> Innovation:
         """The innovation of a scalar measurement, not yet used.
@@ -171,11 +191,6 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             variance: of the measurement.
         """
         return Innovation(residual, float(row @ self.P @ row) + variance, used=False)
-
-    def estimate_after(self, residual: float, row: Floats, variance: float) -> Floats:
-        """The state (SIZE,) that `update_scalar` would lead to, without going there."""
-        cross = self.P @ row
-        return np.asarray(self.x + cross * (residual / float(row @ cross + variance)))
 
     def update_scalar(self, residual: float, row: Floats, variance: float) -> None:
         """Joseph update with one scalar measurement (Simon, Optimal State Estimation, eq. 5.19).
@@ -199,33 +214,45 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         covariance stays, which is on the safe side (Simon, Optimal State Estimation, section 7.5).
         """
         half = 0.5 * self.vehicle.gauge
-        for row, bound in (
-            ({s.ETA0: 1.0}, 1.0),
-            ({s.ETA0: half, s.EPSILON0: 1.0}, BOUND_MARGIN),
-            ({s.ETA0: half, s.EPSILON0: -1.0}, BOUND_MARGIN),
-        ):
-            value = sum(factor * self.x[index] for index, factor in row.items())
-            if value < bound:
-                direction = np.zeros(s.SIZE)
-                direction[list(row)] = list(row.values())
-                cross = self.P @ direction
-                spread = float(direction @ cross)
+        for _ in range(BOUND_ROUNDS):
+            moved = False
+            for by_eta, by_epsilon, bound in (
+                (1.0, 0.0, 1.0),
+                (half, 1.0, BOUND_MARGIN),
+                (half, -1.0, BOUND_MARGIN),
+            ):
+                short = bound - (by_eta * self.x[s.ETA0] + by_epsilon * self.x[s.EPSILON0])
+                if short <= ROUNDING:
+                    continue
+                cross = by_eta * self.P[:, s.ETA0] + by_epsilon * self.P[:, s.EPSILON0]
+                spread = float(by_eta * cross[s.ETA0] + by_epsilon * cross[s.EPSILON0])
                 if spread > 0.0:
-                    self.x = self.x + cross * ((bound - value) / spread)
+                    self.x = self.x + cross * (short / spread)
+                    moved = True
+            if not moved:
+                break
 
 
-def _twist_jacobian(
-    by: Channels, motion: Motion, left: float, right: float, slip_share: float
-) -> Floats:
-    """Jacobian (3, SIZE) of the REP-103 twist by the state, from the channels of the model."""
-    by_left = [0.5 * m - d for m, d in zip(by.V_m, by.D, strict=True)]
-    by_right = [0.5 * m + d for m, d in zip(by.V_m, by.D, strict=True)]
+def _rep103(x_y_w: Floats) -> Floats:
+    """Rows of the paper's (v_x, v_y, w) as rows of the REP-103 twist."""
+    return np.stack([x_y_w[1], -x_y_w[0], x_y_w[2]])
+
+
+def _by_speeds(by: Channels) -> Floats:
+    """Derivative (3, 2) of the REP-103 twist by V_l and V_r: D = V_r - V_l, V_m their mean."""
+    D, V_m = np.array(by.D), np.array(by.V_m)
+    return _rep103(np.stack([0.5 * V_m - D, 0.5 * V_m + D], axis=-1))
+
+
+def _twist_jacobian(by: Channels, motion: Motion, slip_share: float) -> Floats:
+    """Derivative (3, SIZE) of the REP-103 twist by the state, all but the track scale."""
     paper = np.zeros((3, s.SIZE))
-    paper[:, s.SLIP_X] = by.r_y
-    paper[:, s.SLIP_Y] = by.r_x
-    paper[:, s.SLIP_W] = by.r_w
-    paper[:, s.SLIP] *= slip_share
-    paper[:, s.SLIP_Y] *= -1.0
+    fast = paper[:, s.FAST_SLIP]
+    fast[:, 0] = by.r_y
+    fast[:, 1] = by.r_x
+    fast[:, 1] *= -1.0
+    fast[:, 2] = by.r_w
+    paper[:, s.SLIP] = slip_share * fast
     paper[:, s.ZETA0] = by.zeta
     paper[:, s.EPSILON0] = by.epsilon
     paper[:, s.ETA0] = by.eta
@@ -233,11 +260,7 @@ def _twist_jacobian(
     paper[:, s.EPSILON1] = paper[:, s.EPSILON0] * motion.S
     paper[:, s.ETA1] = paper[:, s.ETA0] * motion.S
     paper[:, s.ETA2] = paper[:, s.ETA0] * (motion.u * motion.u)
-    paper[:, s.TRACK_ERROR_L] = by_left
-    paper[:, s.TRACK_ERROR_R] = by_right
-    paper[:, s.TRACK_SCALE] = left * paper[:, s.TRACK_ERROR_L] + right * paper[:, s.TRACK_ERROR_R]
-    paper[:, s.TRACK_ERROR] *= -1.0
-    return np.stack([paper[1], -paper[0], paper[2]])
+    return _rep103(paper)
 
 
 def _step_on_se2(yaw: float, motion: Floats) -> tuple[Floats, Floats, Floats]:

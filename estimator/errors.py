@@ -21,7 +21,8 @@ def nearest_hint(found: str, allowed: list[str]) -> str:
     """
     import difflib
 
-    close = difflib.get_close_matches(found, allowed, n=1, cutoff=0.5)
+    names = {name.lower(): name for name in allowed}
+    close = difflib.get_close_matches(found.lower(), names, n=1, cutoff=0.5)
     if close:
-        return f"; did you mean {close[0]!r}?"
+        return f"; did you mean {names[close[0]]!r}?"
     return f"; there is {', '.join(repr(name) for name in sorted(allowed))}"

@@ -30,8 +30,8 @@ class Gate:
 
     @property
     def must_reacquire(self) -> bool:
-        """Whether so many were rejected that the filter must be the one that is wrong."""
-        return self._rejected_in_a_row >= self._patience
+        """Whether so many were rejected before the newest that the filter must be the wrong one."""
+        return self._rejected_in_a_row > self._patience
 
     def admits(self, nis: float) -> bool:
         """Whether a measurement of this normalised innovation squared is to be used."""

@@ -121,7 +121,6 @@ class PoseEstimator:
         self._left = self._right = 0.0
         self._track_stamp: int | None = None
         self._track_interval = 0.02
-        self._track_variance = 0.0
         self._track_acceleration = (0.0, 0.0)
         self._imu_interval = 0.01
         gates = self.settings.gates
@@ -130,7 +129,8 @@ class PoseEstimator:
             "accelerometer": Gate(1, gates),
             "position": Gate(2, gates),
             "heading": Gate(1, gates),
-            "body velocity": Gate(2, gates),
+            "body velocity x": Gate(1, gates),
+            "body velocity y": Gate(1, gates),
         }
         self._standstill = StandstillDetector(self.settings.standstill, imu.gyro_noise_density)
         self._stands = False
@@ -262,10 +262,7 @@ class PoseEstimator:
                 self._track_acceleration = (0.0, 0.0)
                 self._advance(m.stamp - int(self._track_interval / NANOSECOND))
         self._left, self._right, self._track_stamp = m.left, m.right, m.stamp
-        density = self.robot.tracks.speed_noise_density
-        standing = m.left == 0.0 and m.right == 0.0
-        self._track_variance = 0.0 if standing else density**2 / self._track_interval
-        self._ekf.renew_track_errors(self._track_variance)
+        self._renew_fast_slip()
         self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)
         self.health.sensor("tracks").used += 1
@@ -279,7 +276,7 @@ class PoseEstimator:
         if before is not None:
             self._imu_interval = min((m.stamp - before) * NANOSECOND, self.settings.hold)
         self._advance(m.stamp)
-        imu, ekf = self.robot.imu, self._ekf
+        ekf = self._ekf
         reading = self._yaw_rate_reading(m)
         bias_sigma = math.sqrt(ekf.P[s.GYRO_BIAS, s.GYRO_BIAS])
         self._stands = self._standstill.yaw_rate(
@@ -287,7 +284,8 @@ class PoseEstimator:
         )
         if self._stands:
             self._update_standstill()
-        used, model, linearised_at = self._update_gyro(reading)
+        model, linearised_at = self._model(), ekf.x.copy()
+        used = self._update_gyro(reading, model)
         if force is not None and self.settings.use_accelerometer and not self._stands:
             self._update_accelerometer(force, model, linearised_at)
         ekf.keep_inside_bounds()
@@ -302,78 +300,52 @@ class PoseEstimator:
             moved = float(row @ (self._ekf.x - linearised_at))
             self._ekf.update_scalar(-float(model.twist[axis]) - moved, row, sigma**2)
 
-    def _update_gyro(self, reading: float) -> tuple[bool, TwistModel, Floats]:
-        """Yaw rate times scale plus bias, linearised where a first update would take the state.
-
-        The yaw rate of the noisy track speeds is at once what the reading is compared with and the
-        regressor of the parameters; linearised there, their product would bias eta (errors in
-        variables). At the updated state the error of the track speeds is mostly gone. This is one
-        iteration of the iterated EKF (Bar-Shalom, Li, Kirubarajan, section 10.5.2).
-
-        Returns:
-            Whether the reading was used, the model that was linearised, and where.
-        """
-        ekf = self._ekf
-        variance = self.robot.imu.gyro_noise_density**2 / self._imu_interval
-        prior = ekf.x
-        residual, row, model = self._predict_gyro(reading, prior)
-        # The newest track speeds are averages of the time before, so they come late.
-        variance += float(row[s.TRACK_ERROR] @ self._track_acceleration) ** 2 * self._track_age() ** 2
-        ekf.x = ekf.estimate_after(residual, row, variance)
-        residual, row, model = self._predict_gyro(reading, ekf.x)
-        linearised_at, ekf.x = ekf.x, prior
-        residual -= float(row @ (prior - linearised_at))
-        used = self._update("gyro", residual, row, variance, reopen=(s.SLIP_W,))
-        return used, model, linearised_at
-
-    def _predict_gyro(self, reading: float, x: Floats) -> tuple[float, Floats, TwistModel]:
-        """Residual of a reading at the filter's present state, its Jacobian, and the twist model."""
-        model = self._model()
-        rate, scale = float(model.twist[2]), 1.0 + float(x[s.GYRO_SCALE])
+    def _update_gyro(self, reading: float, model: TwistModel) -> bool:
+        """Yaw rate times scale, plus bias."""
+        rate, scale = float(model.twist[2]), 1.0 + float(self._ekf.x[s.GYRO_SCALE])
         row = scale * model.jacobian[2]
         row[s.GYRO_BIAS] += 1.0
         row[s.GYRO_SCALE] += rate
-        return reading - scale * rate - float(x[s.GYRO_BIAS]), row, model
+        residual = reading - scale * rate - float(self._ekf.x[s.GYRO_BIAS])
+        variance = self.robot.imu.gyro_noise_density**2 / self._imu_interval
+        # The newest track speeds are averages of the time before, so they come late.
+        late = float(model.by_speeds[2] @ self._track_acceleration) * self._track_age()
+        gate = self._gates["gyro"]
+        return self._update("gyro", gate, residual, row, variance + late**2, reopen=(s.SLIP_W,))
 
     def _update_accelerometer(
         self, force: tuple[float, float, float], model: TwistModel, linearised_at: Floats
     ) -> None:
-        """Specific force in base_link: dv/dt + w x v at the IMU's place, plus bias."""
+        """Specific force to the left: dv_y/dt + w v_x at the IMU's place, plus bias.
+
+        The forward one says little: it is the change of the track speeds, which are better known.
+        """
         imu, ekf = self.robot.imu, self._ekf
-        v_x, v_y, w = model.twist.tolist()
-        by = model.jacobian
+        v_x, _, w = model.twist.tolist()
+        by_v_x, _, by_w = model.jacobian
         l_x, l_y, _ = imu.position
-        # dv/dt of the kinematics from the change of the track speeds, which the Jacobian by the
-        # track errors (minus the derivative by the speeds) turns into one of the twist.
-        dv_x, dv_y, dw = (-by[:, s.TRACK_ERROR] @ self._track_acceleration).tolist()
-        measured = self.robot.imu_rotation[:2] @ np.array(force)
-        predicted = (
-            dv_x - w * v_y - dw * l_y - w * w * l_x,
-            dv_y + w * v_x + dw * l_x - w * w * l_y,
-        )
-        rows = (
-            -v_y * by[2] - w * by[1] - 2.0 * w * l_x * by[2],
-            v_x * by[2] + w * by[0] - 2.0 * w * l_y * by[2],
-        )
+        # What the kinematics change by, from the change of the track speeds.
+        dv_y, dw = (model.by_speeds[1:] @ self._track_acceleration).tolist()
+        measured = float(self.robot.imu_rotation[1] @ np.array(force))
+        bias = float(linearised_at[s.ACCELEROMETER_BIAS])
+        predicted = dv_y + w * v_x + dw * l_x - w * w * l_y + bias
+        row = v_x * by_w + w * by_v_x - 2.0 * w * l_y * by_w
+        row[s.ACCELEROMETER_BIAS] += 1.0
         # The slip's own change over the sample, what comes late of the derivative, and its noise.
-        rough = 2.0 * self._slip_sigma()[:2] ** 2 / self._slip.time_constant
+        rough = 2.0 * float(self._slip_sigma()[1]) ** 2 / self._slip.time_constant
         white = (imu.accelerometer_noise_density**2 + rough) / self._imu_interval
-        late = ACCELERATION_DOUBT * np.hypot((dv_x, dv_y), dw * math.hypot(l_x, l_y))
-        by_change = by[:2, s.TRACK_ERROR] + np.outer((-l_y, l_x), by[2, s.TRACK_ERROR])
+        late = ACCELERATION_DOUBT * math.hypot(dv_y, dw * l_x)
         averaging = max(ACCELERATION_AVERAGING, self._track_interval)
-        change = self._track_variance / averaging**2 * np.sum(by_change**2, axis=1)
-        variances = white + late**2 + change
-        for axis, row in enumerate(rows):
-            row[s.ACCELEROMETER_BIAS_X + axis] += 1.0
-            bias = float(linearised_at[s.ACCELEROMETER_BIAS_X + axis])
-            moved = float(row @ (ekf.x - linearised_at))
-            self._update(
-                "accelerometer",
-                float(measured[axis]) - predicted[axis] - bias - moved,
-                row,
-                float(variances[axis]),
-                reopen=(s.ACCELEROMETER_BIAS_X + axis,),
-            )
+        by_change = model.by_speeds[1] + l_x * model.by_speeds[2]
+        change = self._track_variance() / averaging**2 * float(by_change @ by_change)
+        self._update(
+            "accelerometer",
+            self._gates["accelerometer"],
+            measured - predicted - float(row @ (ekf.x - linearised_at)),
+            row,
+            white + late**2 + change,
+            reopen=(s.ACCELEROMETER_BIAS,),
+        )
 
     def _feed_position(self, m: PositionFix) -> bool:
         if not self._admissible("position", m.stamp, (m.x, m.y), m.variance):
@@ -407,7 +379,9 @@ class PoseEstimator:
         row = np.zeros(s.SIZE)
         row[s.YAW] = 1.0
         residual = float(wrap_angle(m.yaw - self._ekf.x[s.YAW]))
-        used = self._update("heading", residual, row, m.variance, reopen=(s.YAW,))
+        used = self._update(
+            "heading", self._gates["heading"], residual, row, m.variance, reopen=(s.YAW,)
+        )
         self._ekf.keep_inside_bounds()
         return used
 
@@ -422,6 +396,7 @@ class PoseEstimator:
             moved = float(row @ (self._ekf.x - linearised_at))
             used &= self._update(
                 "body velocity",
+                self._gates[f"body velocity {'xy'[axis]}"],
                 value - float(model.twist[axis]) - moved,
                 row,
                 m.variance,
@@ -433,10 +408,16 @@ class PoseEstimator:
     # --- how it works ---------------------------------------------------------------------------
 
     def _update(
-        self, sensor: str, residual: float, row: Floats, variance: float, reopen: tuple[int, ...]
+        self,
+        sensor: str,
+        gate: Gate,
+        residual: float,
+        row: Floats,
+        variance: float,
+        reopen: tuple[int, ...],
     ) -> bool:
         """A gated scalar update; when re-acquiring, the states in `reopen` are made uncertain first."""
-        gate, health = self._gates[sensor], self.health.sensor(sensor)
+        health = self.health.sensor(sensor)
         nis = self._ekf.innovation(residual, row, variance).nis
         if not gate.admits(nis):
             if not gate.must_reacquire:
@@ -475,6 +456,20 @@ class PoseEstimator:
         self._newest[stream] = stamp
         return True
 
+    def _renew_fast_slip(self) -> None:
+        """Fast slip of the newest track speeds: their own error, and the white part of the slip."""
+        by_speeds = self._model().by_speeds
+        covariance = self._track_variance() * by_speeds @ by_speeds.T
+        sigma_w = float(self._slip_sigma()[2])
+        covariance[2, 2] += 2.0 * self._slip.white_time * sigma_w**2 / self._track_interval
+        self._ekf.renew_fast_slip(covariance)
+
+    def _track_variance(self) -> float:
+        """Variance of the newest track speeds [m²/s²]; a stopped encoder has no noise."""
+        if self._left == 0.0 and self._right == 0.0:
+            return 0.0
+        return self.robot.tracks.speed_noise_density**2 / self._track_interval
+
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns]; one that is not later changes nothing."""
         if self._stamp is None:
@@ -486,11 +481,16 @@ class PoseEstimator:
                 until = trusted
             walk = self._bias_walk + self._parameter_walk * self._turning()
             if self._stamp >= trusted:
-                walk[s.TRACK_ERROR] = self.settings.gap_acceleration
+                walk[s.FAST_SLIP] = self._gap_walk()
             noise = ProcessNoise(self._slip_sigma(), self._slip.time_constant, walk)
             dt = (until - self._stamp) * NANOSECOND
             self._ekf.predict_motion(dt, self._left, self._right, noise)
             self._stamp = until
+
+    def _gap_walk(self) -> Floats:
+        """(3,) random walk of the twist while the track speeds are not known [m/s/√s, ..., rad/s/√s]."""
+        speed = self.settings.gap_acceleration
+        return np.array([speed, 0.1 * speed, 2.0 * speed / self.robot.vehicle.track_gauge])
 
     def _track_age(self) -> float:
         """Age of the newest track speeds [s]: they are those of the middle of their interval."""

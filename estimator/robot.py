@@ -19,6 +19,24 @@ from estimator.frames import Floats, rep103_to_paper, rpy_to_matrix
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
+# A gyro that reads z alone must have at least this share of the vertical along its z axis.
+LEAST_UPRIGHT = 0.1
+
+
+def _require_finite(name: str, *values: float) -> None:
+    for value in values:
+        if not np.isfinite(value):
+            raise ValueError(f"{name} must be finite, found {value!r}")
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be a positive number, found {value!r}")
+
+
+def _require_not_negative(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value >= 0):
+        raise ValueError(f"{name} must be zero or a positive number, found {value!r}")
 
 
 class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,10 +59,15 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_track_speed: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("mass", "track_gauge", "sprocket_radius", "max_track_speed"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive number, found {value!r}")
+        for name in (
+            "mass",
+            "track_gauge",
+            "sprocket_radius",
+            "half_contact_length",
+            "max_track_speed",
+        ):
+            _require_positive(name, getattr(self, name))
+        _require_finite("centre_of_mass", *self.centre_of_mass)
 
 
 class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,6 +94,8 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     eta2: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            _require_finite(name, getattr(self, name))
         if not self.eta0 >= 1.0:
             raise ValueError(
                 f"eta0 must be at least 1 (1 is the ideal differential drive), found {self.eta0!r}"
@@ -89,7 +114,8 @@ class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y_ICR: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.x_ICRl < 0.0 < self.x_ICRr:
+        _require_finite("y_ICR", self.y_ICR)
+        if not -np.inf < self.x_ICRl < 0.0 < self.x_ICRr < np.inf:
             raise ValueError(
                 f"x_ICRl < 0 < x_ICRr must hold, found {self.x_ICRl!r} and {self.x_ICRr!r}"
             )
@@ -125,6 +151,26 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     accelerometer_bias_sigma: float = 0.2
     accelerometer_bias_walk: float = 1e-3
 
+    def __post_init__(self) -> None:
+        _require_finite("rotation_rpy_deg", *self.rotation_rpy_deg)
+        _require_finite("position", *self.position)
+        for name in ("gyro_scale", "gyro_noise_density", "accelerometer_noise_density"):
+            _require_positive(name, getattr(self, name))
+        for name in (
+            "gyro_scale_sigma",
+            "gyro_bias_sigma",
+            "gyro_bias_walk",
+            "accelerometer_bias_sigma",
+            "accelerometer_bias_walk",
+        ):
+            _require_not_negative(name, getattr(self, name))
+        roll, pitch, _ = np.radians(self.rotation_rpy_deg)
+        if self.gyro_axes == "z" and abs(np.cos(roll) * np.cos(pitch)) < LEAST_UPRIGHT:
+            raise ValueError(
+                'gyro_axes = "z" needs a z axis that is not level, '
+                f"found rotation_rpy_deg = {list(self.rotation_rpy_deg)!r}"
+            )
+
 
 class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The track-speed sensors.
@@ -137,12 +183,17 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     speed_noise_density: float = 1e-3
     scale_sigma: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            _require_not_negative(name, getattr(self, name))
+
 
 class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Size of what an index model leaves unexplained: the slip residual of the body velocity.
 
-    The residual is a first-order Gauss-Markov process. Its standard deviation is a share of the
-    difference of the track speeds (turning) plus a share of their mean (driving); it vanishes at rest.
+    The residual is a first-order Gauss-Markov process, in w plus white noise. The standard deviation of
+    the process is a share of the difference of the track speeds (turning) plus a share of their mean
+    (driving); it vanishes at rest.
 
     Attributes:
         turning_x: of v_x, per |V_r - V_l| [-].
@@ -152,6 +203,8 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         driving_y: of v_y, per |V_l + V_r| / 2 [-].
         driving_w: of w, per |V_l + V_r| / 2 [rad/m].
         time_constant: correlation time of the process [s].
+        white_time: the white noise of w has the density of a process of the same standard deviation
+            and this (short) correlation time [s].
     """
 
     turning_x: float = 0.05
@@ -161,6 +214,12 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     driving_y: float = 0.01
     driving_w: float = 0.02
     time_constant: float = 1.0
+    white_time: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            _require_not_negative(name, getattr(self, name))
+        _require_positive("time_constant", self.time_constant)
 
 
 class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
@@ -193,6 +252,12 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     def __post_init__(self) -> None:
         if self.format != FORMAT:
             raise ValueError(f"format {self.format!r} is not known; this version reads {FORMAT}")
+        icr, gauge = self.constant_icr, self.vehicle.track_gauge
+        if icr is not None and icr.x_ICRr - icr.x_ICRl < gauge:
+            raise ValueError(
+                f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, "
+                f"found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
+            )
 
     @cached_property
     def centre_of_mass_paper(self) -> tuple[float, float]:
@@ -238,7 +303,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
         EstimatorError: no such robot or file, a misspelt key, a wrong type or a bad value.
     """
     path = Path(name_or_path)
-    if path.suffix != ".toml" and not path.exists():
+    if path.suffix != ".toml" and not path.is_file():
         path = ROBOTS_FOLDER / f"{name_or_path}.toml"
         if not path.exists():
             raise EstimatorError(

@@ -118,7 +118,8 @@ def drift(
     if len(stamps) < 2:
         return Drift(horizon, stamps[:0], *(np.zeros(0) for _ in range(3)))
     begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
-    first = np.searchsorted(stamps, begins)
+    # All that begin within a hole of the truth are one and the same segment, the one after it.
+    first = np.unique(np.searchsorted(stamps, begins))
     last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
     ends_inside = last < len(stamps)
     first, last = first[ends_inside], last[ends_inside]
@@ -193,7 +194,7 @@ def pose_nees(estimate: Trajectory, truth: PoseSeries) -> Floats:
 
 
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:
-    """Intervals of stamps [ns] between fixes that are at least `shortest` seconds long."""
-    edges = np.concatenate([[start], fix_stamps, [end]])
+    """Intervals of stamps [ns] from `start` to `end`, between fixes, at least `shortest` s long."""
+    edges = np.concatenate([[start], np.clip(fix_stamps, start, end), [end]])
     long = np.flatnonzero(np.diff(edges) >= int(shortest / NANOSECOND))
     return [(int(edges[i]), int(edges[i + 1])) for i in long]

@@ -23,12 +23,12 @@ STATE_NAMES: Final = (
     "eta1",
     "eta2",
     "gyro_bias",  # reading less rate [rad/s]
-    "accelerometer_bias_x",  # reading less specific force, in base_link [m/s²]
-    "accelerometer_bias_y",
+    "accelerometer_bias",  # reading less specific force to the left, in base_link [m/s²]
     "track_scale",  # true over measured track speed, less 1 [-]
     "gyro_scale",  # measured over true rate, less 1 [-]
-    "track_error_l",  # error of the newest track-speed sample [m/s]
-    "track_error_r",
+    "fast_slip_x",  # slip and track-speed error that are new with each sample [m/s, m/s, rad/s]
+    "fast_slip_y",
+    "fast_slip_w",
 )
 
 SIZE: Final = len(STATE_NAMES)
@@ -40,9 +40,7 @@ PARAMETERS: Final = slice(6, 14)
 PARAMETER_NAMES: Final = STATE_NAMES[PARAMETERS]
 ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2 = range(7, 14)
 GYRO_BIAS: Final = 14
-ACCELEROMETER_BIAS_X, ACCELEROMETER_BIAS_Y = 15, 16
-ACCELEROMETER_BIAS: Final = slice(15, 17)
-TRACK_SCALE: Final = 17
-GYRO_SCALE: Final = 18
-TRACK_ERROR_L, TRACK_ERROR_R = 19, 20
-TRACK_ERROR: Final = slice(19, 21)
+ACCELEROMETER_BIAS: Final = 15
+TRACK_SCALE: Final = 16
+GYRO_SCALE: Final = 17
+FAST_SLIP: Final = slice(18, 21)

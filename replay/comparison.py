@@ -1,0 +1,176 @@
+"""Running several filter variants over one log, side by side."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass, replace
+from multiprocessing.sharedctypes import Synchronized
+from typing import Any
+
+from estimator.log import Log, Truth
+from estimator.robot import Robot
+from estimator.run import Run, run
+from estimator.scores import interpolate_poses
+from estimator.settings import Settings
+from estimator.variants import find_variant
+from replay.fixes import LogPart, with_fixes_within
+from replay.truth_alignment import TruthAlignment, align_truth
+
+DEFAULT_VARIANTS = (
+    "differential",
+    "constant-fixed",
+    "constant-online",
+    "inertia-fixed",
+    "inertia-online",
+)
+# Which variant the lag and the lever arm of a truth are found against.
+ALIGNMENT_VARIANT = "constant-online"
+# How well a logged truth gives the pose at the start [m, m, rad].
+LOGGED_START_SIGMA = (0.02, 0.02, 0.01)
+POLL_SECONDS = 0.2
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of several variants over one log.
+
+    Attributes:
+        log: what was run, with the fixes that were used and the truth as it was scored.
+        runs: by name of the variant, in the order asked for.
+        alignment: what was taken out of a logged truth; None for a simulated one, or none.
+    """
+
+    log: Log
+    runs: dict[str, Run]
+    alignment: TruthAlignment | None
+
+
+def compare(
+    log: Log,
+    robot: Robot,
+    variants: Sequence[str] = DEFAULT_VARIANTS,
+    *,
+    settings: Settings | None = None,
+    fixes: LogPart | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Run filter variants over a log.
+
+    A truth that was logged (it has no twists) is first freed of its lag and lever arm. Runs start at
+    the truth's pose where there is one.
+
+    Args:
+        log: the log.
+        robot: the robot.
+        variants: names of filter variants.
+        settings: of the pose estimator.
+        fixes: part of the log in which fixes are used, see `replay.fixes`; None for all that the log
+            has as such.
+        workers: processes to spread the variants over; 1 runs them here.
+        progress: called now and then with the share that is done, 0 to 1.
+
+    Raises:
+        EstimatorError: no such variant, or a log without track speeds.
+        ReplayError: fixes were asked for that the log does not have.
+    """
+    for name in variants:
+        find_variant(name)
+    alignment = None
+    if log.truth is not None and log.truth.twists is None:
+        reckoned = run(replace(log, fixes=None), robot, ALIGNMENT_VARIANT, settings=settings)
+        alignment = align_truth(log.truth, reckoned.trajectory)
+        log = replace(log, truth=alignment.truth)
+    if fixes is not None:
+        log = with_fixes_within(log, fixes)
+    start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if log.truth is not None:
+        start = _pose_at(log.truth, log.start)
+        sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
+    task = _Task(log, robot, settings, start, sigma)
+    if workers > 1 and len(variants) > 1:
+        runs = _in_processes(task, variants, workers, progress)
+    else:
+        runs = _here(task, variants, progress)
+    return Comparison(log, {one.variant: one for one in runs}, alignment)
+
+
+def _pose_at(truth: Truth, stamp: int) -> tuple[float, float, float]:
+    x, y, yaw = interpolate_poses(truth.poses, truth.poses.stamps[:1] * 0 + stamp)[0].tolist()
+    return x, y, yaw
+
+
+@dataclass(frozen=True)
+class _Task:
+    log: Log
+    robot: Robot
+    settings: Settings | None
+    start: tuple[float, float, float]
+    start_sigma: tuple[float, float, float]
+
+    def run(self, variant: str, progress: Progress) -> Run:
+        begin, length = self.log.start, max(1, self.log.end - self.log.start)
+        # The truth is not the filter's business.
+        return run(
+            replace(self.log, truth=None),
+            self.robot,
+            variant,
+            settings=self.settings,
+            start=self.start,
+            start_sigma=self.start_sigma,
+            progress=lambda stamp: progress((stamp - begin) / length),
+        )
+
+
+def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[Run]:
+    def share_of(index: int) -> Progress:
+        def report(done: float) -> None:
+            if progress is not None:
+                progress((index + done) / len(variants))
+
+        return report
+
+    return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
+
+
+# Set in each worker process by `_begin`: the task, and one slot of progress for each variant.
+_worker: tuple[_Task, Any] | None = None
+
+
+def _begin(task: _Task, slots: Any) -> None:
+    global _worker  # noqa: PLW0603 - what a worker process works on
+    _worker = task, slots
+
+
+def _work(index: int, variant: str) -> Run:
+    assert _worker is not None
+    task, slots = _worker
+
+    def report(done: float) -> None:
+        slots[index] = done
+
+    return task.run(variant, report)
+
+
+def _in_processes(
+    task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
+) -> list[Run]:
+    context = multiprocessing.get_context("spawn")
+    slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
+    count = min(workers, len(variants))
+    with ProcessPoolExecutor(count, context, _begin, (task, slots)) as pool:
+        futures = [pool.submit(_work, *job) for job in enumerate(variants)]
+        waiting = set(futures)
+        while waiting:
+            _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+            if progress is not None:
+                done = [
+                    1.0 if future.done() else float(slots[index])  # type: ignore[index]
+                    for index, future in enumerate(futures)
+                ]
+                progress(sum(done) / len(done))
+        return [future.result() for future in futures]

@@ -1,0 +1,95 @@
+"""Gates: what they admit, and the way back."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from estimator.gating import CHI_SQUARE_1E4, Gate, GateSettings
+from estimator.standstill import StandstillDetector, StandstillSettings
+
+
+def test_thresholds_are_the_quantiles_of_chi_square():
+    for degrees, threshold in CHI_SQUARE_1E4.items():
+        assert threshold == pytest.approx(chi2.isf(1e-4, degrees), abs=5e-4)
+
+
+def test_gate_admits_up_to_its_threshold():
+    gate = Gate(2, GateSettings())
+    assert gate.admits(18.4)
+    assert not gate.admits(18.5)
+    assert not gate.admits(float("nan"))
+
+
+@pytest.mark.parametrize("patience", [1, 3, 10])
+def test_after_patience_rejections_the_next_sample_is_taken(patience):
+    gate = Gate(1, GateSettings(patience=patience))
+    for _ in range(patience):
+        assert not gate.admits(100.0)
+        assert not gate.must_reacquire
+    assert not gate.admits(100.0)
+    assert gate.must_reacquire
+    gate.reacquired()
+    assert not gate.must_reacquire
+
+
+def test_one_admitted_sample_starts_the_count_anew():
+    gate = Gate(1, GateSettings(patience=3))
+    for nis in (100.0, 100.0, 100.0, 1.0, 100.0, 100.0, 100.0):
+        gate.admits(nis)
+        assert not gate.must_reacquire
+
+
+def second(value):
+    return round(value * 1e9)
+
+
+def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0)):
+    """When the detector first said that the robot stands [s], or None; 100 Hz from 0 s."""
+    for k, rate in enumerate(rates):
+        if k % 2 == 0:
+            detector.track_speeds(second(k / 100), *speeds)
+        if detector.yaw_rate(second(k / 100), rate, bias, bias_sigma):
+            return k / 100
+    return None
+
+
+def test_robot_stands_after_half_a_second_of_rest():
+    assert standing_since(StandstillDetector(StandstillSettings(), 5e-4), [0.0] * 100) == 0.5
+
+
+def test_noise_of_the_gyro_does_not_hide_the_standstill():
+    density = 5e-3  # 0.05 rad/s in each of 100 samples per second, more than quiet_gyro
+    rates = np.random.default_rng(0).normal(scale=density * 10.0, size=100).tolist()
+    assert standing_since(StandstillDetector(StandstillSettings(), density), rates) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("rates", "more"),
+    [
+        ([0.0] * 100, {"speeds": (0.0, 0.01)}),
+        ([0.0] * 100, {"speeds": (-0.01, 0.0)}),
+        # Pushed round by hand, with the tracks stopped.
+        ([0.2] * 100, {}),
+        # Rocking.
+        ((0.1 * np.sin(np.arange(100))).tolist(), {}),
+    ],
+)
+def test_what_moves_does_not_stand(rates, more):
+    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    assert standing_since(detector, rates, **more) is None
+
+
+def test_a_bias_that_may_be_so_large_is_no_motion():
+    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    assert standing_since(detector, [0.2] * 100, bias_sigma=0.06) == 0.5
+    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    assert standing_since(detector, [0.2] * 100, bias=0.19) == 0.5
+
+
+def test_driving_on_ends_the_standstill_at_once():
+    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    assert standing_since(detector, [0.0] * 100) is not None
+    detector.track_speeds(second(1.0), 0.3, 0.3)
+    assert not detector.yaw_rate(second(1.0), 0.0, 0.0, 0.0)
+    detector.track_speeds(second(1.02), 0.0, 0.0)
+    assert not detector.yaw_rate(second(1.02), 0.0, 0.0, 0.0)

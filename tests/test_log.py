@@ -1,0 +1,182 @@
+"""The in-memory log: screening, shapes, and the order in which it hands out measurements."""
+
+import numpy as np
+import pytest
+from conftest import make_log
+
+from estimator.errors import EstimatorError
+from estimator.log import (
+    FixSeries,
+    ImuSeries,
+    Log,
+    PoseSeries,
+    TrackSpeedSeries,
+    TwistSeries,
+    screen,
+)
+from estimator.measurements import HeadingFix, ImuSample, PositionFix, TrackSpeeds
+
+
+def stamps(*values):
+    return np.array(values, dtype=np.int64)
+
+
+def test_clean_stream_is_kept_whole():
+    keep, reasons = screen("imu", [1, 2, 5], [0.0, 1.0, 2.0], [[1, 2]] * 3, positive=[1, 2, 3])
+    assert keep.tolist() == [True, True, True]
+    assert reasons == {}
+
+
+def test_empty_stream_is_no_defect():
+    keep, reasons = screen("imu", [], np.zeros((0, 3)), positive=np.zeros((0, 2)))
+    assert keep.tolist() == []
+    assert reasons == {}
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_value_that_is_not_finite_is_dropped(bad):
+    values = np.zeros((4, 3))
+    values[2, 1] = bad
+    keep, reasons = screen("imu", [1, 2, 3, 4], np.ones(4), values)
+    assert keep.tolist() == [True, True, False, True]
+    assert reasons == {"imu: not finite": 1}
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_variance_that_is_not_positive_is_dropped(bad):
+    keep, reasons = screen("fixes", [1, 2, 3], np.zeros(3), positive=[[1, 1], [1, bad], [1, 1]])
+    assert keep.tolist() == [True, False, True]
+    assert reasons == {"fixes: variance not positive": 1}
+
+
+def test_only_the_first_of_equal_stamps_is_kept():
+    keep, reasons = screen("tracks", [1, 2, 2, 2, 3], np.zeros(5))
+    assert keep.tolist() == [True, True, False, False, True]
+    assert reasons == {"tracks: duplicate stamp": 2}
+
+
+def test_stamp_before_one_already_seen_goes_backward():
+    keep, reasons = screen("tracks", [10, 20, 12, 15, 21], np.zeros(5))
+    assert keep.tolist() == [True, True, False, False, True]
+    assert reasons == {"tracks: stamp goes backward": 2}
+
+
+def test_a_dropped_sample_does_not_make_the_next_one_late():
+    # The sample of the far future is NaN; those after it are in order.
+    keep, reasons = screen("imu", [1, 900, 2, 3], [0.0, np.nan, 0.0, 0.0])
+    assert keep.tolist() == [True, False, True, True]
+    assert reasons == {"imu: not finite": 1}
+
+
+def test_sample_of_the_same_stamp_as_a_dropped_one_is_no_duplicate():
+    keep, reasons = screen("imu", [1, 2, 2, 3], [0.0, np.nan, 0.0, 0.0])
+    assert keep.tolist() == [True, False, True, True]
+    assert reasons == {"imu: not finite": 1}
+
+
+def test_each_sample_is_counted_once_by_its_first_defect():
+    keep, reasons = screen(
+        "fixes",
+        [1, 2, 2, 1, 3, 4, 5],
+        [0.0, 0.0, np.nan, 0.0, np.inf, 0.0, 0.0],
+        positive=[1.0, 1.0, -1.0, 1.0, 0.0, 0.0, 1.0],
+    )
+    assert keep.tolist() == [True, True, False, False, False, False, True]
+    assert reasons == {
+        "fixes: not finite": 2,
+        "fixes: variance not positive": 1,
+        "fixes: stamp goes backward": 1,
+    }
+    assert sum(reasons.values()) == np.count_nonzero(~keep)
+
+
+def test_kept_stamps_ascend_and_every_drop_is_counted():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        raw = rng.integers(0, 60, 80)
+        values = np.where(rng.random(80) < 0.1, np.nan, 0.0)
+        keep, reasons = screen("s", raw, values, positive=rng.uniform(-0.1, 1.0, 80))
+        assert (np.diff(raw[keep]) > 0).all()
+        assert sum(reasons.values()) == 80 - keep.sum()
+
+
+def test_stamps_of_today_keep_their_nanoseconds():
+    now = 1_700_000_000_123_456_789
+    keep, reasons = screen("imu", [now, now + 1, now + 1, now], np.zeros(4))
+    assert keep.tolist() == [True, True, False, False]
+    assert reasons == {"imu: duplicate stamp": 1, "imu: stamp goes backward": 1}
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: TrackSpeedSeries(stamps(1, 2), np.zeros((2, 3))), "speeds"),
+        (lambda: TrackSpeedSeries(stamps(1, 2), np.zeros((3, 2))), "speeds"),
+        (lambda: ImuSeries(stamps(1), np.zeros((1, 2))), "angular_velocity"),
+        (lambda: ImuSeries(stamps(1), np.zeros((1, 3)), np.zeros(3)), "linear_acceleration"),
+        (lambda: PoseSeries(stamps(1), np.zeros(3)), "poses"),
+        (lambda: TwistSeries(stamps(1), np.zeros((1, 6))), "twists"),
+        (lambda: FixSeries(stamps(1), np.zeros((1, 2)), np.zeros((1, 2))), "poses"),
+        (lambda: FixSeries(stamps(1), np.zeros((1, 3)), np.zeros((1, 1))), "variances"),
+    ],
+)
+def test_wrong_shape_is_refused_by_name(make, name):
+    with pytest.raises(EstimatorError, match=f"{name} must have shape .* found"):
+        make()
+
+
+def test_measurements_come_in_the_order_of_their_stamps():
+    log = make_log()
+    got = list(log.measurements())
+    assert len(got) == (
+        len(log.tracks.stamps)
+        + len(log.imu.stamps)
+        + len(log.fixes.stamps)
+        + np.isfinite(log.fixes.poses[:, 2]).sum()
+    )
+    assert (np.diff([m.stamp for m in got]) >= 0).all()
+
+
+def test_at_equal_stamps_tracks_come_first_then_imu_then_fixes():
+    at = stamps(5, 7)
+    log = Log(
+        "equal",
+        TrackSpeedSeries(at, np.array([[0.1, 0.2], [0.3, 0.4]])),
+        ImuSeries(at, np.ones((2, 3))),
+        FixSeries(at, np.array([[1.0, 2.0, np.nan], [3.0, 4.0, 0.5]]), np.full((2, 2), 0.25)),
+    )
+    assert list(log.measurements()) == [
+        TrackSpeeds(5, 0.1, 0.2),
+        ImuSample(5, (1.0, 1.0, 1.0)),
+        PositionFix(5, 1.0, 2.0, 0.25),
+        TrackSpeeds(7, 0.3, 0.4),
+        ImuSample(7, (1.0, 1.0, 1.0)),
+        PositionFix(7, 3.0, 4.0, 0.25),
+        HeadingFix(7, 0.5, 0.25),
+    ]
+
+
+def test_measurements_are_plain_numbers():
+    for m in make_log(seconds=1.0).measurements():
+        assert type(m.stamp) is int
+        if isinstance(m, ImuSample):
+            assert type(m.angular_velocity) is tuple
+            assert type(m.angular_velocity[2]) is float
+
+
+def test_start_and_end_are_those_of_tracks_and_imu():
+    log = Log(
+        "spans",
+        TrackSpeedSeries(stamps(2_000_000_000, 5_000_000_000), np.zeros((2, 2))),
+        ImuSeries(stamps(1_000_000_000, 4_000_000_000), np.zeros((2, 3))),
+        FixSeries(stamps(0), np.zeros((1, 3)), np.ones((1, 2))),
+    )
+    assert (log.start, log.end) == (1_000_000_000, 5_000_000_000)
+    assert log.duration == 4.0
+
+
+def test_log_of_nothing_says_so():
+    log = Log("nothing", TrackSpeedSeries(stamps(), np.zeros((0, 2))))
+    with pytest.raises(EstimatorError, match="'nothing' holds neither track speeds nor IMU"):
+        _ = log.duration
+    assert list(log.measurements()) == []
