@@ -147,12 +147,19 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         pose, by_yaw, by_motion = _step_on_se2(self.x[s.YAW], model.twist * dt)
 
         self.F = np.eye(s.SIZE)
-        self.F[s.POSE] += (by_motion * dt) @ model.jacobian
+        by_state = by_motion @ model.jacobian
+        self.F[s.POSE] += by_state * dt
         self.F[s.X, s.YAW] += by_yaw[0]
         self.F[s.Y, s.YAW] += by_yaw[1]
         self.F[s.SLIP, s.SLIP] *= decay
 
-        self.Q = np.diag(noise.walk**2 * dt)
+        # Random walks, and what they do to the pose on the way.
+        power = noise.walk**2
+        self.Q = np.diag(power * dt)
+        walked = by_state * power
+        self.Q[s.POSE] += walked * (dt**2 / 2.0)
+        self.Q[:, s.POSE] += walked.T * (dt**2 / 2.0)
+        self.Q[s.POSE, s.POSE] += walked @ by_state.T * (dt**3 / 3.0)
         integral, cross, final = _gauss_markov_noise(dt, noise.time_constant, decay)
         power = noise.slip_sigma**2
         self.Q[s.POSE, s.POSE] += (by_motion * (power * integral)) @ by_motion.T
@@ -192,16 +199,22 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """
         return Innovation(residual, float(row @ self.P @ row) + variance, used=False)
 
-    def update_scalar(self, residual: float, row: Floats, variance: float) -> None:
+    def update_scalar(
+        self, residual: float, row: Floats, variance: float, *, move_pose: bool = True
+    ) -> None:
         """Joseph update with one scalar measurement (Simon, Optimal State Estimation, eq. 5.19).
 
         Args:
             residual: measured less predicted.
             row: (SIZE,) Jacobian of the prediction.
             variance: of the measurement.
+            move_pose: False keeps the pose where it is, whatever its correlations say, and takes that
+                into account in the covariance (Schmidt-Kalman; the Joseph form holds for any gain).
         """
         cross = self.P @ row
         gain = cross / (row @ cross + variance)
+        if not move_pose:
+            gain[s.POSE] = 0.0
         self.x = self.x + gain * residual
         reduced = self.P - np.outer(gain, cross)
         P = reduced - np.outer(reduced @ row, gain) + np.outer(gain * variance, gain)

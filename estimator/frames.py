@@ -48,7 +48,7 @@ def compose(a: ArrayLike, b: ArrayLike) -> Floats:
 
 
 def relative(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Pose `b` as seen from pose `a`: `compose(a, relative(a, b)) == b`.
+    """Pose `b` as seen from pose `a`, so that composing `a` with it gives `b` again.
 
     Args:
         a: (..., 3) x, y [m], yaw [rad] in the world.

@@ -1,5 +1,7 @@
-"""Chi-square gates with a way back: a wrong measurement cannot capture the filter, and a right one
-cannot be locked out for ever."""
+"""Chi-square gates with a way back.
+
+A wrong measurement cannot capture the filter, and a right one cannot be locked out for ever.
+"""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Health:
         return self.sensors.setdefault(name, SensorHealth())
 
     def rejections(self) -> dict[str, int]:
-        """ "sensor: reason" -> count, for all reasons that occurred."""
+        """How many measurements were rejected, by "sensor: reason"."""
         return {
             f"{name}: {reason}": count
             for name, sensor in self.sensors.items()

@@ -53,8 +53,9 @@ class IcrPoints(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """An estimate at one time: the arrays of `PoseEstimator`'s properties of the same names."""
+    """An estimate at one time: what `PoseEstimator`'s properties of the same names say."""
 
+    stamp: int
     state: Floats
     covariance: Floats
     twist: Floats
@@ -66,7 +67,12 @@ class PoseEstimator:
     """Dead reckoning of a tracked or skid-steer robot from track speeds, IMU and occasional fixes.
 
     Feed measurements in the order of their stamps; read the estimate at any time. Poses are those of
-    `base_link` in `odom` (REP-105), twists are in `base_link` (REP-103).
+    `base_link` in `odom`, twists are in `base_link` (REP-103).
+
+    As REP-105 asks of `odom`, the pose is continuous: what says how fast the robot moves (tracks, IMU,
+    body velocity) corrects the twist and then moves the pose by it, and only fixes make it jump. So the
+    estimate stands at the newest IMU sample; track speeds wait for the IMU to say how much of them is
+    slip, unless there is none.
 
     Args:
         robot: the robot, see `load_robot`.
@@ -198,9 +204,16 @@ class PoseEstimator:
         return self._ekf.P.copy()
 
     def snapshot(self) -> Snapshot:
-        """State, twist and indices at once, for the price of one evaluation of the model."""
+        """State, twist and indices at once, for the price of one evaluation of the model.
+
+        Raises:
+            EstimatorError: nothing was fed yet.
+        """
+        if self._stamp is None:
+            raise EstimatorError("there is no estimate before the first measurement")
         model = self._model()
         return Snapshot(
+            self._stamp,
             self._ekf.x.copy(),
             self._ekf.P.copy(),
             model.twist,
@@ -248,6 +261,8 @@ class PoseEstimator:
         if not self._admissible("tracks", m.stamp, (m.left, m.right)):
             return False
         if self._track_stamp is not None:
+            # The old speeds have nothing to say beyond their own stamp.
+            self._advance(self._track_stamp)
             interval = (m.stamp - self._track_stamp) * NANOSECOND
             if interval <= self.settings.hold:
                 self._track_interval = interval
@@ -263,7 +278,8 @@ class PoseEstimator:
                 self._advance(m.stamp - int(self._track_interval / NANOSECOND))
         self._left, self._right, self._track_stamp = m.left, m.right, m.stamp
         self._renew_fast_slip()
-        self._advance(m.stamp)
+        if not self._imu_is_alive(m.stamp):
+            self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)
         self.health.sensor("tracks").used += 1
         return True
@@ -275,7 +291,6 @@ class PoseEstimator:
             return False
         if before is not None:
             self._imu_interval = min((m.stamp - before) * NANOSECOND, self.settings.hold)
-        self._advance(m.stamp)
         ekf = self._ekf
         reading = self._yaw_rate_reading(m)
         bias_sigma = math.sqrt(ekf.P[s.GYRO_BIAS, s.GYRO_BIAS])
@@ -289,6 +304,7 @@ class PoseEstimator:
         if force is not None and self.settings.use_accelerometer and not self._stands:
             self._update_accelerometer(force, model, linearised_at)
         ekf.keep_inside_bounds()
+        self._advance(m.stamp)
         return used
 
     def _update_standstill(self) -> None:
@@ -298,7 +314,8 @@ class PoseEstimator:
         for axis, sigma in enumerate(STANDSTILL_SIGMA):
             row = model.jacobian[axis]
             moved = float(row @ (self._ekf.x - linearised_at))
-            self._ekf.update_scalar(-float(model.twist[axis]) - moved, row, sigma**2)
+            residual = -float(model.twist[axis]) - moved
+            self._ekf.update_scalar(residual, row, sigma**2, move_pose=False)
 
     def _update_gyro(self, reading: float, model: TwistModel) -> bool:
         """Yaw rate times scale, plus bias."""
@@ -380,7 +397,7 @@ class PoseEstimator:
         row[s.YAW] = 1.0
         residual = float(wrap_angle(m.yaw - self._ekf.x[s.YAW]))
         used = self._update(
-            "heading", self._gates["heading"], residual, row, m.variance, reopen=(s.YAW,)
+            "heading", self._gates["heading"], residual, row, m.variance, (s.YAW,), move_pose=True
         )
         self._ekf.keep_inside_bounds()
         return used
@@ -388,7 +405,6 @@ class PoseEstimator:
     def _feed_body_velocity(self, m: BodyVelocity) -> bool:
         if not self._admissible("body velocity", m.stamp, (m.v_x, m.v_y), m.variance):
             return False
-        self._advance(m.stamp)
         model, linearised_at = self._model(), self._ekf.x.copy()
         used = True
         for axis, value in enumerate((m.v_x, m.v_y)):
@@ -403,6 +419,7 @@ class PoseEstimator:
                 reopen=(s.SLIP_X + axis,),
             )
         self._ekf.keep_inside_bounds()
+        self._advance(m.stamp)
         return used
 
     # --- how it works ---------------------------------------------------------------------------
@@ -415,6 +432,7 @@ class PoseEstimator:
         row: Floats,
         variance: float,
         reopen: tuple[int, ...],
+        move_pose: bool = False,
     ) -> bool:
         """A gated scalar update; when re-acquiring, the states in `reopen` are made uncertain first."""
         health = self.health.sensor(sensor)
@@ -429,7 +447,7 @@ class PoseEstimator:
         else:
             health.nis_sum += nis
             health.degrees += 1
-        self._ekf.update_scalar(residual, row, variance)
+        self._ekf.update_scalar(residual, row, variance, move_pose=move_pose)
         health.used += 1
         return True
 
@@ -455,6 +473,11 @@ class PoseEstimator:
             return False
         self._newest[stream] = stamp
         return True
+
+    def _imu_is_alive(self, stamp: int) -> bool:
+        """Whether an IMU sample may be expected that tells how the robot moved up to this stamp."""
+        newest = self._newest.get("imu")
+        return newest is not None and (stamp - newest) * NANOSECOND <= self.settings.hold
 
     def _renew_fast_slip(self) -> None:
         """Fast slip of the newest track speeds: their own error, and the white part of the slip."""

@@ -210,9 +210,9 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     turning_x: float = 0.05
     turning_y: float = 0.02
     turning_w: float = 0.1
-    driving_x: float = 0.01
-    driving_y: float = 0.01
-    driving_w: float = 0.02
+    driving_x: float = 0.005
+    driving_y: float = 0.003
+    driving_w: float = 0.01
     time_constant: float = 1.0
     white_time: float = 0.1
 

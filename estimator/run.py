@@ -80,16 +80,17 @@ def run(
         robot, variant, settings=settings, start=start, start_sigma=start_sigma
     )
     recorder = _Recorder(len(log.tracks.stamps))
-    due = False
+    due, newest = False, log.start
     for count, measurement in enumerate(log.measurements()):
-        if due and measurement.stamp != estimator.stamp:
+        if due and measurement.stamp > newest and estimator.stamp != recorder.newest:
             recorder.record(estimator)
             due = False
+        newest = measurement.stamp
         used = estimator.feed(measurement)
         due |= used and isinstance(measurement, TrackSpeeds)
         if progress is not None and count % PROGRESS_EVERY == 0:
             progress(measurement.stamp)
-    if due:
+    if due and estimator.stamp != recorder.newest:
         recorder.record(estimator)
     return recorder.finish(variant, estimator.health)
 
@@ -107,13 +108,16 @@ class _Recorder:
         self._twists = np.zeros((rows, 3))
         self._twist_covariances = np.zeros((rows, 3, 3))
 
+    @property
+    def newest(self) -> int | None:
+        """Stamp of the newest row [ns]."""
+        return int(self._stamps[self._count - 1]) if self._count else None
+
     def record(self, estimator: PoseEstimator) -> None:
         """Take down the estimate of now."""
         row, self._count = self._count, self._count + 1
-        stamp = estimator.stamp
-        assert stamp is not None
         estimate = estimator.snapshot()
-        self._stamps[row] = stamp
+        self._stamps[row] = estimate.stamp
         self._states[row] = estimate.state
         self._sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
         self._pose_covariances[row] = estimate.covariance[s.POSE, s.POSE]

@@ -156,7 +156,7 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
         at = (stamps[inside] - estimate.stamps[0]) * NANOSECOND
         known = (estimate.stamps - estimate.stamps[0]) * NANOSECOND
         columns = [np.interp(at, known, estimate.twists[:, axis]) for axis in range(3)]
-        return np.stack(columns, axis=-1) - twists[inside]
+        return np.asarray(np.stack(columns, axis=-1) - twists[inside])
     window = int(VELOCITY_WINDOW / NANOSECOND)
     low = max(truth.poses.stamps[0], estimate.stamps[0])
     high = min(truth.poses.stamps[-1], estimate.stamps[-1])
@@ -190,7 +190,7 @@ def pose_nees(estimate: Trajectory, truth: PoseSeries) -> Floats:
     covariances = estimate.pose_covariances[nearest]
     regular = np.linalg.eigvalsh(covariances)[:, 0] > 1e-12
     solved = np.linalg.solve(covariances[regular], errors[regular][..., None])[..., 0]
-    return np.einsum("ij,ij->i", errors[regular], solved)
+    return np.asarray(np.einsum("ij,ij->i", errors[regular], solved))
 
 
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from multiprocessing.sharedctypes import Synchronized
-from typing import Any
+from typing import Any, ClassVar
 
 from estimator.log import Log, Truth
 from estimator.robot import Robot
@@ -137,23 +137,22 @@ def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> li
     return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
 
 
-# Set in each worker process by `_begin`: the task, and one slot of progress for each variant.
-_worker: tuple[_Task, Any] | None = None
+class _Worker:
+    """What a worker process works on: set by its initialiser, used by each of its calls."""
 
+    task: ClassVar[_Task]
+    slots: ClassVar[Any]
 
-def _begin(task: _Task, slots: Any) -> None:
-    global _worker  # noqa: PLW0603 - what a worker process works on
-    _worker = task, slots
+    @classmethod
+    def begin(cls, task: _Task, slots: Any) -> None:
+        cls.task, cls.slots = task, slots
 
+    @classmethod
+    def work(cls, index: int, variant: str) -> Run:
+        def report(done: float) -> None:
+            cls.slots[index] = done
 
-def _work(index: int, variant: str) -> Run:
-    assert _worker is not None
-    task, slots = _worker
-
-    def report(done: float) -> None:
-        slots[index] = done
-
-    return task.run(variant, report)
+        return cls.task.run(variant, report)
 
 
 def _in_processes(
@@ -162,8 +161,8 @@ def _in_processes(
     context = multiprocessing.get_context("spawn")
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
     count = min(workers, len(variants))
-    with ProcessPoolExecutor(count, context, _begin, (task, slots)) as pool:
-        futures = [pool.submit(_work, *job) for job in enumerate(variants)]
+    with ProcessPoolExecutor(count, context, _Worker.begin, (task, slots)) as pool:
+        futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
         waiting = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)

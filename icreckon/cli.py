@@ -1,0 +1,227 @@
+"""The command line: options and help; the work is done elsewhere, and imported when it is asked for."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from icreckon import __version__
+
+app = typer.Typer(
+    help="Dead reckoning for tracked and skid-steer robots whose ICRs move with inertia.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+DEBUG = "--debug"
+
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for the results (default: a new one, named on the way).")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is at --out.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+Duration = Annotated[float, typer.Option(help="Length of the run in seconds.")]
+Trajectory = Annotated[
+    str,
+    typer.Option(
+        help="straight, spin, circle, figure-eight, slalom, random, aggressive or stop-and-go."
+    ),
+]
+Variants = Annotated[
+    str | None,
+    typer.Option(
+        help="Filter variants, separated by commas (default: all): differential, constant-fixed, "
+        "constant-online, inertia-fixed, inertia-online."
+    ),
+]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"icreckon {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+    debug: Annotated[bool, typer.Option(DEBUG, help="Show tracebacks of errors.")] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def demo(
+    seed: Seed = 1,
+    duration: Duration = 300.0,
+    trajectory: Trajectory = "random",
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
+) -> None:
+    """Simulate Auriga-alpha, write a bag, read it back, and compare the filter variants on it."""
+    from icreckon.commands.demo import run_demo
+
+    run_demo(
+        seed=seed,
+        duration=duration,
+        trajectory=trajectory,
+        out=out,
+        as_json=json,
+        overwrite=overwrite,
+        workers=workers,
+    )
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(help="The bag: a folder, or a file for ros1.")],
+    robot: Annotated[
+        str, typer.Option(help="Name of a robot that ships with icreckon, or a TOML file.")
+    ] = "auriga-alpha",
+    trajectory: Trajectory = "random",
+    duration: Duration = 300.0,
+    seed: Seed = 0,
+    noise: Annotated[
+        str,
+        typer.Option(
+            help="perfect, nominal (the robot file's), or an IMU grade: consumer, industrial, tactical."
+        ),
+    ] = "nominal",
+    set_noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="One figure of the noise, as gyro_noise_density=0.001; repeatable."
+        ),
+    ] = None,
+    truth: Annotated[str, typer.Option(help="What moves the robot: kinematic.")] = "kinematic",
+    truth_spread: Annotated[
+        float, typer.Option(help="Relative spread of the true parameters about the robot file's.")
+    ] = 0.15,
+    imu_rate: Annotated[float, typer.Option(help="IMU samples per second.")] = 100.0,
+    track_rate: Annotated[float, typer.Option(help="Track-speed samples per second.")] = 50.0,
+    fix_rate: Annotated[float, typer.Option(help="Position fixes per second; 0 for none.")] = 1.0,
+    fix_sigma: Annotated[float, typer.Option(help="Their standard deviation in metres.")] = 0.05,
+    fix_heading_sigma: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of their yaw in radians (default: no heading)."),
+    ] = None,
+    outage: Annotated[
+        list[str] | None, typer.Option(help="Time without fixes, as 100:300 seconds; repeatable.")
+    ] = None,
+    format: Annotated[  # noqa: A002 - the option's name
+        str, typer.Option(help="mcap, sqlite3 (both ROS 2) or ros1.")
+    ] = "mcap",
+    include_truth: Annotated[
+        bool, typer.Option("--with-truth/--without-truth", help="Whether the bag holds the truth.")
+    ] = True,
+    overwrite: Overwrite = False,
+) -> None:
+    """Simulate a run and write it as a bag of standard messages."""
+    from icreckon.commands.simulate import run_simulate
+
+    run_simulate(
+        out=out,
+        robot=robot,
+        noise_overrides=set_noise or [],
+        outages=outage or [],
+        bag_format=format,
+        overwrite=overwrite,
+        trajectory=trajectory,
+        duration=duration,
+        seed=seed,
+        noise=noise,
+        truth=truth,
+        truth_spread=truth_spread,
+        imu_rate=imu_rate,
+        track_rate=track_rate,
+        fix_rate=fix_rate,
+        fix_sigma=fix_sigma,
+        fix_heading_sigma=fix_heading_sigma,
+        include_truth=include_truth,
+    )
+
+
+@app.command()
+def replay(
+    log: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3.")],
+    robot: Annotated[
+        str, typer.Option(help="Name of a robot that ships with icreckon, or a TOML file.")
+    ],
+    variants: Variants = None,
+    fixes: Annotated[
+        str | None,
+        typer.Option(
+            help="Part of the log in which fixes are used, as 0:40% or 0:100 (seconds); taken from the "
+            "ground truth where the log has no fixes. Default: the log's own fixes, everywhere."
+        ),
+    ] = None,
+    form: Annotated[
+        str, typer.Option(help="Form of the index polynomials: smooth or literal.")
+    ] = "smooth",
+    inertia: Annotated[
+        str, typer.Option(help="Force of inertia from: tracks, or imu (slip included).")
+    ] = "tracks",
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
+) -> None:
+    """Run the filter variants over a log, and score them where the log has a ground truth."""
+    from icreckon.commands.replay import run_replay
+
+    run_replay(
+        path=log,
+        robot_name=robot,
+        variants=variants,
+        fixes=fixes,
+        form=form,
+        inertia=inertia,
+        out=out,
+        as_json=json,
+        overwrite=overwrite,
+        workers=workers,
+    )
+
+
+@app.command()
+def inspect(
+    log: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3.")],
+    write: Annotated[
+        Path | None, typer.Option(help="Write the proposed robot file here, to be completed.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace what is at --write.")
+    ] = False,
+) -> None:
+    """List what a log holds, and propose a robot file for it."""
+    from icreckon.commands.inspect import run_inspect
+
+    run_inspect(path=log, write=write, as_json=json, overwrite=overwrite)
+
+
+def main() -> None:
+    """Entry point: errors are one line and a non-zero exit, a traceback only with --debug."""
+    debug = DEBUG in sys.argv
+    sys.argv = [word for word in sys.argv if word != DEBUG]
+    try:
+        app()
+    except Exception as problem:
+        if debug:
+            raise
+        from icreckon.console import explain
+
+        sys.exit(explain(problem))

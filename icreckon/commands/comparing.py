@@ -1,0 +1,57 @@
+"""What `demo` and `replay` share: compare, write the report, show the table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from estimator.log import Log
+from estimator.robot import Robot
+from estimator.settings import Settings
+from icreckon.console import progress, results, worker_count
+from replay.comparison import DEFAULT_VARIANTS, compare
+from replay.fixes import LogPart
+from replay.report import RESULTS_FILE, write_report
+from replay.results import summarise
+from replay.tables import results_table
+
+
+def compare_and_report(
+    log: Log,
+    robot: Robot,
+    folder: Path,
+    *,
+    command: str,
+    configuration: dict[str, Any],
+    inputs: dict[str, Path],
+    variants: list[str] | None = None,
+    settings: Settings | None = None,
+    fixes: LogPart | None = None,
+    seed: int | None = None,
+    as_json: bool = False,
+    workers: int | None = None,
+) -> None:
+    """Run the variants over a log, leave a report in a folder, and print the table or the JSON.
+
+    The other arguments are those of `compare` and `summarise`; `folder` must be there.
+    """
+    with progress(f"filtering {log.duration:.0f} s of {log.name}") as report_progress:
+        comparison = compare(
+            log,
+            robot,
+            variants or DEFAULT_VARIANTS,
+            settings=settings,
+            fixes=fixes,
+            workers=worker_count(workers),
+            progress=report_progress,
+        )
+    summary = summarise(
+        comparison, robot, command=command, configuration=configuration, seed=seed, inputs=inputs
+    )
+    write_report(folder, comparison, summary)
+    if as_json:
+        typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
+    else:
+        results().print(results_table(summary))

@@ -1,0 +1,60 @@
+"""`icreckon demo`: simulate, write a bag, read it back, compare."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from estimator.robot import load_robot
+from icreckon.commands.comparing import compare_and_report
+from icreckon.console import messages, results_folder
+from replay.bag_writer import write_log
+from replay.bags import read_log
+from simulation.scenario import Scenario, simulate
+
+ROBOT = "auriga-alpha"
+DEFAULT_FOLDER = "icreckon-demo"
+BAG = "bag"
+# Share of the run after which there are no more fixes.
+FIXES_END = 1.0 / 3.0
+
+
+def run_demo(
+    *,
+    seed: int,
+    duration: float,
+    trajectory: str,
+    out: Path | None,
+    as_json: bool,
+    overwrite: bool,
+    workers: int | None,
+) -> None:
+    """See `icreckon demo --help`."""
+    robot = load_robot(ROBOT)
+    scenario = demo_scenario(seed, duration, trajectory)
+    with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
+        bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
+        messages().print(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
+        compare_and_report(
+            replace(read_log(bag, robot), name=f"{scenario.trajectory} drive"),
+            robot,
+            folder,
+            command="demo",
+            configuration=msgspec.to_builtins(scenario),
+            inputs={BAG: bag},
+            seed=seed,
+            as_json=as_json,
+            workers=workers,
+        )
+
+
+def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
+    """The demo's scenario: fixes for the first third of the run, then none."""
+    return Scenario(
+        trajectory=trajectory,
+        duration=duration,
+        seed=seed,
+        outages=((FIXES_END * duration, duration),),
+    )

@@ -1,0 +1,88 @@
+"""`icreckon inspect`: what a log holds, and a robot file to start from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from icreckon.console import messages, results
+from replay.inspection import Inspection, TopicReport, inspect
+from replay.outputs import written_beside
+
+
+def run_inspect(*, path: Path, write: Path | None, as_json: bool, overwrite: bool) -> None:
+    """See `icreckon inspect --help`."""
+    found = inspect(path)
+    if as_json:
+        typer.echo(json.dumps(_as_plain(found), indent=1))
+    else:
+        _show(found, with_file=write is None)
+    if write is not None:
+        with written_beside(write, overwrite=overwrite) as new:
+            new.write_text(found.proposed_robot_file, encoding="utf-8")
+        messages().print(
+            f"proposed robot file in {write}; complete the lines marked «fill in», then: "
+            f"icreckon replay {path} --robot {write}",
+            markup=False,
+            soft_wrap=True,
+        )
+
+
+def _show(found: Inspection, *, with_file: bool) -> None:
+    console = results()
+    table = Table(title=f"{found.path}: {found.duration:.1f} s", title_justify="left")
+    for heading in ("topic", "type", "frame"):
+        table.add_column(heading, overflow="fold")
+    for heading in (
+        "messages",
+        "rate\nHz",
+        "longest gap\ns",
+        "header less\nrecording, s",
+        "repeated",
+    ):
+        table.add_column(heading, justify="right")
+    for topic in found.topics:
+        table.add_row(*_cells(topic))
+    console.print(table)
+    for what, count in found.dropped.items():
+        console.print(Text(f"Would be dropped: {count} x {what}"))
+    for note in found.notes:
+        console.print(Text(f"Note: {note}"))
+    if with_file:
+        console.print(Text("\nProposed robot file (--write FILE saves it):\n"))
+        typer.echo(found.proposed_robot_file)
+
+
+def _cells(topic: TopicReport) -> list[str]:
+    share = None if topic.repeated_share is None else 100.0 * topic.repeated_share
+    return [
+        topic.topic,
+        topic.msgtype,
+        topic.frame_id,
+        str(topic.count),
+        _number(topic.mean_rate, 1),
+        _number(topic.largest_gap, 2),
+        _number(topic.clock_offset, 3),
+        "" if share is None else f"{share:.0f} %",
+    ]
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _as_plain(found: Inspection) -> dict[str, object]:
+    return {
+        "path": str(found.path),
+        "duration_s": found.duration,
+        "topics": [msgspec.to_builtins(topic) for topic in found.topics],
+        "mapping": msgspec.to_builtins(found.mapping),
+        "dropped": found.dropped,
+        "notes": list(found.notes),
+        "proposed_robot_file": found.proposed_robot_file,
+    }

@@ -1,0 +1,63 @@
+"""`icreckon replay`: the filter variants over a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from estimator.config import convert
+from estimator.errors import EstimatorError
+from estimator.robot import load_robot
+from estimator.settings import Settings
+from estimator.variants import find_variant
+from icreckon.commands.comparing import compare_and_report
+from icreckon.console import messages, results_folder
+from replay.bags import read_log
+from replay.fixes import parse_part
+
+
+def run_replay(
+    *,
+    path: Path,
+    robot_name: str,
+    variants: str | None,
+    fixes: str | None,
+    form: str,
+    inertia: str,
+    out: Path | None,
+    as_json: bool,
+    overwrite: bool,
+    workers: int | None,
+) -> None:
+    """See `icreckon replay --help`."""
+    robot = load_robot(robot_name)
+    names = None if variants is None else [name.strip() for name in variants.split(",")]
+    for name in names or []:
+        find_variant(name)
+    settings = convert({"form": form, "inertia": inertia}, Settings, "the options", EstimatorError)
+    part = None if fixes is None else parse_part(fixes)
+    with results_folder(out, f"icreckon-replay-{path.stem}", overwrite=overwrite) as folder:
+        log = read_log(path, robot)
+        messages().print(
+            f"read {path}: {log.duration:.0f} s, {len(log.tracks.stamps)} track speeds",
+            markup=False,
+        )
+        compare_and_report(
+            log,
+            robot,
+            folder,
+            command="replay",
+            configuration={
+                "log": str(path),
+                "robot": robot_name,
+                "variants": names,
+                "fixes": fixes,
+                "form": form,
+                "inertia": inertia,
+            },
+            inputs={str(path): path},
+            variants=names,
+            settings=settings,
+            fixes=part,
+            as_json=as_json,
+            workers=workers,
+        )

@@ -1,0 +1,105 @@
+"""What the commands say: progress and errors on standard error, results on standard output."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from estimator.errors import IcreckonError
+
+TABLE_WIDTH = 150
+
+
+def messages() -> Console:
+    """The console for people: standard error."""
+    return Console(stderr=True, highlight=False)
+
+
+def results() -> Console:
+    """The console for results: standard output, wide enough for the tables when it is no terminal."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = TABLE_WIDTH
+    return console
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[float], None]]:
+    """A progress bar; the block is given a function that takes the share done, 0 to 1."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=messages(), transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
+    """A folder to put results in, which takes its place when the block ends well.
+
+    Args:
+        wanted: the folder asked for; None for the first of default, default-2, ... that is free.
+        default: see above.
+        overwrite: whether earlier results may be replaced.
+
+    Yields:
+        The folder, empty, under a temporary name.
+
+    Raises:
+        ReplayError: something is there and may not be replaced.
+    """
+    from replay.outputs import written_beside
+    from replay.report import FIGURE_FILE, RESULTS_FILE
+
+    folder = wanted if wanted is not None else _first_free(default)
+    with written_beside(folder, overwrite=overwrite, marker=RESULTS_FILE) as new:
+        new.mkdir()
+        yield new
+    messages().print(f"results in {folder}/, the picture is {folder / FIGURE_FILE}", markup=False)
+
+
+def _first_free(default: str) -> Path:
+    folder, number = Path(default), 1
+    while folder.exists():
+        number += 1
+        folder = Path(f"{default}-{number}")
+    return folder
+
+
+def worker_count(wanted: int | None) -> int:
+    """Processes to use: as asked for, or one for each core."""
+    return wanted if wanted is not None else os.cpu_count() or 1
+
+
+def explain(problem: Exception) -> int:
+    """Say in one line what went wrong; the exit status to leave with."""
+    console = messages()
+    if isinstance(problem, IcreckonError):
+        console.print(f"icreckon: {problem}", style="red", markup=False, soft_wrap=True)
+        return 1
+    console.print(
+        f"icreckon: internal error: {type(problem).__name__}: {problem} "
+        "(please report it, with what the same command prints with --debug)",
+        style="red",
+        markup=False,
+        soft_wrap=True,
+    )
+    return 70
