@@ -3,9 +3,9 @@
     pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip
     slip' = slip exp(-dt / tau) + noise   a Gauss-Markov process for each component
 
-Parameters, biases and scales are constants or random walks. The fast slip is white from one sample of
-the track speeds to the next, their error included; it is part of the state because the same error moves
-the pose and shows in the gyro's innovation. It also keeps the parameters from being learnt from what is
+Parameters, biases and scales are constants or random walks. The fast slip is white from one step to the
+next, the error of the track speeds included; it is part of the state because the same error moves the
+pose and shows in the gyro's innovation. It also keeps the parameters from being learnt from what is
 fast: the slip alone would call slow agreement cheap and make much of the noise in quick changes, and
 noisy track speeds are no good regressors for those (errors in variables).
 """
@@ -179,7 +179,7 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x = self._next_x
 
     def renew_fast_slip(self, covariance: Floats) -> None:
-        """A new track-speed sample has come, with a fast slip independent of all that was known.
+        """A new step begins, with a fast slip that is independent of all that was known.
 
         Args:
             covariance: (3, 3) of the new fast slip.

@@ -123,6 +123,8 @@ class PoseEstimator:
         self._parameter_walk[s.PARAMETERS] = sigmas * adaptation.walk
 
         self._stamp: int | None = None
+        # The stamp that the fast slip of now was drawn for, until the pose gets there.
+        self._step_ends: int | None = None
         self._newest: dict[str, int] = {}
         self._left = self._right = 0.0
         self._track_stamp: int | None = None
@@ -277,7 +279,6 @@ class PoseEstimator:
                 self._track_acceleration = (0.0, 0.0)
                 self._advance(m.stamp - int(self._track_interval / NANOSECOND))
         self._left, self._right, self._track_stamp = m.left, m.right, m.stamp
-        self._renew_fast_slip()
         if not self._imu_is_alive(m.stamp):
             self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)
@@ -297,6 +298,7 @@ class PoseEstimator:
         self._stands = self._standstill.yaw_rate(
             m.stamp, reading, float(ekf.x[s.GYRO_BIAS]), bias_sigma
         )
+        self._begin_step(m.stamp)
         if self._stands:
             self._update_standstill()
         model, linearised_at = self._model(), ekf.x.copy()
@@ -354,7 +356,12 @@ class PoseEstimator:
         late = ACCELERATION_DOUBT * math.hypot(dv_y, dw * l_x)
         averaging = max(ACCELERATION_AVERAGING, self._track_interval)
         by_change = model.by_speeds[1] + l_x * model.by_speeds[2]
-        change = self._track_variance() / averaging**2 * float(by_change @ by_change)
+        change = (
+            self._track_density()
+            / self._track_interval
+            / averaging**2
+            * float(by_change @ by_change)
+        )
         self._update(
             "accelerometer",
             self._gates["accelerometer"],
@@ -479,41 +486,59 @@ class PoseEstimator:
         newest = self._newest.get("imu")
         return newest is not None and (stamp - newest) * NANOSECOND <= self.settings.hold
 
-    def _renew_fast_slip(self) -> None:
-        """Fast slip of the newest track speeds: their own error, and the white part of the slip."""
-        by_speeds = self._model().by_speeds
-        covariance = self._track_variance() * by_speeds @ by_speeds.T
-        sigma_w = float(self._slip_sigma()[2])
-        covariance[2, 2] += 2.0 * self._slip.white_time * sigma_w**2 / self._track_interval
-        self._ekf.renew_fast_slip(covariance)
-
-    def _track_variance(self) -> float:
-        """Variance of the newest track speeds [m²/s²]; a stopped encoder has no noise."""
-        if self._left == 0.0 and self._right == 0.0:
-            return 0.0
-        return self.robot.tracks.speed_noise_density**2 / self._track_interval
-
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns]; one that is not later changes nothing."""
+        self._begin_step(stamp)
+        if self._stamp is None or self._stamp >= stamp:
+            return
+        dt = (stamp - self._stamp) * NANOSECOND
+        walk = self._bias_walk + self._parameter_walk * self._turning()
+        noise = ProcessNoise(self._slip_sigma(), self._slip.time_constant, walk)
+        self._ekf.predict_motion(dt, self._left, self._right, noise)
+        self._stamp = stamp
+        self._step_ends = None
+
+    def _begin_step(self, stamp: int) -> None:
+        """Draw a new fast slip for the step to a stamp [ns], unless one is under way."""
         if self._stamp is None:
             self._stamp = stamp
-        while self._stamp < stamp:
-            until = stamp
-            trusted = self._trusted_until()
-            if self._stamp < trusted < stamp:
-                until = trusted
-            walk = self._bias_walk + self._parameter_walk * self._turning()
-            if self._stamp >= trusted:
-                walk[s.FAST_SLIP] = self._gap_walk()
-            noise = ProcessNoise(self._slip_sigma(), self._slip.time_constant, walk)
-            dt = (until - self._stamp) * NANOSECOND
-            self._ekf.predict_motion(dt, self._left, self._right, noise)
-            self._stamp = until
+        if stamp <= self._stamp or self._step_ends is not None:
+            return
+        self._ekf.renew_fast_slip(
+            self._fast_slip_density(stamp) / ((stamp - self._stamp) * NANOSECOND)
+        )
+        self._step_ends = stamp
 
-    def _gap_walk(self) -> Floats:
-        """(3,) random walk of the twist while the track speeds are not known [m/s/√s, ..., rad/s/√s]."""
-        speed = self.settings.gap_acceleration
-        return np.array([speed, 0.1 * speed, 2.0 * speed / self.robot.vehicle.track_gauge])
+    def _fast_slip_density(self, until: int) -> Floats:
+        """(3, 3) density of the fast slip from now until a stamp: white, so its integral matters.
+
+        It is the error of the track speeds, the white part of the slip, and, while the track speeds
+        are too old to be trusted, what they may have changed by: a random walk, of which the density
+        is twice its variance times its age.
+        """
+        by_speeds = self._ekf.twist_model(self._left, self._right).by_speeds
+        density = self._track_density() * (by_speeds @ by_speeds.T)
+        sigma_w = float(self._slip_sigma()[2])
+        density[2, 2] += 2.0 * self._slip.white_time * sigma_w**2
+        if self._track_stamp is not None and self._stamp is not None:
+            trusted = self._track_stamp + self.settings.hold / NANOSECOND
+            from_age, to_age = (
+                max(0.0, stamp - trusted) * NANOSECOND for stamp in (self._stamp, until)
+            )
+            age = 0.5 * (from_age + to_age)
+            vehicle = self.robot.vehicle
+            variance = min(
+                self.settings.gap_acceleration**2 * age, (2.0 * vehicle.max_track_speed) ** 2
+            )
+            share = np.array([1.0, 0.1, 2.0 / vehicle.track_gauge])
+            density += np.diag(2.0 * variance * age * share**2)
+        return np.asarray(density)
+
+    def _track_density(self) -> float:
+        """Density of the error of each track's speed [m²/s]; a stopped encoder has none."""
+        if self._left == 0.0 and self._right == 0.0:
+            return 0.0
+        return self.robot.tracks.speed_noise_density**2
 
     def _track_age(self) -> float:
         """Age of the newest track speeds [s]: they are those of the middle of their interval."""
@@ -521,12 +546,6 @@ class PoseEstimator:
             return 0.0
         age = (self._stamp - self._track_stamp) * NANOSECOND + 0.5 * self._track_interval
         return min(age, self.settings.hold)
-
-    def _trusted_until(self) -> int:
-        """Stamp [ns] up to which the newest track speeds may be held."""
-        if self._track_stamp is None:
-            return self._stamp if self._stamp is not None else 0
-        return self._track_stamp + int(self.settings.hold / NANOSECOND)
 
     def _model(self) -> TwistModel:
         return self._ekf.twist_model(self._left, self._right)

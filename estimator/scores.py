@@ -161,17 +161,19 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     low = max(truth.poses.stamps[0], estimate.stamps[0])
     high = min(truth.poses.stamps[-1], estimate.stamps[-1])
     starts = np.arange(low, high - window, window // 2)
-    # Windows in which the truth was silent for most of the time say nothing.
-    counts = np.searchsorted(truth.poses.stamps, starts + window) - np.searchsorted(
-        truth.poses.stamps, starts
-    )
-    starts = starts[counts >= 3]
-    means = [
-        relative(interpolate_poses(poses, starts), interpolate_poses(poses, starts + window))
-        / VELOCITY_WINDOW
+    # A window in which the truth was silent for half of the time says nothing.
+    holes = np.concatenate([[0], np.cumsum(np.diff(truth.poses.stamps) > window // 2)])
+    first = np.searchsorted(truth.poses.stamps, starts, side="right") - 1
+    last = np.searchsorted(truth.poses.stamps, starts + window)
+    starts = starts[holes[first] == holes[np.minimum(last, len(holes) - 1)]]
+    ends = starts + window
+    steps = [
+        relative(interpolate_poses(poses, starts), interpolate_poses(poses, ends))
         for poses in (estimate.pose_series, truth.poses)
     ]
-    return np.asarray(means[0] - means[1])
+    errors = steps[0] - steps[1]
+    errors[:, 2] = wrap_angle(errors[:, 2])
+    return np.asarray(errors / VELOCITY_WINDOW)
 
 
 def pose_nees(estimate: Trajectory, truth: PoseSeries) -> Floats:

@@ -21,7 +21,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         slip: the slip residual, or None for the variant's own.
         adaptation: spread of the parameters, or None for the variant's own.
         hold: track speeds older than this are no longer trusted [s].
-        gap_acceleration: how fast their error then grows [m/s/√s].
+        gap_acceleration: random walk that the speeds are then taken to follow [m/s/√s].
         late: a measurement this much older than the newest is taken as new [s]; later ones are lost.
         use_accelerometer: whether the accelerometers update the filter.
         gates: chi-square gates.

@@ -26,7 +26,7 @@ STATE_NAMES: Final = (
     "accelerometer_bias",  # reading less specific force to the left, in base_link [m/s²]
     "track_scale",  # true over measured track speed, less 1 [-]
     "gyro_scale",  # measured over true rate, less 1 [-]
-    "fast_slip_x",  # slip and track-speed error that are new with each sample [m/s, m/s, rad/s]
+    "fast_slip_x",  # slip and track-speed error that are new with each step [m/s, m/s, rad/s]
     "fast_slip_y",
     "fast_slip_w",
 )

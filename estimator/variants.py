@@ -75,7 +75,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 # drive, what is left of the published model. Time constants, driving shares and walks were tuned by
 # benchmarks/tune_variants.py.
 DEFAULT_SLIP: dict[Model, Slip] = {
-    "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=0.5),
+    "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
     "constant": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),
     "inertia": Slip(turning_x=0.045, turning_y=0.005, turning_w=0.08, time_constant=0.2),
 }

@@ -22,11 +22,13 @@ from estimator.log import (
 )
 from estimator.robot import Robot
 from replay.bag_files import Bag, over_bag
+from replay.decoding import decoder
 from replay.errors import ReplayError
 from replay.streams import (
     IMU,
     JOINT_STATE,
     POSE_READERS,
+    STRING,
     TWIST,
     JointReader,
     RowReader,
@@ -36,7 +38,7 @@ from replay.streams import (
     track_readers,
     twist_row,
 )
-from replay.topics import FixTopic, TopicMap, TrackTopic, topic_map
+from replay.topics import FixTopic, TopicMap, TrackTopic, TruthTopic, topic_map
 
 NO_HEADING_VARIANCE = 1e3
 """Yaw variance [rad²] from which on a fix is taken to have no heading."""
@@ -245,8 +247,20 @@ class _Reading:
                 else None
             ),
             tracks=self._tracks(streams.get("truth tracks"), self.topics.tracks),
-            source=mapped.source or mapped.topic,
+            source=self._truth_source(mapped),
         )
+
+    def _truth_source(self, mapped: TruthTopic) -> str:
+        """What the truth is: as the bag says, as the mapping says, or else its topic."""
+        if mapped.source_topic:
+            for record in self.bag.messages([mapped.source_topic]):
+                if record.channel.msgtype != STRING:
+                    break
+                try:
+                    return str(decoder(record.channel, str(self.path))(record.data).data)
+                except Exception as problem:
+                    self.notes.append(f"topic {mapped.source_topic!r} cannot be read: {problem}")
+        return mapped.source or mapped.topic
 
     def _twists(self, stream: Stream) -> TwistSeries | None:
         stamps, rows = stream.arrays()

@@ -79,6 +79,7 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         twist: the body velocity (geometry_msgs/TwistStamped), or None.
         tracks: the true track speeds (JointState, joints as in `[log.tracks]`), or None.
         source: what the truth is ("lidar map", say), for reports; the topic where left out.
+        source_topic: a topic that says it instead (std_msgs/String), or None.
         time: stamps from the messages' headers, or the time of recording.
     """
 
@@ -86,6 +87,7 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     twist: str | None = None
     tracks: str | None = None
     source: str = ""
+    source_topic: str | None = None
     time: Clock = "header"
 
 
