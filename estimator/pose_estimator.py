@@ -513,8 +513,8 @@ class PoseEstimator:
         """(3, 3) density of the fast slip from now until a stamp: white, so its integral matters.
 
         It is the error of the track speeds, the white part of the slip, and, while the track speeds
-        are too old to be trusted, what they may have changed by: a random walk, of which the density
-        is twice its variance times its age.
+        are too old to be trusted, what they may have changed by: a random walk g b(t), whose integral
+        has the variance g² T³ / 3, which a white noise of density g² t² has too.
         """
         by_speeds = self._ekf.twist_model(self._left, self._right).by_speeds
         density = self._track_density() * (by_speeds @ by_speeds.T)
@@ -525,13 +525,16 @@ class PoseEstimator:
             from_age, to_age = (
                 max(0.0, stamp - trusted) * NANOSECOND for stamp in (self._stamp, until)
             )
+            # The mean of t² over the step, and the mean age for a change as large as there can be.
+            square = (from_age**2 + from_age * to_age + to_age**2) / 3.0
             age = 0.5 * (from_age + to_age)
             vehicle = self.robot.vehicle
-            variance = min(
-                self.settings.gap_acceleration**2 * age, (2.0 * vehicle.max_track_speed) ** 2
+            walked = min(
+                self.settings.gap_acceleration**2 * square,
+                (2.0 * vehicle.max_track_speed) ** 2 * age,
             )
             share = np.array([1.0, 0.1, 2.0 / vehicle.track_gauge])
-            density += np.diag(2.0 * variance * age * share**2)
+            density += np.diag(walked * share**2)
         return np.asarray(density)
 
     def _track_density(self) -> float:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_log, sample_log
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from conftest import make_log, sample_log
 from estimator.errors import IcreckonError
 from estimator.robot import Robot, Vehicle, load_robot
 from replay.bag_writer import write_log

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_log, sample_log
 
+from conftest import make_log, sample_log
 from estimator.frames import rpy_to_matrix
 from estimator.log import ImuSeries, Log, TrackSpeedSeries
 from estimator.robot import Robot, Vehicle, load_robot

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import make_log
 
+from conftest import make_log
 from estimator.errors import EstimatorError
 from estimator.log import (
     FixSeries,

@@ -156,6 +156,8 @@ def test_standstill_pins_the_gyro_bias_and_freezes_the_pose(seed):
     bias = 0.012
     drive(estimator, EPOCH, 60.0, 0.0, 0.0, bias=bias, noise=np.random.default_rng(seed))
     assert estimator.stands
+    # Half a second to be sure of it, then every IMU sample.
+    assert estimator.health.standstill_updates == 6001 - 50
     assert np.hypot(*estimator.pose[:2]) < 1e-3
     assert abs(np.degrees(estimator.pose[2])) < 0.1
     sigma = math.sqrt(estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS])
@@ -185,6 +187,25 @@ def test_gyro_bias_shows_in_the_heading_of_straight_driving_with_fixes():
     sigma = math.sqrt(estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS])
     assert sigma < 2e-3
     assert abs(estimator.biases["gyro_bias"] - bias) < 3.0 * sigma
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (0.5, 0.4, 0.2), (-0.3, -0.6, 0.0)])
+def test_accelerometer_is_expected_to_read_what_it_reads_at_its_place(position):
+    # ICRs far ahead of the origin, so that v_y and its change count.
+    robot = msgspec.structs.replace(
+        ALPHA,
+        indices=Indices(zeta0=0.3, eta0=1.5),
+        imu=msgspec.structs.replace(ALPHA.imu, position=position),
+    )
+    perfect = Scenario(
+        duration=20.0, trajectory="slalom", truth_spread=0.0, noise="perfect", fix_rate=0.0
+    )
+    estimator = feed_all(PoseEstimator(robot, "inertia-fixed"), simulate(perfect, robot))
+    health = estimator.health.sensors["accelerometer"]
+    # Without sensor noise, what is left is the slip of the simulation and the lateness of the tracks.
+    assert health.nis_per_degree < 0.5
+    assert abs(estimator.biases["accelerometer_bias"]) < 2e-3
+    assert estimator.health.rejections() == {}
 
 
 # --- bad measurements -------------------------------------------------------------------------------
@@ -328,6 +349,16 @@ def test_robot_that_was_turned_by_hand_is_found_again():
     assert wrap_angle(estimator.pose[2] - yaw) == pytest.approx(0.0, abs=0.01)
 
 
+def test_after_coming_back_the_next_stray_fix_is_gated_again():
+    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=3)))
+    yaw = estimator.pose[2]
+    used = []
+    for turned in [2.0] * 4 + [-1.0] * 4:
+        stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
+        used.append(estimator.feed(HeadingFix(stamp, yaw + turned, 1e-4)))
+    assert used == [False, False, False, True] * 2
+
+
 def test_one_wrong_axis_of_the_body_velocity_is_not_locked_out_by_the_right_one():
     estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5)))
     forward, left, _ = estimator.twist
@@ -374,10 +405,11 @@ def test_gap_in_the_track_speeds_grows_the_uncertainty_with_its_length(imu):
                 estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)))
         drive(estimator, stamp + seconds(gap), 0.1, 0.5, 0.5, imu=imu)
         sigmas.append(math.sqrt(estimator.pose_covariance[0, 0]))
-    # The speed may change by gap_acceleration = 1 m/s per root second after hold = 0.3 s.
-    for sigma, gap in zip(sigmas[1:], (1.0, 3.0, 9.0), strict=True):
-        expected = math.sqrt((gap - 0.3) ** 3 / 3.0)
-        assert sigma == pytest.approx(expected, rel=0.15)
+    # The speed may change by gap_acceleration = 1 m/s per root second after hold = 0.3 s ...
+    for sigma, gap in zip(sigmas[1:3], (1.0, 3.0), strict=True):
+        assert sigma == pytest.approx(math.sqrt((gap - 0.3) ** 3 / 3.0), rel=0.05)
+    # ... but not by more than from full speed forward to full speed backward.
+    assert 3.0 * sigmas[2] < sigmas[3] < 2.0 * 9.0
     assert sigmas[0] < 0.02
 
 

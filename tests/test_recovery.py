@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_log, sample_log
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
+from conftest import make_log, sample_log
 from estimator.log import Log
 from estimator.robot import Robot, load_robot
 from replay.bag_writer import write_log

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import sample_log
 
+from conftest import sample_log
 from estimator.robot import load_robot, robot_names
 from replay.bags import read_log
 from replay.mounting import forward_yaw, turning_correlation

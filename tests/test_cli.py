@@ -1,0 +1,219 @@
+"""The command line from end to end, in processes of their own."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay.trajectory_files import read_tum
+
+ALL_VARIANTS = {
+    "differential",
+    "constant-fixed",
+    "constant-online",
+    "inertia-fixed",
+    "inertia-online",
+}
+
+
+def icreckon(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "from icreckon.cli import main; main()", *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=300,
+        check=False,
+    )
+
+
+def fails(*words: object, cwd: Path) -> str:
+    """The one line that a command fails with."""
+    done = icreckon(*words, cwd=cwd)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("icreckon: "), done.stderr
+    return last
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short demo, run once."""
+    folder = tmp_path_factory.mktemp("demo")
+    done = icreckon("demo", "--duration", 60, "--workers", 2, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "truth: kinematic" in done.stdout
+    for variant in ALL_VARIANTS:
+        assert variant in done.stdout
+    return folder / "icreckon-demo"
+
+
+def test_demo_leaves_everything_it_promises(demo: Path) -> None:
+    names = {path.name for path in demo.iterdir()}
+    assert names == {
+        "bag",
+        "figure.png",
+        "ground_truth.tum",
+        "odometry.mcap",
+        "results.json",
+        *(f"{variant}.tum" for variant in ALL_VARIANTS),
+    }
+    assert (demo / "figure.png").read_bytes().startswith(b"\x89PNG")
+    assert not [path for path in demo.parent.iterdir() if path != demo]
+
+
+def test_demo_results_say_what_was_done(demo: Path) -> None:
+    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    assert results["format"] == 1
+    assert results["command"] == "demo"
+    assert results["seed"] == 1
+    assert results["configuration"]["outages"] == [[20.0, 60.0]]
+    assert results["versions"]["numpy"] == np.__version__
+    assert results["truth"]["source"] == "kinematic"
+    assert set(results["variants"]) == ALL_VARIANTS
+    assert len(results["inputs"]["bag"]) == len("sha256:") + 64
+    for scores in results["variants"].values():
+        for key in ("drift_percent_30s_mean", "yaw_drift_deg_per_m", "rmse_v_y_m_s"):
+            assert scores[key] > 0.0
+        assert scores["nees_pose_mean"] > 0.0
+    assert json.loads(json.dumps(results, allow_nan=False)) == results
+
+
+def test_demo_drifts_less_with_inertia_than_with_constant_icrs(demo: Path) -> None:
+    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    drift = {name: scores["drift_percent_30s_mean"] for name, scores in results["variants"].items()}
+    assert drift["inertia-online"] < drift["constant-online"] < drift["differential"]
+
+
+def test_demo_trajectories_agree_with_the_results(demo: Path) -> None:
+    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    truth = read_tum(demo / "ground_truth.tum")
+    for name in ALL_VARIANTS:
+        estimate = read_tum(demo / f"{name}.tum")
+        assert abs(estimate.stamps[-1] - truth.stamps[-1]) < 50_000_000
+        apart = np.hypot(*(estimate.poses[-1, :2] - truth.poses[-1, :2]))
+        said = results["variants"][name]["final_position_error_m"]
+        assert apart == pytest.approx(said, abs=0.03)
+
+
+def test_demo_is_reproducible_and_does_not_overwrite(demo: Path, tmp_path: Path) -> None:
+    again = icreckon("demo", "--duration", 60, "--json", "--workers", 1, cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    first = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    assert json.loads(again.stdout)["variants"] == first["variants"]
+    assert "exists already" in fails("demo", "--out", "icreckon-demo", cwd=tmp_path)
+    assert json.loads((tmp_path / "icreckon-demo" / "results.json").read_text()) == json.loads(
+        again.stdout
+    )
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1"])
+def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -> None:
+    bag = tmp_path / ("run.bag" if kind == "ros1" else "run")
+    words = ("--duration", 30, "--format", kind, "--seed", 5, "--outage", "10:30")
+    made = icreckon("simulate", "--out", bag, *words, cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    words = ("--variants", "constant-fixed, inertia-online", "--json", "--workers", 1)
+    replayed = icreckon("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
+    assert replayed.returncode == 0, replayed.stderr
+    results = json.loads(replayed.stdout)
+    assert list(results["variants"]) == ["constant-fixed", "inertia-online"]
+    assert results["log"]["fixes"] == 10
+    assert results["variants"]["inertia-online"]["final_position_error_m"] < 0.5
+    found = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    assert "/joint_states" in found.stdout
+    proposed = (tmp_path / "robot.toml").read_text(encoding="utf-8")
+    assert 'topic = "/ground_truth/pose"' in proposed
+    words = ("--robot", "robot.toml", "--variants", "differential", "--out", "again")
+    assert icreckon("replay", bag, *words, cwd=tmp_path).returncode == 0
+
+
+def test_simulate_without_truth_gives_a_comparison_of_the_variants(tmp_path: Path) -> None:
+    words = ("--duration", 20, "--without-truth", "--fix-rate", 0, "--noise", "perfect")
+    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    words = ("--robot", "auriga-alpha", "--workers", 1)
+    done = icreckon("replay", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "No ground truth" in done.stdout
+    results = json.loads((tmp_path / "icreckon-replay-run" / "results.json").read_text())
+    assert results["truth"] is None
+    assert results["variants"]["inertia-online"]["end_apart_m"] == 0.0
+
+
+def test_replay_with_fixes_from_a_part_of_the_truth(tmp_path: Path) -> None:
+    words = ("--duration", 40, "--fix-rate", 0)
+    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    words = (
+        "--robot",
+        "auriga-alpha",
+        "--fixes",
+        "0:50%",
+        "--json",
+        "--variants",
+        "constant-online",
+    )
+    done = icreckon("replay", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert results["log"]["fixes"] == pytest.approx(20, abs=1)
+    assert results["truth"]["scored_s"] == [[pytest.approx(20.0, abs=1.0), pytest.approx(40.0)]]
+
+
+def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
+    robot = ("--robot", "auriga-alpha")
+    assert "no such file" in fails("replay", "missing.bag", *robot, cwd=tmp_path).lower()
+    (tmp_path / "empty.bag").touch()
+    fails("replay", "empty.bag", *robot, cwd=tmp_path)
+    (tmp_path / "text.mcap").write_text("this is no bag\n" * 100)
+    fails("inspect", "text.mcap", cwd=tmp_path)
+    (tmp_path / "folder").mkdir()
+    fails("inspect", "folder", cwd=tmp_path)
+    simulate = ("simulate", "--out", "run")
+    assert "'slalom'" in fails(*simulate, "--trajectory", "slalon", cwd=tmp_path)
+    assert "'nominal'" in fails(*simulate, "--noise", "nominel", cwd=tmp_path)
+    assert "'mcap'" in fails(*simulate, "--format", "mcab", cwd=tmp_path)
+    assert "'gyro_noise_density'" in fails(*simulate, "--set", "gyro_nois_density=1", cwd=tmp_path)
+    assert "as 100:300" in fails(*simulate, "--outage", "x", cwd=tmp_path)
+    assert "duration" in fails(*simulate, "--duration", "-1", cwd=tmp_path)
+    assert "'auriga-alpha'" in fails(*simulate, "--robot", "auriga", cwd=tmp_path)
+    words = (*simulate, "--duration", 10)
+    assert icreckon(*words, cwd=tmp_path).returncode == 0
+    assert "--overwrite" in fails(*words, cwd=tmp_path)
+    assert "'inertia-online'" in fails(
+        "replay", "run", *robot, "--variants", "inertia-onlin", cwd=tmp_path
+    )
+    assert "no part of a log" in fails("replay", "run", *robot, "--fixes", "x", cwd=tmp_path)
+    assert "form" in fails("replay", "run", *robot, "--form", "rough", cwd=tmp_path)
+    (tmp_path / "typo.toml").write_text('name = "x"\n[vehicl]\nmass = 1.0\n')
+    assert "'vehicle'" in fails("replay", "run", "--robot", "typo.toml", cwd=tmp_path)
+    assert not list(tmp_path.glob("icreckon-replay*")), "a failed command leaves nothing behind"
+
+
+def test_debug_shows_the_traceback(tmp_path: Path) -> None:
+    done = icreckon("--debug", "inspect", "missing.bag", cwd=tmp_path)
+    assert done.returncode != 0
+    assert "Traceback" in done.stderr
+
+
+def test_a_topic_that_is_missing_lists_those_that_are_there(tmp_path: Path) -> None:
+    assert icreckon("simulate", "--out", "run", "--duration", 5, cwd=tmp_path).returncode == 0
+    message = fails("replay", "run", "--robot", "husky", cwd=tmp_path)
+    assert "/husky_velocity_controller/odom" in message
+    assert "/joint_states" in message
+
+
+def test_a_truncated_bag_is_replayed_up_to_the_break_and_says_so(tmp_path: Path) -> None:
+    bag = tmp_path / "run.mcap"
+    assert icreckon("simulate", "--out", bag, "--duration", 40, cwd=tmp_path).returncode == 0
+    whole = bag.read_bytes()
+    bag.write_bytes(whole[: len(whole) * 7 // 10])
+    words = ("--robot", "auriga-alpha", "--variants", "differential,inertia-online")
+    done = icreckon("replay", bag, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Note: " in done.stdout
+    assert "cut short" in done.stdout

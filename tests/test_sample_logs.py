@@ -1,0 +1,58 @@
+"""The real logs, replayed: skipped where they are not at hand."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import sample_log
+from estimator.robot import load_robot
+from estimator.scores import drift
+from replay.bags import read_log
+from replay.comparison import compare
+from replay.results import summarise
+
+
+@pytest.mark.parametrize(
+    ("name", "robot_name", "lag", "most_drift"),
+    [
+        ("warthog_grass_2024_8_8_15h56s39", "warthog", 0.33, 4.0),
+        ("husky_deflated_part1", "husky-deflated", 0.16, 10.0),
+    ],
+)
+def test_logs_with_a_truth_are_scored(
+    name: str, robot_name: str, lag: float, most_drift: float, data_dir: Path
+) -> None:
+    robot = load_robot(robot_name)
+    log = read_log(sample_log(data_dir, name), robot)
+    comparison = compare(log, robot, ["constant-online"])
+    assert comparison.alignment is not None
+    # The README beside the logs gives the lags; it found them against the gyro alone.
+    assert comparison.alignment.lag == pytest.approx(lag, abs=0.08)
+    run = comparison.runs["constant-online"]
+    assert comparison.log.truth is not None
+    found = drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0)
+    assert len(found.starts) > 100
+    assert found.percent_mean < most_drift
+
+
+def test_a_log_without_truth_compares_the_variants(data_dir: Path) -> None:
+    robot = load_robot("jackal")
+    path = sample_log(data_dir, "jackal_test2.bag")
+    log = read_log(path, robot)
+    comparison = compare(log, robot, ["differential", "inertia-online"])
+    results = summarise(comparison, robot, command="test", configuration={}, inputs={"log": path})
+    assert results["truth"] is None
+    assert results["reference_variant"] == "inertia-online"
+    assert results["variants"]["differential"]["end_apart_m"] > 0.0
+    json.dumps(results, allow_nan=False)
+
+
+def test_the_pose_is_continuous_without_fixes(data_dir: Path) -> None:
+    robot = load_robot("husky-deflated")
+    log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot)
+    run = compare(log, robot, ["inertia-online"]).runs["inertia-online"]
+    seconds = np.diff(run.stamps) * 1e-9
+    speeds = np.hypot(*np.diff(run.trajectory.poses[:, :2], axis=0).T) / seconds
+    assert speeds.max() < 1.1 * np.abs(log.tracks.speeds).max()
