@@ -80,14 +80,14 @@ def main() -> None:
         for index in range(arguments.runs)
     ]
     per_cell = len(TRAJECTORIES) * arguments.runs
-    print(f"{'variant':16s} {'tau':>5s} {'size':>5s} {'walk':>5s}", end="")  # noqa: T201
-    print("".join(f"  {name + ' %':>12s} {'NEES':>5s}" for name in TRAJECTORIES))  # noqa: T201
+    print(f"{'variant':16s} {'tau':>5s} {'size':>5s} {'walk':>5s}", end="")
+    print("".join(f"  {name + ' %':>12s} {'NEES':>5s}" for name in TRAJECTORIES))
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         scores = pool.map(score, jobs, chunksize=per_cell)
         for name, time_constant, size, walk in cells:
             rows = np.array([next(scores) for _ in range(per_cell)]).reshape(-1, arguments.runs, 2)
             means = "".join(f"  {d:12.2f} {nees:5.1f}" for d, nees in rows.mean(axis=1))
-            print(f"{name:16s} {time_constant:5.1f} {size:5.1f} {walk:5.2f}{means}", flush=True)  # noqa: T201
+            print(f"{name:16s} {time_constant:5.1f} {size:5.1f} {walk:5.2f}{means}", flush=True)
 
 
 if __name__ == "__main__":

@@ -521,13 +521,14 @@ class PoseEstimator:
         sigma_w = float(self._slip_sigma()[2])
         density[2, 2] += 2.0 * self._slip.white_time * sigma_w**2
         if self._track_stamp is not None and self._stamp is not None:
-            trusted = self._track_stamp + self.settings.hold / NANOSECOND
+            trusted = self._track_stamp + int(self.settings.hold / NANOSECOND)
             from_age, to_age = (
                 max(0.0, stamp - trusted) * NANOSECOND for stamp in (self._stamp, until)
             )
-            # The mean of t² over the step, and the mean age for a change as large as there can be.
-            square = (from_age**2 + from_age * to_age + to_age**2) / 3.0
-            age = 0.5 * (from_age + to_age)
+            # Means over the step of the age and of its square.
+            dt = (until - self._stamp) * NANOSECOND
+            age = (to_age**2 - from_age**2) / (2.0 * dt)
+            square = (to_age**3 - from_age**3) / (3.0 * dt)
             vehicle = self.robot.vehicle
             walked = min(
                 self.settings.gap_acceleration**2 * square,

@@ -177,9 +177,9 @@ def _draw_yaw(axes: Axes, results: Results) -> None:
 
 
 INDEX_LABELS = {
-    "zeta_m": "sliding ζ [m]",
-    "epsilon_m": "eccentricity ε [m]",
-    "eta": "steering eff. η [-]",
+    "zeta_m": "sliding\nζ [m]",
+    "epsilon_m": "eccentricity\nε [m]",
+    "eta": "steering\nefficiency η [-]",
 }
 
 
@@ -202,7 +202,8 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
     axes.set_ylim(low - margin, high + margin)
     axes.set_ylabel(INDEX_LABELS[key])
     if key == "zeta_m":
-        axes.legend(loc="upper left", ncols=3, fontsize=8)
+        dots = "" if truth is None else " (black dots: truth)"
+        axes.set_title(f"indices over time{dots}", fontsize=9)
 
 
 def _true_index(results: Results, key: str) -> Any:

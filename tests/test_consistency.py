@@ -16,7 +16,7 @@ from simulation.scenario import Scenario, simulate
 from simulation.truth import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")
-RUNS = 15
+RUNS = 12
 SCENARIO = Scenario(
     duration=60.0,
     seed=7,
@@ -89,12 +89,12 @@ def test_shipped_filter_expects_no_smaller_innovations_than_there_are(as_shipped
     # Nor ones that are larger by a fifth: then fixes would say too little.
     assert nis["position"] > 0.8 * degrees["position"]
     for sensor in ("gyro", "accelerometer"):
-        assert 0.1 < nis[sensor] / degrees[sensor] < 1.5
+        assert nis[sensor] < 1.5 * degrees[sensor]
 
 
 def test_imu_innovations_are_as_large_as_expected_when_the_slip_is_known(with_true_slip):
     _, nis, degrees = with_true_slip
     # Some 45000 samples: statistics leave 0.01. The rest is for the track speeds, which come late by an
     # amount that only a bound is known of.
-    assert nis["gyro"] / degrees["gyro"] == pytest.approx(1.0, abs=0.2)
-    assert nis["accelerometer"] / degrees["accelerometer"] == pytest.approx(1.0, abs=0.1)
+    assert nis["gyro"] / degrees["gyro"] == pytest.approx(1.0, abs=0.15)
+    assert nis["accelerometer"] / degrees["accelerometer"] == pytest.approx(1.0, abs=0.05)

@@ -150,7 +150,7 @@ def test_yaw_counts_full_turns():
     assert estimator.pose[2] > 2.5 * 2.0 * np.pi
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_standstill_pins_the_gyro_bias_and_freezes_the_pose(seed):
     estimator = PoseEstimator(ALPHA)
     bias = 0.012

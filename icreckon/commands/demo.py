@@ -17,6 +17,7 @@ from simulation.scenario import Scenario, simulate
 ROBOT = "auriga-alpha"
 DEFAULT_FOLDER = "icreckon-demo"
 BAG = "bag"
+DURATION = 300.0
 # Share of the run after which there are no more fixes.
 FIXES_END = 1.0 / 3.0
 

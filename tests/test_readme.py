@@ -1,0 +1,108 @@
+"""The README and the docs do what they say."""
+
+import os
+import shutil
+import subprocess
+import venv
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from estimator.robot import load_robot
+from readme import ROOT, code_blocks
+from replay.topics import topic_map
+
+SHELL = code_blocks("sh")
+
+
+def test_the_first_two_commands_are_the_main_job_and_the_tests() -> None:
+    assert SHELL[0].strip().endswith("icreckon demo")
+    assert SHELL[1].strip().endswith("-m pytest")
+    for block in SHELL[:2]:
+        assert len(block.strip().splitlines()) == 1
+
+
+def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = code_blocks("python")
+    names: dict[str, object] = {}
+    exec(compile(example, "README.md", "exec"), names)  # noqa: S102
+    assert "left ICR" in capsys.readouterr().out
+    estimator = names["estimator"]
+    x, y, yaw = estimator.pose
+    assert 1.5 < x < 2.5
+    assert y > 0.5
+    assert 1.0 < yaw < 1.6
+
+
+def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) -> None:
+    (text,) = code_blocks("toml", "docs/robot-file.md")
+    path = tmp_path / "robot.toml"
+    path.write_text(text, encoding="utf-8")
+    robot = load_robot(path)
+    topic_map(robot, str(path))
+    for table in (robot.vehicle, robot.indices, robot.constant_icr, robot.imu, robot.tracks):
+        for field in msgspec.structs.fields(table):
+            assert f"\n{field.name} = " in text, field.name
+    for field in msgspec.structs.fields(robot.slip["inertia-online"]):
+        assert f"\n{field.name} = " in text, field.name
+
+
+@pytest.fixture(scope="module")
+def fresh_clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what git tracks, as it is in the working tree."""
+    folder = tmp_path_factory.mktemp("clone")
+    listed = subprocess.run(
+        ["git", "ls-files"], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    for name in listed.stdout.splitlines():
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, target)
+    return folder
+
+
+def shell(command: str, cwd: Path, **more: str) -> str:
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in {"VIRTUAL_ENV", "PYTHONPATH", "PYTHONHOME"}
+    }
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", command],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment | more,
+        check=False,
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_the_demo_line_works_in_a_fresh_virtual_environment(fresh_clone: Path) -> None:
+    printed = shell(SHELL[0], fresh_clone)
+    assert "inertia-online" in printed
+    assert (fresh_clone / "icreckon-demo" / "figure.png").exists()
+
+
+@pytest.mark.slow
+def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: Path) -> None:
+    """The block of the README with the demo's bag for LOG; what `inspect` cannot know is filled in."""
+    venv.create(tmp_path / "venv", with_pip=True)
+    binaries = tmp_path / "venv" / "bin"
+    shell(f"{binaries}/pip install -q {fresh_clone}", tmp_path)
+    path = f"{binaries}:{os.environ['PATH']}"
+    shell("icreckon simulate --out LOG --duration 60 --fix-rate 0", tmp_path, PATH=path)
+    first, second, third = SHELL[2].strip().splitlines()
+    assert "/joint_states" in shell(first, tmp_path, PATH=path)
+    shell(second, tmp_path, PATH=path)
+    assert "inertia-online" in shell(third, tmp_path, PATH=path)
+
+
+@pytest.mark.slow
+def test_the_test_line_is_the_one_that_ci_runs() -> None:
+    """CI runs the README's test line on a clean clone; running it from within would be a loop."""
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "grep -m 1 -- '-m pytest' README.md" in script
