@@ -405,12 +405,17 @@ def test_gap_in_the_track_speeds_grows_the_uncertainty_with_its_length(imu):
                 estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)))
         drive(estimator, stamp + seconds(gap), 0.1, 0.5, 0.5, imu=imu)
         sigmas.append(math.sqrt(estimator.pose_covariance[0, 0]))
+        yaw_sigma = math.sqrt(estimator.pose_covariance[2, 2])
     # The speed may change by gap_acceleration = 1 m/s per root second after hold = 0.3 s ...
     for sigma, gap in zip(sigmas[1:3], (1.0, 3.0), strict=True):
         assert sigma == pytest.approx(math.sqrt((gap - 0.3) ** 3 / 3.0), rel=0.05)
     # ... but not by more than from full speed forward to full speed backward.
-    assert 3.0 * sigmas[2] < sigmas[3] < 2.0 * 9.0
+    # So its variance is t up to 4 s and 4 m²/s² from there: the integral of that times t, up to 8.7 s.
+    assert sigmas[3] == pytest.approx(math.sqrt(4.0**3 / 3.0 + 2.0 * (8.7**2 - 4.0**2)), rel=0.05)
     assert sigmas[0] < 0.02
+    if not imu:
+        # One track forward and one backward: the yaw rate is off by twice that over the gauge.
+        assert yaw_sigma == pytest.approx(2.0 / 0.42 * sigmas[3], rel=0.05)
 
 
 def test_a_gap_is_bridged_with_the_speeds_before_it():
