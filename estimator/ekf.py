@@ -93,15 +93,21 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.form = form
         self.slip_in_inertia = slip_in_inertia
         self._next_x: Floats = self.x
+        # The newest evaluation of the twist model, which is often asked for again.
+        self._evaluated_at: tuple[float, float, float, bytes] | None = None
+        self._evaluated: TwistModel
 
     def twist_model(self, left: float, right: float, slip_share: float = 1.0) -> TwistModel:
-        """Body velocity and its Jacobian at the present state.
+        """Body velocity and its Jacobian at the present state; not to be written to.
 
         Args:
             left: measured speed of the left track [m/s].
             right: measured speed of the right track [m/s].
             slip_share: factor on the slip, for its mean over a step.
         """
+        at = (left, right, slip_share, self.x.tobytes())
+        if at == self._evaluated_at:
+            return self._evaluated
         x = self.x.tolist()
         scale = 1.0 + x[s.TRACK_SCALE]
         V_l, V_r = left * scale, right * scale
@@ -134,9 +140,11 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         by_speeds = _by_speeds(by)
         jacobian = _twist_jacobian(by, motion, slip_share)
         jacobian[:, s.TRACK_SCALE] = by_speeds @ (left, right)
-        return TwistModel(
+        self._evaluated_at = at
+        self._evaluated = TwistModel(
             np.array([twist.v_y, -twist.v_x, twist.w]), jacobian, scale * by_speeds, motion
         )
+        return self._evaluated
 
     def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
         """Propagate over `dt` seconds with constant track speeds [m/s]."""
@@ -272,7 +280,7 @@ def _twist_jacobian(by: Channels, motion: Motion, slip_share: float) -> Floats:
     paper[:, s.ZETA1] = paper[:, s.ZETA0] * motion.Z
     paper[:, s.EPSILON1] = paper[:, s.EPSILON0] * motion.S
     paper[:, s.ETA1] = paper[:, s.ETA0] * motion.S
-    paper[:, s.ETA2] = paper[:, s.ETA0] * (motion.u * motion.u)
+    paper[:, s.ETA2] = paper[:, s.ETA0] * (motion.force * motion.force)
     return _rep103(paper)
 
 

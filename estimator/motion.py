@@ -12,6 +12,9 @@ indices. All of it hangs on one scalar u, the (signed) force of inertia, so the 
 with, for the smooth form,   g = -M w (v_y + x_CM w),   S = u,   Z = -u sign(w),
 and, for the literal form,   g = |F| of (11),   S = u sign(x_1) sign(x_2),   Z = u sign(x_2).
 
+The indices are evaluated at a force of inertia of at most the weight: friction cannot balance more, and
+so the equation has a solution for any parameters.
+
 u is found by Newton's iteration from u = 0, by bisection in the rare case where that does not settle
 (parameters far from any real vehicle's), and the derivatives follow from the implicit-function
 theorem. Inputs act only through eight *channels* (D, V_m, zeta, epsilon, eta and the slip r), so the
@@ -35,6 +38,7 @@ Form = Literal["smooth", "literal"]
 NEWTON_ITERATIONS = 20
 BISECTIONS = 80
 TOLERANCE = 1e-13
+GRAVITY = 9.80665
 # Newton's denominator 1 - dg/du is kept above this, so that a step never runs away near a fold.
 SMALLEST_SLOPE = 0.25
 NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
@@ -56,6 +60,7 @@ class Motion(NamedTuple):
         twist: body velocity, slip included.
         indices: index values at the solved inertia.
         u: the (signed) force of inertia [N].
+        force: the same, of at most the weight; its square multiplies eta2.
         S: what multiplies epsilon1 and eta1 [N].
         Z: what multiplies zeta1 [N].
     """
@@ -63,6 +68,7 @@ class Motion(NamedTuple):
     twist: PaperTwist
     indices: IndexValues
     u: Number
+    force: Number
     S: Number
     Z: Number
 
@@ -126,7 +132,8 @@ def solve(
     final = evaluate(u)
     kinematic = final.kinematic
     twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
-    return Motion(twist, final.indices, u, final.S_u * u, final.Z_u * u)
+    force = final.force
+    return Motion(twist, final.indices, u, force, final.S_u * force, final.Z_u * force)
 
 
 def channels(
@@ -185,7 +192,7 @@ def channels(
 
 
 def _bisect(evaluate: Callable[[Number], _Evaluation], like: Number) -> Number:
-    """A zero of u - g(u) by bisection: it is continuous and grows without bound on both sides."""
+    """A zero of u - g(u) by bisection: g is continuous and bounded, since the indices are."""
     high = 1.0 + 0.0 * like
     for _ in range(BISECTIONS):
         short = ((high - evaluate(high).g).real < 0.0) | ((-high - evaluate(-high).g).real > 0.0)
@@ -204,6 +211,7 @@ def _bisect(evaluate: Callable[[Number], _Evaluation], like: Number) -> Number:
 class _Evaluation(NamedTuple):
     kinematic: PaperTwist
     indices: IndexValues
+    force: Number
     S_u: Number
     Z_u: Number
     eta_is_free: Number
@@ -231,13 +239,16 @@ def _evaluate(
         S_u, Z_u = 1.0, -_sign(D)
     else:
         S_u, Z_u = signs[0] * signs[1], signs[1]
-    S = S_u * u
-    eta_free = eta0 + eta1 * S + eta2 * u * u
+    weight = mass * GRAVITY
+    is_below = 1.0 - _at_or_above(abs(u.real), weight)
+    force = is_below * u + (1.0 - is_below) * _sign(u) * weight
+    S = S_u * force
+    eta_free = eta0 + eta1 * S + eta2 * force * force
     # A track never turns the vehicle more than the ideal differential drive does: eta >= 1.
     eta_is_free = _at_or_above(eta_free, 1.0)
     eta = eta_is_free * eta_free + (1.0 - eta_is_free)
     epsilon = epsilon0 + epsilon1 * S
-    zeta = zeta0 + zeta1 * Z_u * u
+    zeta = zeta0 + zeta1 * Z_u * force
     w = D / (gauge * eta)
     kinematic = PaperTwist(w * zeta, V_m - w * epsilon, w)
     v_x, v_y, w_all = kinematic.v_x + slip[0], kinematic.v_y + slip[1], w + slip[2]
@@ -257,12 +268,17 @@ def _evaluate(
             scale * forward,
             mass * sign_w * speed + scale * (x_CM * forward - y_CM * right),
         )
-    eta_u = eta_is_free * (eta1 * S_u + 2.0 * eta2 * u)
+    eta_u = is_below * eta_is_free * (eta1 * S_u + 2.0 * eta2 * force)
     w_u = -w / eta * eta_u
-    twist_u = (w_u * zeta + w * zeta1 * Z_u, -w_u * epsilon - w * epsilon1 * S_u, w_u)
+    twist_u = (
+        w_u * zeta + is_below * w * zeta1 * Z_u,
+        -w_u * epsilon - is_below * w * epsilon1 * S_u,
+        w_u,
+    )
     return _Evaluation(
         kinematic,
         IndexValues(zeta, epsilon, eta),
+        force,
         S_u,
         Z_u,
         eta_is_free,

@@ -26,7 +26,9 @@ from estimator.measurements import (
 from estimator.motion import VehicleConstants
 from estimator.robot import Robot
 from estimator.settings import Settings
+from estimator.slip import slip_sigma
 from estimator.standstill import StandstillDetector
+from estimator.track_speeds import HeldTrackSpeeds
 from estimator.variants import (
     DEFAULT_ADAPTATION,
     find_variant,
@@ -39,10 +41,10 @@ from estimator.variants import (
 STANDSTILL_SIGMA = (1e-3, 1e-3, 1e-4)
 # The random walk of the parameters runs at its full rate from this difference of track speeds on [m/s].
 FULL_TURNING = 0.1
-# Time over which the change of the track speeds is averaged for the accelerometers [s], and the share
-# of it that may still be wrong because it comes late.
-ACCELERATION_AVERAGING = 0.05
+# Share of the change of the track speeds that may be wrong because it comes late.
 ACCELERATION_DOUBT = 0.2
+# How fast the robot may begin to move sideways in a gap, as a share of how fast forward.
+SIDEWAYS_IN_GAP = 0.1
 
 
 class IcrPoints(NamedTuple):
@@ -126,10 +128,9 @@ class PoseEstimator:
         # The stamp that the fast slip of now was drawn for, until the pose gets there.
         self._step_ends: int | None = None
         self._newest: dict[str, int] = {}
-        self._left = self._right = 0.0
-        self._track_stamp: int | None = None
-        self._track_interval = 0.02
-        self._track_acceleration = (0.0, 0.0)
+        self._tracks = HeldTrackSpeeds(
+            self.settings.hold, self.settings.gap_acceleration, vehicle.max_track_speed
+        )
         self._imu_interval = 0.01
         gates = self.settings.gates
         self._gates = {
@@ -163,7 +164,7 @@ class PoseEstimator:
     @property
     def twist(self) -> Floats:
         """(3,) v_x forward, v_y left [m/s], w counter-clockwise [rad/s] of base_link."""
-        return self._model().twist
+        return self._model().twist.copy()
 
     @property
     def twist_covariance(self) -> Floats:
@@ -218,7 +219,7 @@ class PoseEstimator:
             self._stamp,
             self._ekf.x.copy(),
             self._ekf.P.copy(),
-            model.twist,
+            model.twist.copy(),
             model.jacobian @ self._ekf.P @ model.jacobian.T,
             model.motion.indices,
         )
@@ -262,23 +263,14 @@ class PoseEstimator:
     def _feed_track_speeds(self, m: TrackSpeeds) -> bool:
         if not self._admissible("tracks", m.stamp, (m.left, m.right)):
             return False
-        if self._track_stamp is not None:
-            # The old speeds have nothing to say beyond their own stamp.
-            self._advance(self._track_stamp)
-            interval = (m.stamp - self._track_stamp) * NANOSECOND
-            if interval <= self.settings.hold:
-                self._track_interval = interval
-                weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
-                a_l, a_r = self._track_acceleration
-                self._track_acceleration = (
-                    a_l + weight * (m.left - self._left - a_l * interval),
-                    a_r + weight * (m.right - self._right - a_r * interval),
-                )
-            else:
-                # A hole: bridge it with the old speeds, up to where the new ones begin to speak.
-                self._track_acceleration = (0.0, 0.0)
-                self._advance(m.stamp - int(self._track_interval / NANOSECOND))
-        self._left, self._right, self._track_stamp = m.left, m.right, m.stamp
+        tracks = self._tracks
+        if tracks.stamp is not None:
+            # The old speeds have nothing to say beyond their own stamp, unless they are all there is
+            # to bridge a hole with, up to where the new ones begin to speak.
+            hole = tracks.is_hole(m.stamp)
+            until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
+            self._advance(until)
+        tracks.take(m.stamp, m.left, m.right)
         if not self._imu_is_alive(m.stamp):
             self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)
@@ -288,7 +280,7 @@ class PoseEstimator:
     def _feed_imu(self, m: ImuSample) -> bool:
         force = m.linear_acceleration
         before = self._newest.get("imu")
-        if not self._admissible("imu", m.stamp, m.angular_velocity + (force or ())):
+        if not self._admissible("imu", m.stamp, (*m.angular_velocity, *(force or ()))):
             return False
         if before is not None:
             self._imu_interval = min((m.stamp - before) * NANOSECOND, self.settings.hold)
@@ -328,7 +320,7 @@ class PoseEstimator:
         residual = reading - scale * rate - float(self._ekf.x[s.GYRO_BIAS])
         variance = self.robot.imu.gyro_noise_density**2 / self._imu_interval
         # The newest track speeds are averages of the time before, so they come late.
-        late = float(model.by_speeds[2] @ self._track_acceleration) * self._track_age()
+        late = float(model.by_speeds[2] @ self._tracks.acceleration) * self._track_age()
         gate = self._gates["gyro"]
         return self._update("gyro", gate, residual, row, variance + late**2, reopen=(s.SLIP_W,))
 
@@ -344,7 +336,7 @@ class PoseEstimator:
         by_v_x, _, by_w = model.jacobian
         l_x, l_y, _ = imu.position
         # What the kinematics change by, from the change of the track speeds.
-        dv_y, dw = (model.by_speeds[1:] @ self._track_acceleration).tolist()
+        dv_y, dw = (model.by_speeds[1:] @ self._tracks.acceleration).tolist()
         measured = float(self.robot.imu_rotation[1] @ np.array(force))
         bias = float(linearised_at[s.ACCELEROMETER_BIAS])
         predicted = dv_y + w * v_x + dw * l_x - w * w * l_y + bias
@@ -354,13 +346,10 @@ class PoseEstimator:
         rough = 2.0 * float(self._slip_sigma()[1]) ** 2 / self._slip.time_constant
         white = (imu.accelerometer_noise_density**2 + rough) / self._imu_interval
         late = ACCELERATION_DOUBT * math.hypot(dv_y, dw * l_x)
-        averaging = max(ACCELERATION_AVERAGING, self._track_interval)
         by_change = model.by_speeds[1] + l_x * model.by_speeds[2]
+        sample_variance = self._track_density() / self._tracks.interval
         change = (
-            self._track_density()
-            / self._track_interval
-            / averaging**2
-            * float(by_change @ by_change)
+            sample_variance * float(by_change @ by_change) / self._tracks.acceleration_window**2
         )
         self._update(
             "accelerometer",
@@ -412,6 +401,7 @@ class PoseEstimator:
     def _feed_body_velocity(self, m: BodyVelocity) -> bool:
         if not self._admissible("body velocity", m.stamp, (m.v_x, m.v_y), m.variance):
             return False
+        self._begin_step(m.stamp)
         model, linearised_at = self._model(), self._ekf.x.copy()
         used = True
         for axis, value in enumerate((m.v_x, m.v_y)):
@@ -494,7 +484,7 @@ class PoseEstimator:
         dt = (stamp - self._stamp) * NANOSECOND
         walk = self._bias_walk + self._parameter_walk * self._turning()
         noise = ProcessNoise(self._slip_sigma(), self._slip.time_constant, walk)
-        self._ekf.predict_motion(dt, self._left, self._right, noise)
+        self._ekf.predict_motion(dt, self._tracks.left, self._tracks.right, noise)
         self._stamp = stamp
         self._step_ends = None
 
@@ -504,73 +494,45 @@ class PoseEstimator:
             self._stamp = stamp
         if stamp <= self._stamp or self._step_ends is not None:
             return
-        self._ekf.renew_fast_slip(
-            self._fast_slip_density(stamp) / ((stamp - self._stamp) * NANOSECOND)
-        )
+        self._ekf.x[s.FAST_SLIP] = 0.0
+        # The density is white, so it is its integral over the step that matters.
+        dt = (stamp - self._stamp) * NANOSECOND
+        self._ekf.renew_fast_slip(self._fast_slip_density(self._stamp, stamp) / dt)
         self._step_ends = stamp
 
-    def _fast_slip_density(self, until: int) -> Floats:
-        """(3, 3) density of the fast slip from now until a stamp: white, so its integral matters.
+    def _fast_slip_density(self, start: int, end: int) -> Floats:
+        """(3, 3) density of the fast slip between two stamps [ns].
 
-        It is the error of the track speeds, the white part of the slip, and, while the track speeds
-        are too old to be trusted, what they may have changed by: a random walk g b(t), whose integral
-        has the variance g² T³ / 3, which a white noise of density g² t² has too.
+        It is the error of the track speeds, the white part of the slip, and what the track speeds may
+        have changed by while they are too old to be trusted.
         """
-        by_speeds = self._ekf.twist_model(self._left, self._right).by_speeds
+        by_speeds = self._model().by_speeds
         density = self._track_density() * (by_speeds @ by_speeds.T)
         sigma_w = float(self._slip_sigma()[2])
         density[2, 2] += 2.0 * self._slip.white_time * sigma_w**2
-        if self._track_stamp is not None and self._stamp is not None:
-            trusted = self._track_stamp + int(self.settings.hold / NANOSECOND)
-            from_age, to_age = (
-                max(0.0, stamp - trusted) * NANOSECOND for stamp in (self._stamp, until)
-            )
-            # Means over the step of the age and of its square.
-            dt = (until - self._stamp) * NANOSECOND
-            age = (to_age**2 - from_age**2) / (2.0 * dt)
-            square = (to_age**3 - from_age**3) / (3.0 * dt)
-            vehicle = self.robot.vehicle
-            walked = min(
-                self.settings.gap_acceleration**2 * square,
-                (2.0 * vehicle.max_track_speed) ** 2 * age,
-            )
-            share = np.array([1.0, 0.1, 2.0 / vehicle.track_gauge])
-            density += np.diag(walked * share**2)
+        share = np.array([1.0, SIDEWAYS_IN_GAP, 2.0 / self.robot.vehicle.track_gauge])
+        density += np.diag(self._tracks.gap_density(start, end) * share**2)
         return np.asarray(density)
 
     def _track_density(self) -> float:
-        """Density of the error of each track's speed [m²/s]; a stopped encoder has none."""
-        if self._left == 0.0 and self._right == 0.0:
-            return 0.0
-        return self.robot.tracks.speed_noise_density**2
+        """Density of the error of each track's speed [m²/s]."""
+        return 0.0 if self._tracks.stopped else self.robot.tracks.speed_noise_density**2
 
     def _track_age(self) -> float:
-        """Age of the newest track speeds [s]: they are those of the middle of their interval."""
-        if self._track_stamp is None or self._stamp is None:
-            return 0.0
-        age = (self._stamp - self._track_stamp) * NANOSECOND + 0.5 * self._track_interval
-        return min(age, self.settings.hold)
+        """Age of the newest track speeds [s]."""
+        return 0.0 if self._stamp is None else self._tracks.age(self._stamp)
 
     def _model(self) -> TwistModel:
-        return self._ekf.twist_model(self._left, self._right)
+        return self._ekf.twist_model(self._tracks.left, self._tracks.right)
 
     def _turning(self) -> float:
         """How much of the parameters the motion can show, from 0 (straight, standing) to 1."""
-        return min(1.0, abs(self._right - self._left) / FULL_TURNING)
+        return min(1.0, abs(self._tracks.right - self._tracks.left) / FULL_TURNING)
 
     def _slip_sigma(self) -> Floats:
-        """(3,) stationary standard deviation of the slip at the present track speeds."""
-        slip, gauge = self._slip, self.robot.vehicle.track_gauge
-        turning = abs(self._right - self._left)
-        driving = 0.5 * abs(self._right + self._left)
-        per_gauge = turning / (gauge * max(1.0, float(self._ekf.x[s.ETA0])))
-        return np.array(
-            [
-                slip.turning_x * turning + slip.driving_x * driving,
-                slip.turning_y * turning + slip.driving_y * driving,
-                slip.turning_w * per_gauge + slip.driving_w * driving,
-            ]
-        )
+        """(3,) standard deviation of the slip at the present track speeds."""
+        gauge = self.robot.vehicle.track_gauge * max(1.0, float(self._ekf.x[s.ETA0]))
+        return slip_sigma(self._tracks.left, self._tracks.right, self._slip, gauge)
 
     def _yaw_rate_reading(self, m: ImuSample) -> float:
         """Rate about base_link's z axis as the gyros say [rad/s]."""

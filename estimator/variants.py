@@ -15,9 +15,8 @@ import numpy as np
 
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats
+from estimator.motion import GRAVITY
 from estimator.robot import Indices, Robot, Slip
-
-GRAVITY = 9.80665
 
 Model = Literal["differential", "constant", "inertia"]
 
@@ -111,7 +110,13 @@ def initial_indices(robot: Robot, variant: Variant) -> Indices:
 
 
 def slip_of(robot: Robot, variant: Variant) -> Slip:
-    """The slip residual of a variant: the robot file's `[slip.<variant>]`, or the default."""
+    """The slip residual of a variant: the robot file's `[slip.<variant>]`, or the default.
+
+    Raises:
+        EstimatorError: the robot file has slip for a variant that there is not.
+    """
+    for name in robot.slip:
+        find_variant(name)
     return robot.slip.get(variant.name, DEFAULT_SLIP[variant.model])
 
 

@@ -13,6 +13,7 @@ from replay.streams import (
     ODOMETRY,
     POSE,
     POSE_WITH_COVARIANCE,
+    STRING,
     TWIST,
 )
 from replay.topics import FixTopic, ImuTopic, TopicMap, TrackTopic, TruthTopic
@@ -146,4 +147,4 @@ def _truth(samples: Mapping[str, Sample], tracks: TrackTopic | None) -> TruthTop
     if topic is None:
         return None
     joints = first(JOINT_STATE) if tracks and tracks.left else None
-    return TruthTopic(topic, twist=first(TWIST), tracks=joints)
+    return TruthTopic(topic, twist=first(TWIST), tracks=joints, source_topic=first(STRING))

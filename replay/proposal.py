@@ -138,6 +138,8 @@ def _log(mapping: TopicMap, clocks_differ: bool) -> list[str]:
             lines.append(f"twist = {_text(mapping.truth.twist)}")
         if mapping.truth.tracks:
             lines.append(f"tracks = {_text(mapping.truth.tracks)}")
+        if mapping.truth.source_topic:
+            lines.append(f"source_topic = {_text(mapping.truth.source_topic)}")
         lines += [*time, ""]
     return lines[:-1]
 

@@ -23,6 +23,7 @@ from estimator.frames import compose, paper_to_rep103
 from estimator.kinematics import direct, indices_at_signed_inertia, signed_inertia
 from estimator.motion import VehicleConstants, solve
 from estimator.robot import Indices, Robot, Slip
+from estimator.slip import slip_sigma
 from simulation.errors import SimulationError
 from simulation.trajectories import Command
 
@@ -196,7 +197,8 @@ class KinematicTruth:
         solved = solve(speeds[:, 0], speeds[:, 1], parameters.as_array(), vehicle).twist
         v_x, v_y = paper_to_rep103(solved.v_x, solved.v_y)
         unit = gauss_markov(len(times), step, self.slip.time_constant, rng)
-        size = slip_size(speeds, self.slip, robot.vehicle.track_gauge * parameters.eta0)
+        effective_gauge = robot.vehicle.track_gauge * parameters.eta0
+        size = slip_sigma(speeds[:, 0], speeds[:, 1], self.slip, effective_gauge)
         twists = np.stack([v_x, v_y, solved.w], axis=-1) + size * unit
         distances = np.zeros_like(speeds)
         distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
@@ -281,24 +283,6 @@ def has_single_motion(indices: Indices, robot: Robot) -> bool:
     twist = direct(V_l, V_r, values, vehicle.gauge)
     above = force > signed_inertia(twist, vehicle.mass, vehicle.x_CM)[0]
     return bool((np.count_nonzero(np.diff(above, axis=1), axis=1) == 1).all())
-
-
-def slip_size(track_speeds: Floats, slip: Slip, effective_gauge: float) -> Floats:
-    """Standard deviation of the slip residual, as `estimator.robot.Slip` has it.
-
-    Args:
-        track_speeds: (n, 2) left, right [m/s].
-        slip: shares of turning and driving.
-        effective_gauge: L eta0 [m].
-
-    Returns:
-        (n, 3) of v_x, v_y [m/s], w [rad/s].
-    """
-    turning = np.abs(track_speeds[:, 1] - track_speeds[:, 0])[:, None]
-    driving = np.abs(track_speeds.mean(axis=1))[:, None]
-    by_turning = np.array([slip.turning_x, slip.turning_y, slip.turning_w / effective_gauge])
-    by_driving = np.array([slip.driving_x, slip.driving_y, slip.driving_w])
-    return np.asarray(turning * by_turning + driving * by_driving)
 
 
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:

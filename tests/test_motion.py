@@ -82,6 +82,23 @@ def test_solution_satisfies_the_papers_equations(form, V_l, V_r, parameters):
 
 
 @pytest.mark.parametrize("form", FORMS)
+def test_inertia_of_more_than_the_weight_does_not_move_the_indices(form):
+    """Parameters from anywhere: there is a solution, and friction bounds the force in the indices."""
+    V_l, V_r, _ = perturbed(20_000, 4)
+    share = np.random.default_rng(5).uniform(-2.0, 3.0, (8, 20_000))
+    parameters = share * PUBLISHED[:, None]
+    parameters[5] = np.maximum(parameters[5], 1.0)
+    motion = solve(V_l, V_r, parameters, VEHICLE, form=form)
+    assert (np.abs(motion.force) <= WEIGHT).all()
+    assert (np.abs(motion.u) > WEIGHT).any()
+    forward = motion.twist.v_y + VEHICLE.x_CM * motion.twist.w
+    right = motion.twist.v_x - VEHICLE.y_CM * motion.twist.w
+    magnitude = np.hypot(forward, right) if form == "literal" else np.abs(forward)
+    inertia = VEHICLE.mass * np.abs(motion.twist.w) * magnitude
+    np.testing.assert_allclose(np.abs(motion.u), inertia, rtol=1e-9, atol=1e-8 * WEIGHT)
+
+
+@pytest.mark.parametrize("form", FORMS)
 def test_solution_is_where_picard_iteration_goes(form):
     twist = direct(V_L, V_R, IndexValues(*PUBLISHED[[1, 3, 5]]), 0.42)
     for _ in range(100):
@@ -270,7 +287,7 @@ def test_channels_are_the_complex_step_derivatives(form, slip_in_inertia):
         V_l, V_r = float(V_l), float(V_r)
         motion = solve(V_l, V_r, parameters, VEHICLE, slip=slip, **options)
         by = channels(V_l, V_r, parameters, VEHICLE, motion, slip=slip, **options)
-        basis = {1: 1.0, 2: motion.Z, 3: 1.0, 4: motion.S, 5: 1.0, 6: motion.S, 7: motion.u**2}
+        basis = {1: 1.0, 2: motion.Z, 3: 1.0, 4: motion.S, 5: 1.0, 6: motion.S, 7: motion.force**2}
         channel = {1: by.zeta, 2: by.zeta, 3: by.epsilon, 4: by.epsilon, 5: by.eta}
         channel[6] = channel[7] = by.eta
 

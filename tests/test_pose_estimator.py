@@ -20,7 +20,7 @@ from estimator.measurements import (
     TrackSpeeds,
 )
 from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Indices, load_robot
+from estimator.robot import Indices, Slip, load_robot
 from estimator.settings import Settings
 from estimator.variants import VARIANTS
 from simulation.scenario import Scenario, simulate
@@ -638,3 +638,9 @@ def test_snapshot_says_what_the_properties_say():
     assert (snapshot.twist == estimator.twist).all()
     assert snapshot.twist_covariance == pytest.approx(estimator.twist_covariance, rel=1e-14)
     assert snapshot.indices == estimator.indices
+
+
+def test_slip_of_a_variant_that_there_is_not_is_refused(robot):
+    misspelt = msgspec.structs.replace(robot, slip={"inertia-onlin": Slip()})
+    with pytest.raises(EstimatorError, match="did you mean 'inertia-online'"):
+        PoseEstimator(misspelt, "differential")

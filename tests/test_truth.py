@@ -14,6 +14,7 @@ from estimator.kinematics import (
     on_spot_ratio,
 )
 from estimator.robot import Indices, Slip, load_robot
+from estimator.slip import slip_sigma
 from simulation.errors import SimulationError
 from simulation.trajectories import TRAJECTORIES, make_trajectory
 from simulation.truth import (
@@ -24,7 +25,6 @@ from simulation.truth import (
     has_single_motion,
     integrate_twists,
     make_truth,
-    slip_size,
 )
 
 ALPHA = load_robot("auriga-alpha")
@@ -158,11 +158,11 @@ def test_gauss_markov_is_exact_at_any_step(step):
 
 
 def test_slip_size_is_a_share_of_motion():
-    size = slip_size(np.array([[0.0, 0.0], [0.5, 0.5], [-0.5, 0.5]]), TRUE_SLIP, 1.1)
+    size = slip_sigma(np.array([0.0, 0.5, -0.5]), np.array([0.0, 0.5, 0.5]), TRUE_SLIP, 1.1)
     assert (size[:2] == 0.0).all()
     assert size[2] == pytest.approx([0.01, 0.005, 0.02 / 1.1])
     driving = msgspec.structs.replace(NO_SLIP, driving_x=0.1, driving_w=0.2)
-    assert slip_size(np.array([[0.2, 0.6]]), driving, 1.1)[0] == pytest.approx([0.04, 0.0, 0.08])
+    assert slip_sigma(0.2, 0.6, driving, 1.1) == pytest.approx([0.04, 0.0, 0.08])
 
 
 def test_true_parameters_spread_about_those_of_the_robot_file():

@@ -1,0 +1,89 @@
+"""The newest track speeds: how fast, how old, how quickly changing, and how far to be trusted."""
+
+from __future__ import annotations
+
+from estimator.log import NANOSECOND
+
+# Time over which the change of the track speeds is averaged [s].
+ACCELERATION_AVERAGING = 0.05
+
+
+class HeldTrackSpeeds:
+    """Track speeds are held from one sample to the next; each is the average since the one before.
+
+    Args:
+        hold: speeds older than this are no longer trusted [s].
+        gap_acceleration: random walk that they are then taken to follow [m/s/√s].
+        fastest: no track is faster [m/s].
+
+    Attributes:
+        stamp: of the newest sample [ns], or None.
+        left: [m/s].
+        right: [m/s].
+        interval: time between the newest two samples [s].
+        acceleration: of the left and the right track, averaged [m/s²].
+    """
+
+    def __init__(self, hold: float, gap_acceleration: float, fastest: float) -> None:
+        self._hold = hold
+        self._gap_acceleration = gap_acceleration
+        self._fastest = fastest
+        self.stamp: int | None = None
+        self.left = self.right = 0.0
+        self.interval = 0.02
+        self.acceleration = (0.0, 0.0)
+
+    def take(self, stamp: int, left: float, right: float) -> None:
+        """Take a new sample, later than the one before."""
+        if self.stamp is not None:
+            interval = (stamp - self.stamp) * NANOSECOND
+            if interval <= self._hold:
+                self.interval = interval
+                weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
+                a_l, a_r = self.acceleration
+                self.acceleration = (
+                    a_l + weight * (left - self.left - a_l * interval),
+                    a_r + weight * (right - self.right - a_r * interval),
+                )
+            else:
+                self.acceleration = (0.0, 0.0)
+        self.left, self.right, self.stamp = left, right, stamp
+
+    @property
+    def stopped(self) -> bool:
+        """Whether both tracks read exactly zero; then the encoders have no noise."""
+        return self.left == 0.0 and self.right == 0.0
+
+    @property
+    def acceleration_window(self) -> float:
+        """Time that `acceleration` is an average of [s]."""
+        return max(ACCELERATION_AVERAGING, self.interval)
+
+    def age(self, now: int) -> float:
+        """Age at a stamp [ns] of what the speeds are an average of: the middle of their interval [s]."""
+        if self.stamp is None:
+            return 0.0
+        return min((now - self.stamp) * NANOSECOND + 0.5 * self.interval, self._hold)
+
+    def is_hole(self, stamp: int) -> bool:
+        """Whether a new sample at a stamp [ns] would come later than the newest can be held."""
+        return self.stamp is not None and (stamp - self.stamp) * NANOSECOND > self._hold
+
+    def gap_density(self, start: int, end: int) -> float:
+        """Density of the error of the speeds over a step, from being too old to be trusted [m²/s].
+
+        A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
+        noise of density g² t². The walk is bounded by the fastest that the tracks can go.
+
+        Args:
+            start: stamp of the step's start [ns].
+            end: of its end, later [ns].
+        """
+        if self.stamp is None:
+            return 0.0
+        trusted = self.stamp + int(self._hold / NANOSECOND)
+        from_age, to_age = (max(0, stamp - trusted) * NANOSECOND for stamp in (start, end))
+        dt = (end - start) * NANOSECOND
+        age = (to_age**2 - from_age**2) / (2.0 * dt)
+        square = (to_age**3 - from_age**3) / (3.0 * dt)
+        return min(self._gap_acceleration**2 * square, (2.0 * self._fastest) ** 2 * age)
