@@ -63,6 +63,7 @@ def test_files_are_rooms_not_halls(package: str) -> None:
 @pytest.mark.parametrize("package", MAY_IMPORT)
 def test_packages_are_typed(package: str) -> None:
     assert (ROOT / package / "py.typed").exists()
+    assert (ROOT / package / "__init__.py").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""The library: kinematics, filter, running it over logs, and scores."""
