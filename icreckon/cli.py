@@ -158,8 +158,9 @@ def simulate(
 def replay(
     log: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3.")],
     robot: Annotated[
-        str, typer.Option(help="Name of a robot that ships with icreckon, or a TOML file.")
-    ],
+        str | None,
+        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
+    ] = None,
     variants: Variants = None,
     fixes: Annotated[
         str | None,

@@ -187,6 +187,7 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     assert "'inertia-online'" in fails(
         "replay", "run", *robot, "--variants", "inertia-onlin", cwd=tmp_path
     )
+    assert "icreckon inspect run --write" in fails("replay", "run", cwd=tmp_path)
     assert "no part of a log" in fails("replay", "run", *robot, "--fixes", "x", cwd=tmp_path)
     assert "form" in fails("replay", "run", *robot, "--form", "rough", cwd=tmp_path)
     (tmp_path / "typo.toml").write_text('name = "x"\n[vehicl]\nmass = 1.0\n')

@@ -6,19 +6,20 @@ from pathlib import Path
 
 from estimator.config import convert
 from estimator.errors import EstimatorError
-from estimator.robot import load_robot
+from estimator.robot import load_robot, robot_names
 from estimator.settings import Settings
 from estimator.variants import find_variant
 from icreckon.commands.comparing import compare_and_report
 from icreckon.console import messages, results_folder
 from replay.bags import read_log
+from replay.errors import ReplayError
 from replay.fixes import parse_part
 
 
 def run_replay(
     *,
     path: Path,
-    robot_name: str,
+    robot_name: str | None,
     variants: str | None,
     fixes: str | None,
     form: str,
@@ -29,6 +30,11 @@ def run_replay(
     workers: int | None,
 ) -> None:
     """See `icreckon replay --help`."""
+    if robot_name is None:
+        raise ReplayError(
+            f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
+            f"file, which `icreckon inspect {path} --write robot.toml` proposes"
+        )
     robot = load_robot(robot_name)
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
