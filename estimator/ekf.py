@@ -137,12 +137,19 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             slip_in_inertia=self.slip_in_inertia,
         )
         twist = motion.twist
-        by_speeds = _by_speeds(by)
-        jacobian = _twist_jacobian(by, motion, slip_share)
-        jacobian[:, s.TRACK_SCALE] = by_speeds @ (left, right)
+        by_left, by_right = _by_speeds(by)
+        by_state = _by_state(by, motion, slip_share)
+        by_state["track_scale"] = (
+            left * by_left[0] + right * by_right[0],
+            left * by_left[1] + right * by_right[1],
+            left * by_left[2] + right * by_right[2],
+        )
         self._evaluated_at = at
         self._evaluated = TwistModel(
-            np.array([twist.v_y, -twist.v_x, twist.w]), jacobian, scale * by_speeds, motion
+            np.array([twist.v_y, -twist.v_x, twist.w]),
+            _rep103([by_state.get(name, ZERO) for name in s.STATE_NAMES]),
+            scale * _rep103([by_left, by_right]),
+            motion,
         )
         return self._evaluated
 
@@ -254,34 +261,50 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 break
 
 
-def _rep103(x_y_w: Floats) -> Floats:
-    """Rows of the paper's (v_x, v_y, w) as rows of the REP-103 twist."""
-    return np.stack([x_y_w[1], -x_y_w[0], x_y_w[2]])
+Triple = tuple[float, float, float]
+ZERO: Triple = (0.0, 0.0, 0.0)
 
 
-def _by_speeds(by: Channels) -> Floats:
-    """Derivative (3, 2) of the REP-103 twist by V_l and V_r: D = V_r - V_l, V_m their mean."""
-    D, V_m = np.array(by.D), np.array(by.V_m)
-    return _rep103(np.stack([0.5 * V_m - D, 0.5 * V_m + D], axis=-1))
+def _rep103(columns: list[Triple]) -> Floats:
+    """Matrix (3, n) of the REP-103 twist from columns in the paper's (v_x, v_y, w)."""
+    return np.array(
+        [
+            [v_y for _, v_y, _ in columns],
+            [-v_x for v_x, _, _ in columns],
+            [w for _, _, w in columns],
+        ]
+    )
 
 
-def _twist_jacobian(by: Channels, motion: Motion, slip_share: float) -> Floats:
-    """Derivative (3, SIZE) of the REP-103 twist by the state, all but the track scale."""
-    paper = np.zeros((3, s.SIZE))
-    fast = paper[:, s.FAST_SLIP]
-    fast[:, 0] = by.r_y
-    fast[:, 1] = by.r_x
-    fast[:, 1] *= -1.0
-    fast[:, 2] = by.r_w
-    paper[:, s.SLIP] = slip_share * fast
-    paper[:, s.ZETA0] = by.zeta
-    paper[:, s.EPSILON0] = by.epsilon
-    paper[:, s.ETA0] = by.eta
-    paper[:, s.ZETA1] = paper[:, s.ZETA0] * motion.Z
-    paper[:, s.EPSILON1] = paper[:, s.EPSILON0] * motion.S
-    paper[:, s.ETA1] = paper[:, s.ETA0] * motion.S
-    paper[:, s.ETA2] = paper[:, s.ETA0] * (motion.force * motion.force)
-    return _rep103(paper)
+def _times(factor: float, column: Triple) -> Triple:
+    return factor * column[0], factor * column[1], factor * column[2]
+
+
+def _by_speeds(by: Channels) -> tuple[Triple, Triple]:
+    """Derivatives of the twist by V_l and V_r: D = V_r - V_l, and V_m is their mean."""
+    pairs = list(zip(by.D, by.V_m, strict=True))
+    left, right = ([0.5 * m + sign * d for d, m in pairs] for sign in (-1.0, 1.0))
+    return (left[0], left[1], left[2]), (right[0], right[1], right[2])
+
+
+def _by_state(by: Channels, motion: Motion, slip_share: float) -> dict[str, Triple]:
+    """Derivatives of the twist by those states that it depends on, but for the track scale."""
+    forward, sideways, turning = by.r_y, _times(-1.0, by.r_x), by.r_w
+    return {
+        "slip_x": _times(slip_share, forward),
+        "slip_y": _times(slip_share, sideways),
+        "slip_w": _times(slip_share, turning),
+        "zeta0": by.zeta,
+        "zeta1": _times(motion.Z, by.zeta),
+        "epsilon0": by.epsilon,
+        "epsilon1": _times(motion.S, by.epsilon),
+        "eta0": by.eta,
+        "eta1": _times(motion.S, by.eta),
+        "eta2": _times(motion.force * motion.force, by.eta),
+        "fast_slip_x": forward,
+        "fast_slip_y": sideways,
+        "fast_slip_w": turning,
+    }
 
 
 def _step_on_se2(yaw: float, motion: Floats) -> tuple[Floats, Floats, Floats]:

@@ -125,7 +125,7 @@ def solve(
         change = (step.g - u) / _at_least(1.0 - step.g_u, SMALLEST_SLOPE)
         u = u + change
         settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
-        if np.all(settled):
+        if settled is True or np.all(settled):
             break
     else:
         u = settled * u + (1.0 - settled) * _bisect(evaluate, D)
