@@ -215,7 +215,7 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return Innovation(residual, float(row @ self.P @ row) + variance, used=False)
 
     def update_scalar(
-        self, residual: float, row: Floats, variance: float, *, move_pose: bool = True
+        self, residual: float, row: Floats, variance: float, *, kept: tuple[int, ...] = ()
     ) -> None:
         """Joseph update with one scalar measurement (Simon, Optimal State Estimation, eq. 5.19).
 
@@ -223,13 +223,13 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             residual: measured less predicted.
             row: (SIZE,) Jacobian of the prediction.
             variance: of the measurement.
-            move_pose: False keeps the pose where it is, whatever its correlations say, and takes that
-                into account in the covariance (Schmidt-Kalman; the Joseph form holds for any gain).
+            kept: states that are not to be moved, whatever their correlations say; the covariance
+                takes that into account (Schmidt-Kalman; the Joseph form holds for any gain).
         """
         cross = self.P @ row
         gain = cross / (row @ cross + variance)
-        if not move_pose:
-            gain[s.POSE] = 0.0
+        if kept:
+            gain[list(kept)] = 0.0
         self.x = self.x + gain * residual
         reduced = self.P - np.outer(gain, cross)
         P = reduced - np.outer(reduced @ row, gain) + np.outer(gain * variance, gain)

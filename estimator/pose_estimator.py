@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,17 @@ from estimator.variants import (
 
 # What a standing robot's velocity is known to be zero within [m/s, m/s, rad/s].
 STANDSTILL_SIGMA = (1e-3, 1e-3, 1e-4)
+# What a twist measurement does not move: the pose, which is to be continuous.
+POSE_KEPT = (s.X, s.Y, s.YAW)
+# What the IMU does not move either: it sees the track scale only through what else is wrong with the
+# yaw rate, and would call it all scale. Fixes and body velocities show it for what it is.
+IMU_KEPT = (*POSE_KEPT, s.TRACK_SCALE)
+# How fast a robot may turn whose tracks are at rest, unless it is known to stand [rad/s].
+PUSHED_W = 0.3
+# Track speeds this many times beyond the fastest are no track speeds.
+ABSURD_SPEED = 10.0
+# So many samples in a row must agree before a clock that jumped ahead is believed.
+CLOCK_WITNESSES = 10
 # The random walk of the parameters runs at its full rate from this difference of track speeds on [m/s].
 FULL_TURNING = 0.1
 # Share of the change of the track speeds that may be wrong because it comes late.
@@ -80,7 +92,7 @@ class PoseEstimator:
         robot: the robot, see `load_robot`.
         variant: name of a filter variant, see `estimator.variants.VARIANTS`.
         settings: everything that is no property of the robot.
-        start: pose at the first measurement: x, y [m], yaw [rad].
+        start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
 
     Raises:
@@ -128,6 +140,8 @@ class PoseEstimator:
         # The stamp that the fast slip of now was drawn for, until the pose gets there.
         self._step_ends: int | None = None
         self._newest: dict[str, int] = {}
+        # Of each stream: how many samples in a row were far ahead, and the newest of them.
+        self._witnesses: dict[str, tuple[int, int]] = {}
         self._tracks = HeldTrackSpeeds(
             self.settings.hold, self.settings.gap_acceleration, vehicle.max_track_speed
         )
@@ -263,8 +277,13 @@ class PoseEstimator:
     def _feed_track_speeds(self, m: TrackSpeeds) -> bool:
         if not self._admissible("tracks", m.stamp, (m.left, m.right)):
             return False
+        if max(abs(m.left), abs(m.right)) > ABSURD_SPEED * self.robot.vehicle.max_track_speed:
+            self.health.sensor("tracks").rejected["absurdly fast"] += 1
+            return False
         tracks = self._tracks
-        if tracks.stamp is not None:
+        if tracks.stamp is None:
+            self._stamp = m.stamp
+        else:
             # The old speeds have nothing to say beyond their own stamp, unless they are all there is
             # to bridge a hole with, up to where the new ones begin to speak.
             hole = tracks.is_hole(m.stamp)
@@ -278,9 +297,16 @@ class PoseEstimator:
         return True
 
     def _feed_imu(self, m: ImuSample) -> bool:
-        force = m.linear_acceleration
+        rates, force = m.angular_velocity, m.linear_acceleration
+        _require_three("angular_velocity", rates)
+        if force is not None:
+            _require_three("linear_acceleration", force)
         before = self._newest.get("imu")
-        if not self._admissible("imu", m.stamp, (*m.angular_velocity, *(force or ()))):
+        if not self._admissible("imu", m.stamp, (*rates, *(() if force is None else force))):
+            return False
+        if self._tracks.stamp is None:
+            # Not a robot at rest, but one of which nothing is known yet.
+            self.health.sensor("imu").rejected["before the first track speeds"] += 1
             return False
         if before is not None:
             self._imu_interval = min((m.stamp - before) * NANOSECOND, self.settings.hold)
@@ -309,7 +335,7 @@ class PoseEstimator:
             row = model.jacobian[axis]
             moved = float(row @ (self._ekf.x - linearised_at))
             residual = -float(model.twist[axis]) - moved
-            self._ekf.update_scalar(residual, row, sigma**2, move_pose=False)
+            self._ekf.update_scalar(residual, row, sigma**2, kept=IMU_KEPT)
 
     def _update_gyro(self, reading: float, model: TwistModel) -> bool:
         """Yaw rate times scale, plus bias."""
@@ -322,7 +348,7 @@ class PoseEstimator:
         # The newest track speeds are averages of the time before, so they come late.
         late = float(model.by_speeds[2] @ self._tracks.acceleration) * self._track_age()
         gate = self._gates["gyro"]
-        return self._update("gyro", gate, residual, row, variance + late**2, reopen=(s.SLIP_W,))
+        return self._update("gyro", gate, residual, row, variance + late**2, (s.SLIP_W,), IMU_KEPT)
 
     def _update_accelerometer(
         self, force: tuple[float, float, float], model: TwistModel, linearised_at: Floats
@@ -358,6 +384,7 @@ class PoseEstimator:
             row,
             white + late**2 + change,
             reopen=(s.ACCELEROMETER_BIAS,),
+            kept=IMU_KEPT,
         )
 
     def _feed_position(self, m: PositionFix) -> bool:
@@ -393,7 +420,7 @@ class PoseEstimator:
         row[s.YAW] = 1.0
         residual = float(wrap_angle(m.yaw - self._ekf.x[s.YAW]))
         used = self._update(
-            "heading", self._gates["heading"], residual, row, m.variance, (s.YAW,), move_pose=True
+            "heading", self._gates["heading"], residual, row, m.variance, (s.YAW,), ()
         )
         self._ekf.keep_inside_bounds()
         return used
@@ -414,6 +441,7 @@ class PoseEstimator:
                 row,
                 m.variance,
                 reopen=(s.SLIP_X + axis,),
+                kept=POSE_KEPT,
             )
         self._ekf.keep_inside_bounds()
         self._advance(m.stamp)
@@ -429,7 +457,7 @@ class PoseEstimator:
         row: Floats,
         variance: float,
         reopen: tuple[int, ...],
-        move_pose: bool = False,
+        kept: tuple[int, ...],
     ) -> bool:
         """A gated scalar update; when re-acquiring, the states in `reopen` are made uncertain first."""
         health = self.health.sensor(sensor)
@@ -444,7 +472,7 @@ class PoseEstimator:
         else:
             health.nis_sum += nis
             health.degrees += 1
-        self._ekf.update_scalar(residual, row, variance, move_pose=move_pose)
+        self._ekf.update_scalar(residual, row, variance, kept=kept)
         health.used += 1
         return True
 
@@ -452,6 +480,8 @@ class PoseEstimator:
         self, stream: str, stamp: int, values: tuple[float, ...], variance: float = 1.0
     ) -> bool:
         """Whether a measurement can be right by itself; if not, it is counted."""
+        if not isinstance(stamp, int | np.integer):
+            raise EstimatorError(f"{stream}: a stamp is an integer of nanoseconds, found {stamp!r}")
         newest = self._newest.get(stream)
         late = self._stamp is not None and (self._stamp - stamp) * NANOSECOND > self.settings.late
         reason = None
@@ -465,11 +495,24 @@ class PoseEstimator:
             reason = "stamp goes backward"
         elif late:
             reason = "too late"
+        elif self._is_far_ahead(stream, stamp):
+            reason = "stamp far ahead"
         if reason is not None:
             self.health.sensor(stream).rejected[reason] += 1
             return False
         self._newest[stream] = stamp
         return True
+
+    def _is_far_ahead(self, stream: str, stamp: int) -> bool:
+        """Whether a stamp is so far ahead that it is wrong, unless others of its stream agree with it."""
+        longest = int(self.settings.longest_gap / NANOSECOND)
+        if self._stamp is None or stamp - self._stamp <= longest:
+            self._witnesses.pop(stream, None)
+            return False
+        count, before = self._witnesses.get(stream, (0, stamp))
+        agrees = 0 <= stamp - before <= longest
+        self._witnesses[stream] = (count + 1 if agrees else 1, stamp)
+        return not (agrees and count + 1 >= CLOCK_WITNESSES)
 
     def _imu_is_alive(self, stamp: int) -> bool:
         """Whether an IMU sample may be expected that tells how the robot moved up to this stamp."""
@@ -484,7 +527,8 @@ class PoseEstimator:
         dt = (stamp - self._stamp) * NANOSECOND
         walk = self._bias_walk + self._parameter_walk * self._turning()
         noise = ProcessNoise(self._slip_sigma(), self._slip.time_constant, walk)
-        self._ekf.predict_motion(dt, self._tracks.left, self._tracks.right, noise)
+        left, right = self._tracks.mean_speeds(self._stamp, stamp)
+        self._ekf.predict_motion(dt, left, right, noise)
         self._stamp = stamp
         self._step_ends = None
 
@@ -523,7 +567,7 @@ class PoseEstimator:
         return 0.0 if self._stamp is None else self._tracks.age(self._stamp)
 
     def _model(self) -> TwistModel:
-        return self._ekf.twist_model(self._tracks.left, self._tracks.right)
+        return self._ekf.twist_model(*self._tracks.speeds_at(self._stamp))
 
     def _turning(self) -> float:
         """How much of the parameters the motion can show, from 0 (straight, standing) to 1."""
@@ -532,7 +576,17 @@ class PoseEstimator:
     def _slip_sigma(self) -> Floats:
         """(3,) standard deviation of the slip at the present track speeds."""
         gauge = self.robot.vehicle.track_gauge * max(1.0, float(self._ekf.x[s.ETA0]))
-        return slip_sigma(self._tracks.left, self._tracks.right, self._slip, gauge)
+        left, right = self._tracks.left, self._tracks.right
+        sigma = slip_sigma(left, right, self._slip, gauge)
+        resting = max(abs(left), abs(right)) < self.settings.standstill.track_speed
+        if (
+            resting
+            and not self._stands
+            and self._stamp is not None
+            and self._imu_is_alive(self._stamp)
+        ):
+            sigma[2] = PUSHED_W
+        return sigma
 
     def _yaw_rate_reading(self, m: ImuSample) -> float:
         """Rate about base_link's z axis as the gyros say [rad/s]."""
@@ -540,3 +594,13 @@ class PoseEstimator:
         if imu.gyro_axes == "z":
             return float(m.angular_velocity[2] / (rotation[2, 2] * imu.gyro_scale))
         return float(rotation[2] @ np.array(m.angular_velocity)) / imu.gyro_scale
+
+
+def _require_three(name: str, values: Sequence[float]) -> None:
+    """Raise EstimatorError unless these are three numbers."""
+    try:
+        count = len([float(value) for value in values])
+    except (TypeError, ValueError):
+        count = 0
+    if count != 3:
+        raise EstimatorError(f"{name} must be three numbers, found {values!r}")

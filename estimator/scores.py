@@ -148,7 +148,8 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     """Errors (n, 3) of v_x, v_y [m/s] and w [rad/s] in the axes of base_link.
 
     Where the truth has no twists both are taken as means over windows of `VELOCITY_WINDOW`, from the
-    poses: the displacement in the axes of the window's start over its length.
+    poses: the displacement in the axes of the window's start over its length; for the estimate that
+    of its integrated twists, so that the jumps of fixes are no velocity.
     """
     if truth.twists is not None:
         stamps, twists = truth.twists.stamps, truth.twists.twists
@@ -169,27 +170,45 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     ends = starts + window
     steps = [
         relative(interpolate_poses(poses, starts), interpolate_poses(poses, ends))
-        for poses in (estimate.pose_series, truth.poses)
+        for poses in (_reckoned(estimate), truth.poses)
     ]
     errors = steps[0] - steps[1]
     errors[:, 2] = wrap_angle(errors[:, 2])
     return np.asarray(errors / VELOCITY_WINDOW)
 
 
-def pose_nees(estimate: Trajectory, truth: PoseSeries) -> Floats:
+def _reckoned(estimate: Trajectory) -> PoseSeries:
+    """The estimated twists, integrated: the path without the jumps that fixes make."""
+    dt = np.diff(estimate.stamps)[:, None] * NANOSECOND
+    steps = 0.5 * (estimate.twists[1:] + estimate.twists[:-1]) * dt
+    poses = np.zeros((len(estimate.stamps), 3))
+    poses[1:, 2] = np.cumsum(steps[:, 2])
+    middle = poses[:-1, 2] + 0.5 * steps[:, 2]
+    cos, sin = np.cos(middle), np.sin(middle)
+    poses[1:, 0] = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
+    poses[1:, 1] = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    return PoseSeries(estimate.stamps, poses)
+
+
+def pose_nees(
+    estimate: Trajectory, truth: PoseSeries, *, within: list[Interval] | None = None
+) -> Floats:
     """Normalised estimation error squared (n,) of the pose at the truth's stamps.
 
     Chi-square with three degrees of freedom if the filter is consistent (Bar-Shalom, Li, Kirubarajan,
     Estimation with Applications, section 5.4). Estimate and truth must share their frame. Stamps
-    at which the covariance is still singular are left out.
+    at which the covariance is still singular are left out, and those outside of `within`.
     """
     stamps = truth.stamps[
         (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
     ]
+    if within is not None:
+        inside = [(stamps >= low) & (stamps <= high) for low, high in within]
+        stamps = stamps[np.any(inside, axis=0)] if inside else stamps[:0]
     errors = interpolate_poses(estimate.pose_series, stamps) - interpolate_poses(truth, stamps)
     errors[:, 2] = wrap_angle(errors[:, 2])
-    nearest = np.searchsorted(estimate.stamps, stamps)
-    covariances = estimate.pose_covariances[nearest]
+    following = np.searchsorted(estimate.stamps, stamps)
+    covariances = estimate.pose_covariances[following]
     regular = np.linalg.eigvalsh(covariances)[:, 0] > 1e-12
     solved = np.linalg.solve(covariances[regular], errors[regular][..., None])[..., 0]
     return np.asarray(np.einsum("ij,ij->i", errors[regular], solved))

@@ -23,6 +23,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         hold: track speeds older than this are no longer trusted [s].
         gap_acceleration: random walk that the speeds are then taken to follow [m/s/√s].
         late: a measurement this much older than the newest is taken as new [s]; later ones are lost.
+        longest_gap: a stamp this much ahead of the newest is not believed, unless ten in a row are [s].
         use_accelerometer: whether the accelerometers update the filter.
         gates: chi-square gates.
         standstill: standstill detection.
@@ -35,6 +36,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hold: float = 0.3
     gap_acceleration: float = 1.0
     late: float = 0.02
+    longest_gap: float = 100.0
     use_accelerometer: bool = True
     gates: GateSettings = GateSettings()
     standstill: StandstillSettings = StandstillSettings()

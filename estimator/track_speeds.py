@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from estimator.log import NANOSECOND
 
 # Time over which the change of the track speeds is averaged [s].
 ACCELERATION_AVERAGING = 0.05
+# Speeds that are not renewed are taken to die away with this time constant, once they are too old [s].
+DYING_AWAY = 2.0
 
 
 class HeldTrackSpeeds:
@@ -65,6 +69,32 @@ class HeldTrackSpeeds:
             return 0.0
         return min((now - self.stamp) * NANOSECOND + 0.5 * self.interval, self._hold)
 
+    def speeds_at(self, now: int | None) -> tuple[float, float]:
+        """Speeds of the left and the right track at a stamp [ns], which die away when too old [m/s]."""
+        if self.stamp is None or now is None:
+            return self.left, self.right
+        share = math.exp(-self._too_old(now) / DYING_AWAY)
+        return share * self.left, share * self.right
+
+    def mean_speeds(self, start: int, end: int) -> tuple[float, float]:
+        """Their means between two stamps [ns]."""
+        if self.stamp is None:
+            return self.left, self.right
+        from_age, to_age = self._too_old(start), self._too_old(end)
+        if to_age == 0.0:
+            return self.left, self.right
+        dt = (end - start) * NANOSECOND
+        fresh = dt - (to_age - from_age)
+        dying = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
+        share = (fresh + DYING_AWAY * dying) / dt
+        return share * self.left, share * self.right
+
+    def _too_old(self, now: int) -> float:
+        """For how long the speeds have been too old to be trusted, at a stamp [ns] [s]."""
+        if self.stamp is None:
+            return 0.0
+        return max(0, now - self.stamp - int(self._hold / NANOSECOND)) * NANOSECOND
+
     def is_hole(self, stamp: int) -> bool:
         """Whether a new sample at a stamp [ns] would come later than the newest can be held."""
         return self.stamp is not None and (stamp - self.stamp) * NANOSECOND > self._hold
@@ -79,10 +109,7 @@ class HeldTrackSpeeds:
             start: stamp of the step's start [ns].
             end: of its end, later [ns].
         """
-        if self.stamp is None:
-            return 0.0
-        trusted = self.stamp + int(self._hold / NANOSECOND)
-        from_age, to_age = (max(0, stamp - trusted) * NANOSECOND for stamp in (start, end))
+        from_age, to_age = self._too_old(start), self._too_old(end)
         dt = (end - start) * NANOSECOND
         age = (to_age**2 - from_age**2) / (2.0 * dt)
         square = (to_age**3 - from_age**3) / (3.0 * dt)

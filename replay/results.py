@@ -147,7 +147,7 @@ def _scores(one: Run, log: Log, scored: list[tuple[int, int]]) -> Results:
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
     for name, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
         scores[f"rmse_{name}"] = value
-    nees = pose_nees(estimate, truth.poses)
+    nees = pose_nees(estimate, truth.poses, within=scored)
     scores["nees_pose_mean"] = float(nees.mean()) if len(nees) else math.nan
     end = min(truth.poses.stamps[-1], estimate.stamps[-1])
     at = np.array([end])

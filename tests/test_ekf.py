@@ -263,7 +263,7 @@ def test_update_that_must_not_move_the_pose_leaves_it_and_its_covariance():
     pose, P = ekf.x[s.POSE].copy(), ekf.P.copy()
     row = np.random.default_rng(14).normal(size=s.SIZE)
     row[s.POSE] = 0.0
-    ekf.update_scalar(0.3, row, 0.01, move_pose=False)
+    ekf.update_scalar(0.3, row, 0.01, kept=(s.X, s.Y, s.YAW))
     free.update_scalar(0.3, row, 0.01)
     assert (ekf.x[s.POSE] == pose).all()
     assert ekf.P[s.POSE, s.POSE] == pytest.approx(P[s.POSE, s.POSE], abs=1e-15)

@@ -19,6 +19,7 @@ from estimator.measurements import (
     PositionFix,
     TrackSpeeds,
 )
+from estimator.motion import VehicleConstants, solve
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Indices, Slip, load_robot
 from estimator.settings import Settings
@@ -418,11 +419,105 @@ def test_gap_in_the_track_speeds_grows_the_uncertainty_with_its_length(imu):
         assert yaw_sigma == pytest.approx(2.0 / 0.42 * sigmas[3], rel=0.05)
 
 
-def test_a_gap_is_bridged_with_the_speeds_before_it():
+def test_a_gap_is_bridged_with_the_speeds_before_it_dying_away():
     estimator = PoseEstimator(ALPHA)
     stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=False)
     drive(estimator, stamp + seconds(4.0), 1.0, 0.5, 0.5, imu=False)
-    assert estimator.pose == pytest.approx([3.5, 0.0, 0.0], abs=1e-6)
+    # Held for 0.3 s, then dying away with 2 s, until the new speeds speak for their own 0.02 s.
+    dying = 4.0 - 0.3 - 0.02
+    expected = 0.5 * (7.0 - dying) + 0.5 * 2.0 * (1.0 - math.exp(-dying / 2.0))
+    assert estimator.pose == pytest.approx([expected, 0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("late", [1.0, 3.0])
+def test_imu_samples_before_the_first_track_speeds_say_nothing_of_the_bias(late):
+    """The usual start order of a robot: the IMU is there first, and the robot may be moving."""
+    V_l, V_r = 0.3, 0.6
+    vehicle = VehicleConstants(0.42, 258.0, *ALPHA.centre_of_mass_paper)
+    rate = float(solve(V_l, V_r, ALPHA.indices.as_array(), vehicle).twist.w)
+    estimator = PoseEstimator(ALPHA)
+    for k in range(round(late * 100)):
+        assert not estimator.feed(ImuSample(EPOCH + k * STEP, (0.0, 0.0, rate), None))
+    assert estimator.stamp is None
+    assert estimator.health.sensor("imu").rejected == {
+        "before the first track speeds": round(late * 100)
+    }
+    start = EPOCH + seconds(late)
+    for k in range(1, 3001):
+        if k % 2 == 0:
+            estimator.feed(TrackSpeeds(start + k * STEP, V_l, V_r))
+        estimator.feed(ImuSample(start + k * STEP, (0.0, 0.0, rate), None))
+    assert estimator.pose[2] == pytest.approx(rate * 29.98, abs=0.02)
+    assert abs(estimator.biases["gyro_bias"]) < 1e-3
+
+
+def test_a_robot_that_is_pushed_with_resting_tracks_turns_and_keeps_its_bias():
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 3.0, 0.0, 0.0, imu=True)
+    bias = estimator.biases["gyro_bias"]
+    for k in range(1, 1001):
+        if k % 2 == 0:
+            estimator.feed(TrackSpeeds(stamp + k * STEP, 0.0, 0.0))
+        estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.27), (0.0, 0.0, GRAVITY)))
+    assert estimator.pose[2] == pytest.approx(2.7, abs=0.1)
+    assert estimator.biases["gyro_bias"] == pytest.approx(bias, abs=0.005)
+    assert not estimator.stands
+
+
+def test_without_fixes_the_imu_does_not_move_the_track_scale(robot):
+    unsure = msgspec.structs.replace(
+        robot, tracks=msgspec.structs.replace(robot.tracks, scale_sigma=0.03)
+    )
+    log = simulate(Scenario(duration=60.0, seed=3, fix_rate=0.0), robot)
+    estimator = feed_all(PoseEstimator(unsure, "differential"), log)
+    assert estimator.biases["track_scale"] == 0.0
+    with_fixes = simulate(Scenario(duration=120.0, seed=3), robot)
+    scale = 1.05
+    tracks = TrackSpeedSeries(with_fixes.tracks.stamps, with_fixes.tracks.speeds / scale)
+    slow = Log("slow", tracks, with_fixes.imu, with_fixes.fixes)
+    estimator = feed_all(PoseEstimator(unsure, "inertia-online"), slow)
+    sigma = math.sqrt(estimator.covariance[s.TRACK_SCALE, s.TRACK_SCALE])
+    assert sigma < 0.015
+    assert estimator.biases["track_scale"] == pytest.approx(scale - 1.0, abs=3.0 * sigma)
+
+
+def test_one_stamp_far_ahead_is_refused_but_a_clock_that_stays_there_is_believed():
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=True)
+    hour = seconds(3600.0)
+    assert not estimator.feed(ImuSample(stamp + hour, (0.0, 0.0, 0.0), None))
+    assert estimator.health.sensor("imu").rejected == {"stamp far ahead": 1}
+    stamp = drive(estimator, stamp, 1.0, 0.5, 0.5, imu=True)
+    assert estimator.pose[0] == pytest.approx(1.5, abs=0.02)
+    drive(estimator, stamp + hour, 1.0, 0.5, 0.5, imu=True)
+    assert estimator.stamp == stamp + hour + seconds(1.0)
+
+
+def test_track_speeds_that_no_track_can_have_are_refused():
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 1.0, 0.5, 0.5, imu=True)
+    assert not estimator.feed(TrackSpeeds(stamp + STEP, 30.0, 0.5))
+    assert estimator.health.sensor("tracks").rejected == {"absurdly fast": 1}
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        TrackSpeeds(0.5, 0.1, 0.1),
+        ImuSample(EPOCH, (0.0, 0.0), None),
+        ImuSample(EPOCH, 0.1, None),
+        ImuSample(EPOCH, (0.0, 0.0, 0.0), "abc"),
+    ],
+)
+def test_what_is_no_measurement_is_an_error_of_the_caller(bad):
+    with pytest.raises(EstimatorError, match=r"must be three numbers|is an integer of nanoseconds"):
+        PoseEstimator(ALPHA).feed(bad)
+
+
+def test_an_imu_sample_may_hold_arrays():
+    estimator = PoseEstimator(ALPHA)
+    estimator.feed(TrackSpeeds(EPOCH, 0.1, 0.1))
+    assert estimator.feed(ImuSample(EPOCH + STEP, np.zeros(3), np.array([0.0, 0.0, GRAVITY])))
 
 
 # --- symmetries -------------------------------------------------------------------------------------

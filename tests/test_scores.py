@@ -192,11 +192,12 @@ def test_velocity_errors_by_the_twists_of_the_truth():
 
 def test_velocity_errors_by_the_poses_of_the_truth():
     truth = Truth(series(SECONDS, circle(SECONDS)))
-    slipping = straight(SECONDS) @ np.array([[1.02, 0.04, 0.0], [0, 0, 0], [0, 0, 0]])
-    estimate = trajectory(SECONDS, slipping)
-    errors = velocity_errors(estimate, Truth(series(SECONDS, straight(SECONDS))))
+    n = len(SECONDS)
+    slipping = trajectory(SECONDS, straight(SECONDS), twists=np.tile([0.51, 0.02, 0.0], (n, 1)))
+    errors = velocity_errors(slipping, Truth(series(SECONDS, straight(SECONDS))))
     assert errors == pytest.approx(np.tile([0.01, 0.02, 0.0], (len(errors), 1)), abs=1e-9)
-    errors = velocity_errors(trajectory(SECONDS, circle(SECONDS, rate=0.103)), truth)
+    turning = trajectory(SECONDS, circle(SECONDS), twists=np.tile([0.5, 0.0, 0.103], (n, 1)))
+    errors = velocity_errors(turning, truth)
     assert errors[:, 2] == pytest.approx(0.003, abs=1e-9)
 
 
@@ -204,11 +205,20 @@ def test_windows_in_which_the_truth_is_silent_say_nothing():
     seconds = SECONDS[(SECONDS < 40.0) | (SECONDS >= 70.0)]
     truth = Truth(series(seconds, straight(seconds)))
     # Wrong in the hole only; 39 s to 40 s and 70 s to 71 s are seen.
-    poses = straight(SECONDS)
-    poses[:, 1] += 0.5 * ((SECONDS > 45.0) & (SECONDS < 65.0))
-    errors = velocity_errors(trajectory(SECONDS, poses), truth)
+    twists = np.tile([0.5, 0.0, 0.0], (len(SECONDS), 1))
+    twists[(SECONDS > 45.0) & (SECONDS < 65.0), 1] = 0.5
+    errors = velocity_errors(trajectory(SECONDS, straight(SECONDS), twists=twists), truth)
     assert errors == pytest.approx(0.0, abs=1e-9)
     assert 150 < len(errors) < 180
+
+
+def test_the_jump_of_a_fix_is_no_velocity():
+    twists = np.tile([0.5, 0.0, 0.0], (len(SECONDS), 1))
+    jumping = straight(SECONDS)
+    jumping[SECONDS > 60.0, 1] += 3.0
+    truth = Truth(series(SECONDS, straight(SECONDS)))
+    errors = velocity_errors(trajectory(SECONDS, jumping, twists=twists), truth)
+    assert errors == pytest.approx(0.0, abs=1e-9)
 
 
 def test_nees_of_errors_drawn_from_the_covariance_is_chi_square():
