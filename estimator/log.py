@@ -7,6 +7,7 @@ counted, never repaired.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -181,8 +182,9 @@ def screen(
 ) -> tuple[NDArray[np.bool_], dict[str, int]]:
     """Which samples of a stream to keep, and how many are dropped for what reason.
 
-    A sample is dropped when a value is NaN or infinite, when a variance is not positive, when its
-    stamp is that of the sample before (duplicate), or earlier than one already seen (backward).
+    A sample is dropped when a value is NaN or infinite, when a variance is not positive, or when its
+    stamp does not fit among the others: of the stamps in order of arrival the longest strictly rising
+    sequence is kept, so that one wrong stamp, ahead or behind, costs that one sample.
 
     Args:
         stream: name used in the reasons.
@@ -213,13 +215,43 @@ def screen(
     if positive is not None:
         variance = np.asarray(positive, dtype=float).reshape(count, -1)
         drop(~(np.isfinite(variance) & (variance > 0)).all(axis=1), "variance not positive")
-    # The newest stamp among the samples kept so far, before each sample.
-    lowest = np.iinfo(np.int64).min
-    newest = np.maximum.accumulate(np.where(keep, stamps, lowest))
-    before = np.concatenate([[lowest], newest[:-1]])
-    drop(stamps == before, "duplicate stamp")
-    drop(stamps < before, "stamp goes backward")
+    rising = _longest_rising(stamps, keep)
+    kept = np.flatnonzero(rising)
+    if len(kept):
+        # The samples kept before and after each one.
+        place = np.searchsorted(kept, np.arange(count))
+        before = kept[np.maximum(place - 1, 0)]
+        after = kept[np.minimum(place, len(kept) - 1)]
+        drop(~rising & (stamps == stamps[before]), "duplicate stamp")
+        drop(~rising & (stamps >= stamps[after]) & (stamps > stamps[before]), "stamp jumps ahead")
+        drop(~rising, "stamp goes backward")
     return keep, reasons
+
+
+def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask of the longest strictly rising subsequence of the allowed stamps (patience sorting)."""
+    chosen = np.zeros(len(stamps), dtype=bool)
+    places = np.flatnonzero(allowed)
+    values = stamps[places]
+    if (np.diff(values) > 0).all():
+        chosen[places] = True
+        return chosen
+    tails: list[int] = []  # Smallest last stamp of a rising sequence of each length,
+    ends: list[int] = []  # its place,
+    before = np.full(len(values), -1)  # and for each place the one before it in its sequence.
+    for place, value in enumerate(values.tolist()):
+        length = bisect_left(tails, value)
+        if length == len(tails):
+            tails.append(value)
+            ends.append(place)
+        elif value < tails[length]:
+            tails[length], ends[length] = value, place
+        before[place] = ends[length - 1] if length else -1
+    place = ends[-1]
+    while place >= 0:
+        chosen[places[place]] = True
+        place = int(before[place])
+    return chosen
 
 
 def _imu_samples(imu: ImuSeries) -> list[Measurement]:

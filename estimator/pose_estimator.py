@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import state as s
+from estimator.admission import Admission, require_three
 from estimator.ekf import InertiaEkf, ProcessNoise, TwistModel
 from estimator.errors import EstimatorError
 from estimator.frames import Floats, paper_to_rep103, wrap_angle
@@ -49,8 +50,6 @@ IMU_KEPT = (*POSE_KEPT, s.TRACK_SCALE)
 PUSHED_W = 0.3
 # Track speeds this many times beyond the fastest are no track speeds.
 ABSURD_SPEED = 10.0
-# So many samples in a row must agree before a clock that jumped ahead is believed.
-CLOCK_WITNESSES = 10
 # The random walk of the parameters runs at its full rate from this difference of track speeds on [m/s].
 FULL_TURNING = 0.1
 # Share of the change of the track speeds that may be wrong because it comes late.
@@ -139,9 +138,7 @@ class PoseEstimator:
         self._stamp: int | None = None
         # The stamp that the fast slip of now was drawn for, until the pose gets there.
         self._step_ends: int | None = None
-        self._newest: dict[str, int] = {}
-        # Of each stream: how many samples in a row were far ahead, and the newest of them.
-        self._witnesses: dict[str, tuple[int, int]] = {}
+        self._admission = Admission(self.settings.late, self.settings.longest_gap)
         self._tracks = HeldTrackSpeeds(
             self.settings.hold, self.settings.gap_acceleration, vehicle.max_track_speed
         )
@@ -298,10 +295,10 @@ class PoseEstimator:
 
     def _feed_imu(self, m: ImuSample) -> bool:
         rates, force = m.angular_velocity, m.linear_acceleration
-        _require_three("angular_velocity", rates)
+        require_three("angular_velocity", rates)
         if force is not None:
-            _require_three("linear_acceleration", force)
-        before = self._newest.get("imu")
+            require_three("linear_acceleration", force)
+        before = self._admission.newest.get("imu")
         if not self._admissible("imu", m.stamp, (*rates, *(() if force is None else force))):
             return False
         if self._tracks.stamp is None:
@@ -477,46 +474,17 @@ class PoseEstimator:
         return True
 
     def _admissible(
-        self, stream: str, stamp: int, values: tuple[float, ...], variance: float = 1.0
+        self, stream: str, stamp: int, values: Sequence[float], variance: float = 1.0
     ) -> bool:
         """Whether a measurement can be right by itself; if not, it is counted."""
-        if not isinstance(stamp, int | np.integer):
-            raise EstimatorError(f"{stream}: a stamp is an integer of nanoseconds, found {stamp!r}")
-        newest = self._newest.get(stream)
-        late = self._stamp is not None and (self._stamp - stamp) * NANOSECOND > self.settings.late
-        reason = None
-        if not all(map(math.isfinite, values)):
-            reason = "not finite"
-        elif not (math.isfinite(variance) and variance > 0.0):
-            reason = "variance not positive"
-        elif newest is not None and stamp == newest:
-            reason = "duplicate stamp"
-        elif newest is not None and stamp < newest:
-            reason = "stamp goes backward"
-        elif late:
-            reason = "too late"
-        elif self._is_far_ahead(stream, stamp):
-            reason = "stamp far ahead"
+        reason = self._admission.objection(stream, stamp, self._stamp, values, variance)
         if reason is not None:
             self.health.sensor(stream).rejected[reason] += 1
-            return False
-        self._newest[stream] = stamp
-        return True
-
-    def _is_far_ahead(self, stream: str, stamp: int) -> bool:
-        """Whether a stamp is so far ahead that it is wrong, unless others of its stream agree with it."""
-        longest = int(self.settings.longest_gap / NANOSECOND)
-        if self._stamp is None or stamp - self._stamp <= longest:
-            self._witnesses.pop(stream, None)
-            return False
-        count, before = self._witnesses.get(stream, (0, stamp))
-        agrees = 0 <= stamp - before <= longest
-        self._witnesses[stream] = (count + 1 if agrees else 1, stamp)
-        return not (agrees and count + 1 >= CLOCK_WITNESSES)
+        return reason is None
 
     def _imu_is_alive(self, stamp: int) -> bool:
         """Whether an IMU sample may be expected that tells how the robot moved up to this stamp."""
-        newest = self._newest.get("imu")
+        newest = self._admission.newest.get("imu")
         return newest is not None and (stamp - newest) * NANOSECOND <= self.settings.hold
 
     def _advance(self, stamp: int) -> None:
@@ -594,13 +562,3 @@ class PoseEstimator:
         if imu.gyro_axes == "z":
             return float(m.angular_velocity[2] / (rotation[2, 2] * imu.gyro_scale))
         return float(rotation[2] @ np.array(m.angular_velocity)) / imu.gyro_scale
-
-
-def _require_three(name: str, values: Sequence[float]) -> None:
-    """Raise EstimatorError unless these are three numbers."""
-    try:
-        count = len([float(value) for value in values])
-    except (TypeError, ValueError):
-        count = 0
-    if count != 3:
-        raise EstimatorError(f"{name} must be three numbers, found {values!r}")

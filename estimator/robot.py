@@ -30,6 +30,8 @@ def _require_finite(name: str, *values: float) -> None:
 
 
 def _require_positive(name: str, value: float) -> None:
+    if np.isnan(value):
+        raise ValueError(f"{name} is not filled in (found nan)")
     if not (np.isfinite(value) and value > 0):
         raise ValueError(f"{name} must be a positive number, found {value!r}")
 

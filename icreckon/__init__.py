@@ -7,9 +7,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from estimator import kinematics as kinematics
+    from estimator import motion as motion
     from estimator.errors import EstimatorError as EstimatorError
     from estimator.errors import IcreckonError as IcreckonError
+    from estimator.log import FixSeries as FixSeries
+    from estimator.log import ImuSeries as ImuSeries
     from estimator.log import Log as Log
+    from estimator.log import PoseSeries as PoseSeries
+    from estimator.log import TrackSpeedSeries as TrackSpeedSeries
+    from estimator.log import Truth as Truth
+    from estimator.log import TwistSeries as TwistSeries
     from estimator.measurements import BodyVelocity as BodyVelocity
     from estimator.measurements import HeadingFix as HeadingFix
     from estimator.measurements import ImuSample as ImuSample
@@ -21,6 +29,9 @@ if TYPE_CHECKING:
     from estimator.robot import robot_names as robot_names
     from estimator.run import Run as Run
     from estimator.run import run as run
+    from estimator.scores import drift as drift
+    from estimator.scores import pose_nees as pose_nees
+    from estimator.scores import velocity_errors as velocity_errors
     from estimator.settings import Settings as Settings
     from estimator.trajectory import Trajectory as Trajectory
     from estimator.variants import VARIANTS as VARIANTS
@@ -28,19 +39,27 @@ if TYPE_CHECKING:
     from replay.bags import read_log as read_log
     from replay.comparison import compare as compare
     from replay.errors import ReplayError as ReplayError
+    from replay.fixes import parse_part as parse_part
     from replay.inspection import inspect as inspect
+    from replay.report import write_report as write_report
+    from replay.results import summarise as summarise
     from simulation.errors import SimulationError as SimulationError
     from simulation.scenario import Scenario as Scenario
     from simulation.scenario import simulate as simulate
 
+# Modules that are handed on whole.
+_MODULES = {"kinematics": "estimator.kinematics", "motion": "estimator.motion"}
 _HOMES = {
     "BodyVelocity": "estimator.measurements",
     "EstimatorError": "estimator.errors",
+    "FixSeries": "estimator.log",
     "HeadingFix": "estimator.measurements",
     "IcreckonError": "estimator.errors",
     "ImuSample": "estimator.measurements",
+    "ImuSeries": "estimator.log",
     "Log": "estimator.log",
     "PoseEstimator": "estimator.pose_estimator",
+    "PoseSeries": "estimator.log",
     "PositionFix": "estimator.measurements",
     "ReplayError": "replay.errors",
     "Robot": "estimator.robot",
@@ -48,30 +67,42 @@ _HOMES = {
     "Scenario": "simulation.scenario",
     "Settings": "estimator.settings",
     "SimulationError": "simulation.errors",
+    "TrackSpeedSeries": "estimator.log",
     "TrackSpeeds": "estimator.measurements",
     "Trajectory": "estimator.trajectory",
+    "Truth": "estimator.log",
+    "TwistSeries": "estimator.log",
     "VARIANTS": "estimator.variants",
     "compare": "replay.comparison",
+    "drift": "estimator.scores",
     "inspect": "replay.inspection",
     "load_robot": "estimator.robot",
+    "parse_part": "replay.fixes",
+    "pose_nees": "estimator.scores",
     "read_log": "replay.bags",
     "robot_names": "estimator.robot",
     "run": "estimator.run",
     "simulate": "simulation.scenario",
+    "summarise": "replay.results",
+    "velocity_errors": "estimator.scores",
     "write_log": "replay.bag_writer",
+    "write_report": "replay.report",
 }
 
-__all__ = sorted(_HOMES)  # noqa: PLE0605 - the table above is the one list of names
+__all__ = sorted({*_HOMES, *_MODULES})  # noqa: PLE0605 - the table above is the one list of names
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name in _MODULES:
+        value: Any = import_module(_MODULES[name])
+    elif name in _HOMES:
+        value = getattr(import_module(_HOMES[name]), name)
+    else:
         raise AttributeError(f"module 'icreckon' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *__all__})

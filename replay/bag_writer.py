@@ -71,7 +71,7 @@ class _Outbox(NamedTuple):
 
 def write_log(
     log: Log,
-    path: Path,
+    path: Path | str,
     format: Format,  # noqa: A002
     robot: Robot,
     *,
@@ -98,7 +98,8 @@ def write_log(
             ROS cannot hold, something is there already, or the file system refuses.
     """
     topics = topic_map(robot, f"robot {robot.name!r}")
-    return _write(path, format, _log_outboxes(log, topics, robot), overwrite=overwrite)
+    outboxes = _log_outboxes(log, topics, robot)
+    return _write(Path(path), format, outboxes, overwrite=overwrite)
 
 
 def write_odometry(

@@ -65,7 +65,8 @@ def _title(results: Results) -> str:
         if name in results["variants"]
     }
     told = ", ".join(f"{name} {value:.2f} %" for name, value in drifts.items() if value is not None)
-    return f"{title}, truth: {truth['source']}\ndrift after 30 s without fixes: {told}"
+    drift = f"\ndrift after 30 s without fixes: {told}" if told else ""
+    return f"{title}, truth: {truth['source']}{drift}"
 
 
 def _detailed(results: Results) -> list[str]:
@@ -143,6 +144,7 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     shown = [series["variants"][name] for name in detailed]
     top = max(float(np.nanmax(_numbers(one["position_error_m"]))) for one in shown)
     bound = max(3.0 * float(np.nanmax(_numbers(one["position_sigma_m"]))) for one in shown)
+    # Bounds may run away in a hole of the log; the picture is of the errors.
     axes.set_ylim(0.0, 1.15 * max(top, min(bound, 2.5 * top)))
     axes.set_ylabel("position error [m]")
     axes.legend(loc="upper left", ncols=2, fontsize=8)
@@ -152,11 +154,17 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
     series = results["series"]
     time = series["t_s"]
     _shade_outages(axes, results)
+    top, widest = 0.0, 0.0
     for name in _detailed(results):
         one = series["variants"][name]
         bound = 3.0 * np.degrees(_numbers(one["yaw_sigma_rad"]))
-        axes.plot(time, np.degrees(_numbers(one["yaw_error_rad"])), color=_colour(name), lw=1.3)
+        error = np.degrees(_numbers(one["yaw_error_rad"]))
+        axes.plot(time, error, color=_colour(name), lw=1.3)
         axes.fill_between(time, -bound, bound, color=_colour(name), alpha=0.13, lw=0)
+        top = max(top, float(np.nanmax(np.abs(error))))
+        widest = max(widest, float(np.nanmax(bound)))
+    limit = 1.15 * max(top, min(widest, 5.0 * top))
+    axes.set_ylim(-limit, limit)
     axes.set_ylabel("yaw error [deg]")
 
 

@@ -40,12 +40,16 @@ def robot_file_text(
 
 
 def _vehicle(mapping: TopicMap, log: Log | None) -> list[str]:
+    # Not a number: a robot file that was not completed is refused rather than believed.
+    radius_matters = mapping.tracks is not None and bool(mapping.tracks.left)
     lines = [
         "[vehicle]",
-        f"mass = 100.0             {FILL_IN} (kg, with load)",
-        f"track_gauge = 0.5        {FILL_IN} (m, between the track or wheel centrelines)",
-        f"sprocket_radius = 0.1    {FILL_IN} (m, effective)",
-        f"max_track_speed = 1.0    {FILL_IN} (m/s)",
+        f"mass = nan               {FILL_IN} (kg, with load)",
+        f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)",
+        f"sprocket_radius = nan    {FILL_IN} (m, effective)"
+        if radius_matters
+        else "sprocket_radius = 0.1    # not used for this log",
+        f"max_track_speed = 2.0    {FILL_IN} (m/s)",
     ]
     if mapping.tracks is None:
         lines.append("# The log holds no track speeds: it shows the IMU, but cannot be replayed.")
@@ -54,9 +58,7 @@ def _vehicle(mapping: TopicMap, log: Log | None) -> list[str]:
         if mapping.tracks.left:
             lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
         else:
-            lines.append(
-                "# The log holds an odometry in m/s, for which sprocket_radius is not used."
-            )
+            lines.append(f"# Fastest in the log: {fastest:.1f} m/s.")
     return lines
 
 

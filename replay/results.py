@@ -39,6 +39,8 @@ FORMAT = 1
 # A time without fixes at least this long is scored as dead reckoning [s].
 SCORED_OUTAGE = 15.0
 SERIES_POINTS = 600
+# A time without samples that is worth telling [s].
+LONG_GAP = 1.0
 # Index values follow from a twist only while the robot turns at least this fast [rad/s].
 LEAST_YAW_RATE = 0.1
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
@@ -91,7 +93,7 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
-            "notes": list(log.notes),
+            "notes": [*log.notes, *_holes(log)],
             "start_ns": log.start,
         },
         "truth": _truth_summary(comparison, scored),
@@ -105,6 +107,23 @@ def summarise(
 def write_results(path: Path, results: Results) -> None:
     """Write results as JSON; NaN becomes null."""
     path.write_text(json.dumps(_clean(results), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _holes(log: Log) -> list[str]:
+    """What is to be said of times without track speeds or IMU samples."""
+    streams = {"track speeds": log.tracks.stamps}
+    if log.imu is not None:
+        streams["IMU samples"] = log.imu.stamps
+    told = []
+    for name, stamps in streams.items():
+        gaps = np.diff(stamps) * NANOSECOND
+        long = gaps[gaps > LONG_GAP]
+        if len(long):
+            told.append(
+                f"{len(long)} holes of more than {LONG_GAP:.0f} s in the {name}, "
+                f"the longest of {long.max():.1f} s"
+            )
+    return told
 
 
 def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from conftest import make_log, sample_log
+from estimator.errors import EstimatorError
 from estimator.frames import rpy_to_matrix
 from estimator.log import ImuSeries, Log, TrackSpeedSeries
 from estimator.robot import Robot, Vehicle, load_robot
@@ -19,9 +20,14 @@ from replay.topics import TopicMap, topic_map
 
 
 def proposed(inspection: Inspection, folder: Path) -> tuple[Robot, TopicMap]:
-    """The proposed robot file, read as any robot file."""
+    """The proposed robot file, completed and read as any robot file."""
     path = folder / "proposed.toml"
     path.write_text(inspection.proposed_robot_file, encoding="utf-8")
+    if "nan" in inspection.proposed_robot_file:
+        with pytest.raises(EstimatorError, match="is not filled in"):
+            load_robot(path)
+    completed = inspection.proposed_robot_file.replace("= nan", "= 1.0")
+    path.write_text(completed, encoding="utf-8")
     robot = load_robot(path)
     return robot, topic_map(robot, str(path))
 

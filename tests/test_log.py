@@ -1,5 +1,7 @@
 """The in-memory log: screening, shapes, and the order in which it hands out measurements."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -55,10 +57,32 @@ def test_only_the_first_of_equal_stamps_is_kept():
     assert reasons == {"tracks: duplicate stamp": 2}
 
 
-def test_stamp_before_one_already_seen_goes_backward():
-    keep, reasons = screen("tracks", [10, 20, 12, 15, 21], np.zeros(5))
-    assert keep.tolist() == [True, True, False, False, True]
-    assert reasons == {"tracks: stamp goes backward": 2}
+def test_one_stamp_behind_costs_one_sample():
+    keep, reasons = screen("tracks", [10, 11, 12, 9, 13, 14], np.zeros(6))
+    assert keep.tolist() == [True, True, True, False, True, True]
+    assert reasons == {"tracks: stamp goes backward": 1}
+
+
+def test_one_stamp_ahead_costs_one_sample():
+    keep, reasons = screen("tracks", [10, 11, 3600, 12, 13], np.zeros(5))
+    assert keep.tolist() == [True, True, False, True, True]
+    assert reasons == {"tracks: stamp jumps ahead": 1}
+
+
+def test_as_many_samples_as_can_be_are_kept():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        raw = rng.integers(0, 12, 9)
+        keep, _ = screen("s", raw, np.zeros(9))
+        best = max(
+            (
+                len(picks)
+                for n in range(10)
+                for picks in itertools.combinations(range(9), n)
+                if all(raw[a] < raw[b] for a, b in itertools.pairwise(picks))
+            ),
+        )
+        assert keep.sum() == best
 
 
 def test_a_dropped_sample_does_not_make_the_next_one_late():

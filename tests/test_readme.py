@@ -1,6 +1,7 @@
 """The README and the docs do what they say."""
 
 import os
+import re
 import shutil
 import subprocess
 import venv
@@ -48,6 +49,12 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
         assert f"\n{field.name} = " in text, field.name
 
 
+def test_links_between_the_pages_lead_somewhere() -> None:
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name} links {target}"
+
+
 @pytest.fixture(scope="module")
 def fresh_clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of what git tracks, as it is in the working tree."""
@@ -89,7 +96,7 @@ def test_the_demo_line_works_in_a_fresh_virtual_environment(fresh_clone: Path) -
 
 @pytest.mark.slow
 def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: Path) -> None:
-    """The block of the README with the demo's bag for LOG; what `inspect` cannot know is filled in."""
+    """The block of the README with a simulated bag for LOG; what `inspect` cannot know is filled in."""
     venv.create(tmp_path / "venv", with_pip=True)
     binaries = tmp_path / "venv" / "bin"
     shell(f"{binaries}/pip install -q {fresh_clone}", tmp_path)
@@ -98,10 +105,15 @@ def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: P
     first, second, third = SHELL[2].strip().splitlines()
     assert "/joint_states" in shell(first, tmp_path, PATH=path)
     shell(second, tmp_path, PATH=path)
+    robot = tmp_path / "robot.toml"
+    proposed = robot.read_text(encoding="utf-8")
+    for name, value in (("mass", 258.0), ("track_gauge", 0.42), ("sprocket_radius", 0.1)):
+        assert f"{name} = nan" in proposed
+        proposed = proposed.replace(f"{name} = nan", f"{name} = {value}")
+    robot.write_text(proposed, encoding="utf-8")
     assert "inertia-online" in shell(third, tmp_path, PATH=path)
 
 
-@pytest.mark.slow
 def test_the_test_line_is_the_one_that_ci_runs() -> None:
     """CI runs the README's test line on a clean clone; running it from within would be a loop."""
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")

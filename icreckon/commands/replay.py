@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
+
 from estimator.config import convert
 from estimator.errors import EstimatorError
 from estimator.robot import load_robot, robot_names
@@ -12,6 +14,7 @@ from estimator.variants import find_variant
 from icreckon.commands.comparing import compare_and_report
 from icreckon.console import messages, results_folder
 from replay.bags import read_log
+from replay.comparison import DEFAULT_VARIANTS
 from replay.errors import ReplayError
 from replay.fixes import parse_part
 
@@ -55,10 +58,9 @@ def run_replay(
             configuration={
                 "log": str(path),
                 "robot": robot_name,
-                "variants": names,
+                "variants": names if names is not None else list(DEFAULT_VARIANTS),
                 "fixes": fixes,
-                "form": form,
-                "inertia": inertia,
+                "settings": msgspec.to_builtins(settings),
             },
             inputs={str(path): path},
             variants=names,
