@@ -38,7 +38,7 @@ from replay.comparison import Comparison
 FORMAT = 1
 # A time without fixes at least this long is scored as dead reckoning [s].
 SCORED_OUTAGE = 15.0
-SERIES_POINTS = 600
+SERIES_POINTS = 1500
 # A time without samples that is worth telling [s].
 LONG_GAP = 1.0
 # Index values follow from a twist only while the robot turns at least this fast [rad/s].
@@ -290,9 +290,9 @@ def _pose_columns(poses: Floats) -> Results:
 
 
 def _rounded(values: ArrayLike) -> list[float | None]:
-    """Numbers to six significant digits, NaN as None: these series are for pictures."""
+    """Numbers to five significant digits, NaN as None: these series are for pictures."""
     return [
-        float(f"{value:.6g}") if math.isfinite(value) else None
+        float(f"{value:.5g}") if math.isfinite(value) else None
         for value in np.asarray(values, dtype=float).tolist()
     ]
 
