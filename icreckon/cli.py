@@ -214,6 +214,27 @@ def inspect(
     run_inspect(path=log, write=write, as_json=json, overwrite=overwrite)
 
 
+@app.command()
+def paper(
+    identify: Annotated[
+        bool,
+        typer.Option(
+            "--identify",
+            help="Search for the contact and soil that come closest to the published numbers "
+            "(minutes), instead of the best that is known.",
+        ),
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of that search.")] = 0,
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Reproduce the paper from friction: its numbers, its Table II, its figures."""
+    from icreckon.commands.paper import run_paper
+
+    run_paper(identify=identify, seed=seed, out=out, as_json=json, overwrite=overwrite)
+
+
 def main() -> None:
     """Entry point: errors are one line and a non-zero exit, a traceback only with --debug."""
     debug = DEBUG in sys.argv
