@@ -33,6 +33,8 @@ Floats = NDArray[np.float64]
 # two for each IMU sample where HIGHEST_GRID allows.
 LOWEST_GRID = 200.0
 HIGHEST_GRID = 1000.0
+# More samples of one sensor than this are taken for a slip of the pen.
+MOST_SAMPLES = 2e7
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -84,6 +86,13 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         for name in ("truth_spread", "fix_rate", "fix_sigma", "fix_heading_sigma", "seed"):
             if getattr(self, name) is not None:
                 self._require(name, positive=False)
+        for name in ("track_rate", "imu_rate", "truth_rate", "fix_rate"):
+            samples = getattr(self, name) * self.duration
+            if samples > MOST_SAMPLES:
+                raise SimulationError(
+                    f"{name} = {getattr(self, name)!r} Hz over {self.duration!r} s makes {samples:.0g} "
+                    f"samples, more than {MOST_SAMPLES:.0g}; lower the rate or the duration"
+                )
         for start, end in self.outages:
             if not start < end:
                 raise SimulationError(

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from estimator.config import convert
-from estimator.errors import EstimatorError
+from estimator.errors import EstimatorError, nearest_hint
 from estimator.robot import load_robot, robot_names
 from estimator.settings import Settings
 from estimator.variants import find_variant
@@ -42,6 +42,12 @@ def run_replay(
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)
+    for option, value, choices in (
+        ("--form", form, ["smooth", "literal"]),
+        ("--inertia", inertia, ["tracks", "imu"]),
+    ):
+        if value not in choices:
+            raise ReplayError(f"{option} {value!r}{nearest_hint(value, choices)}")
     settings = convert({"form": form, "inertia": inertia}, Settings, "the options", EstimatorError)
     part = None if fixes is None else parse_part(fixes)
     with results_folder(out, f"icreckon-replay-{path.stem}", overwrite=overwrite) as folder:
