@@ -31,7 +31,7 @@ def _require_finite(name: str, *values: float) -> None:
 
 def _require_positive(name: str, value: float) -> None:
     if np.isnan(value):
-        raise ValueError(f"{name} is not filled in (found nan)")
+        raise ValueError(f"{name} must be a positive number, found nan: it is not filled in")
     if not (np.isfinite(value) and value > 0):
         raise ValueError(f"{name} must be a positive number, found {value!r}")
 
