@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, ClassVar
@@ -57,6 +57,7 @@ def compare(
     settings: Settings | None = None,
     fixes: LogPart | None = None,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
     """Run filter variants over a log.
@@ -72,6 +73,8 @@ def compare(
         fixes: part of the log in which fixes are used, see `replay.fixes`; None for all that the log
             has as such.
         workers: processes to spread the variants over; 1 runs them here.
+        executor: anything with that interface to run the variants on instead, such as
+            `dask.distributed.Client(address).get_executor()` (extra `cluster`).
         progress: called now and then with the share that is done, 0 to 1.
 
     Raises:
@@ -92,7 +95,9 @@ def compare(
         start = _pose_at(log.truth, log.start)
         sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
     task = _Task(log, robot, settings, start, sigma)
-    if workers > 1 and len(variants) > 1:
+    if executor is not None:
+        runs = _on_executor(task, variants, executor, progress)
+    elif workers > 1 and len(variants) > 1:
         runs = _in_processes(task, variants, workers, progress)
     else:
         runs = _here(task, variants, progress)
@@ -135,6 +140,22 @@ def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> li
         return report
 
     return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
+
+
+def _run_quietly(task: _Task, variant: str) -> Run:
+    return task.run(variant, lambda _: None)
+
+
+def _on_executor(
+    task: _Task, variants: Sequence[str], executor: Executor, progress: Progress | None
+) -> list[Run]:
+    futures = [executor.submit(_run_quietly, task, variant) for variant in variants]
+    runs = []
+    for future in futures:
+        runs.append(future.result())
+        if progress is not None:
+            progress(len(runs) / len(futures))
+    return runs
 
 
 class _Worker:
