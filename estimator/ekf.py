@@ -60,11 +60,10 @@ class ProcessNoise(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """A scalar measurement against its prediction: residual, its variance, and whether it was used."""
+    """A scalar measurement against its prediction: the residual, and the variance it should have."""
 
     residual: float
     variance: float
-    used: bool
 
     @property
     def nis(self) -> float:
@@ -212,7 +211,7 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             row: (SIZE,) Jacobian of the prediction.
             variance: of the measurement.
         """
-        return Innovation(residual, float(row @ self.P @ row) + variance, used=False)
+        return Innovation(residual, float(row @ self.P @ row) + variance)
 
     def update_scalar(
         self, residual: float, row: Floats, variance: float, *, kept: tuple[int, ...] = ()

@@ -111,14 +111,8 @@ def solve(
     Returns:
         The motion.
     """
-    D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
-    signs = _literal_signs(V_l, V_r, parameters[0]) if form == "literal" else None
-    in_inertia = slip if slip_in_inertia else NO_SLIP
-
-    def evaluate(u: Number) -> _Evaluation:
-        return _evaluate(u, D, V_m, parameters, vehicle, signs, in_inertia)
-
-    u = 0.0 * D
+    evaluate = _evaluator(V_l, V_r, parameters, vehicle, form, slip if slip_in_inertia else NO_SLIP)
+    u = 0.0 * (V_r - V_l)
     settled: Any = False
     for _ in range(NEWTON_ITERATIONS):
         step = evaluate(u)
@@ -128,7 +122,7 @@ def solve(
         if settled is True or np.all(settled):
             break
     else:
-        u = settled * u + (1.0 - settled) * _bisect(evaluate, D)
+        u = settled * u + (1.0 - settled) * _bisect(evaluate, V_r - V_l)
     final = evaluate(u)
     kinematic = final.kinematic
     twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
@@ -148,10 +142,8 @@ def channels(
     slip_in_inertia: bool = False,
 ) -> Channels:
     """Total derivatives of the twist at a motion that `solve` returned for the same arguments."""
-    D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
-    signs = _literal_signs(V_l, V_r, parameters[0]) if form == "literal" else None
-    in_inertia = slip if slip_in_inertia else NO_SLIP
-    at = _evaluate(motion.u, D, V_m, parameters, vehicle, signs, in_inertia)
+    evaluate = _evaluator(V_l, V_r, parameters, vehicle, form, slip if slip_in_inertia else NO_SLIP)
+    at = evaluate(motion.u)
     w = at.kinematic.w
     zeta, epsilon, eta = at.indices
     per_D = 1.0 / (vehicle.gauge * eta)
@@ -219,6 +211,20 @@ class _Evaluation(NamedTuple):
     g_twist: tuple[Number, Number, Number]
     twist_u: tuple[Number, Number, Number]
     g_u: Number
+
+
+def _evaluator(
+    V_l: Number,
+    V_r: Number,
+    parameters: Any,
+    vehicle: VehicleConstants,
+    form: Form,
+    slip: tuple[Number, Number, Number],
+) -> Callable[[Number], _Evaluation]:
+    """Everything at one value of u, as a function of u alone; the slip is that in the inertia."""
+    D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
+    signs = _literal_signs(V_l, V_r, parameters[0]) if form == "literal" else None
+    return lambda u: _evaluate(u, D, V_m, parameters, vehicle, signs, slip)
 
 
 def _evaluate(

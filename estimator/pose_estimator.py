@@ -136,8 +136,8 @@ class PoseEstimator:
         self._parameter_walk[s.PARAMETERS] = sigmas * adaptation.walk
 
         self._stamp: int | None = None
-        # The stamp that the fast slip of now was drawn for, until the pose gets there.
-        self._step_ends: int | None = None
+        # Whether the fast slip of the next step is drawn, and the pose has not got there yet.
+        self._step_under_way = False
         self._admission = Admission(self.settings.late, self.settings.longest_gap)
         self._tracks = HeldTrackSpeeds(
             self.settings.hold, self.settings.gap_acceleration, vehicle.max_track_speed
@@ -159,7 +159,7 @@ class PoseEstimator:
 
     @property
     def stamp(self) -> int | None:
-        """Time of the estimate [ns]; None before the first measurement."""
+        """Time of the estimate [ns]; None before the first track speeds or fix."""
         return self._stamp
 
     @property
@@ -498,19 +498,19 @@ class PoseEstimator:
         left, right = self._tracks.mean_speeds(self._stamp, stamp)
         self._ekf.predict_motion(dt, left, right, noise)
         self._stamp = stamp
-        self._step_ends = None
+        self._step_under_way = False
 
     def _begin_step(self, stamp: int) -> None:
         """Draw a new fast slip for the step to a stamp [ns], unless one is under way."""
         if self._stamp is None:
             self._stamp = stamp
-        if stamp <= self._stamp or self._step_ends is not None:
+        if stamp <= self._stamp or self._step_under_way:
             return
         self._ekf.x[s.FAST_SLIP] = 0.0
         # The density is white, so it is its integral over the step that matters.
         dt = (stamp - self._stamp) * NANOSECOND
         self._ekf.renew_fast_slip(self._fast_slip_density(self._stamp, stamp) / dt)
-        self._step_ends = stamp
+        self._step_under_way = True
 
     def _fast_slip_density(self, start: int, end: int) -> Floats:
         """(3, 3) density of the fast slip between two stamps [ns].
