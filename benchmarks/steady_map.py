@@ -1,6 +1,6 @@
 """Time of the stationary solver for the paper's 441 pairs and a 201 x 201 map, beside scipy's root.
 
-Both solve the same function (`simulation.contact.steady_balance`) from the same kinematic guess. scipy
+Both solve the same function (`estimator.contact.steady_balance`) from the same kinematic guess. scipy
 goes pair by pair: for the 441 all of them, for the large map an even sample, whose time is scaled up
 (`--all` solves every pair; it takes minutes). It is given the analytic Jacobian, and its failures are
 counted, not mended.
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from estimator.contact import Body, Contact, Soil, equally_spaced, steady_balance
 from estimator.kinematics import PaperTwist
-from simulation.contact import Body, Contact, Soil, equally_spaced, steady_balance
-from simulation.steady import CONVERGED, TYPICAL_ETA, solve_steady, track_speed_grid
+from estimator.steady import CONVERGED, TYPICAL_ETA, solve_steady, track_speed_grid
 
 GAUGE = 0.42
 AURIGA = Contact(

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+GRAVITY = 9.81  # m/s²
+
 # A float, a complex number or an array of either: whatever broadcasts.
 Number = Any
 

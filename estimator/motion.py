@@ -31,14 +31,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from estimator.kinematics import IndexValues, Number, PaperTwist
+from estimator.kinematics import GRAVITY, IndexValues, Number, PaperTwist
 
 Form = Literal["smooth", "literal"]
 
 NEWTON_ITERATIONS = 20
 BISECTIONS = 80
 TOLERANCE = 1e-13
-GRAVITY = 9.80665
 # Newton's denominator 1 - dg/du is kept above this, so that a step never runs away near a fold.
 SMALLEST_SLOPE = 0.25
 NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)

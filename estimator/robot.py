@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from estimator.config import convert, read_toml
+from estimator.contact import Body, Contact, Soil, equally_spaced
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats, rep103_to_paper, rpy_to_matrix
 
@@ -49,7 +50,12 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         track_gauge: distance L between the track (wheel) centrelines [m].
         sprocket_radius: effective radius that turns sprocket (wheel) rates into track speeds [m].
         centre_of_mass: x forward, y left, z up [m].
-        half_contact_length: half the length of a track's contact with the ground [m].
+        half_contact_length: half the length of a track's contact with the ground, or half the
+            wheelbase [m].
+        contact_points: evenly spaced points along each track that press on the ground: 2 for a pair of
+            wheels, the number of road wheels of a track.
+        yaw_inertia: moment of inertia about the vertical through the centre of mass; that of a plate
+            as large as the contact's outline where left out [kg m²].
         max_track_speed: highest speed of a track [m/s].
     """
 
@@ -58,6 +64,8 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sprocket_radius: float
     centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
     half_contact_length: float = 0.3
+    contact_points: int = 5
+    yaw_inertia: float | None = None
     max_track_speed: float = 1.0
 
     def __post_init__(self) -> None:
@@ -70,6 +78,10 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ):
             _require_positive(name, getattr(self, name))
         _require_finite("centre_of_mass", *self.centre_of_mass)
+        if self.contact_points < 2:
+            raise ValueError(f"contact_points must be at least 2, found {self.contact_points!r}")
+        if self.yaw_inertia is not None:
+            _require_positive("yaw_inertia", self.yaw_inertia)
 
 
 class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -234,6 +246,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         constant_icr: the best constant ICRs; those of `indices` at no inertia where left out.
         imu: mounting and noise of the IMU.
         tracks: noise of the track speeds.
+        soil: friction and rolling resistance of the ground that it usually drives on.
         slip: overrides of the slip residual, variant name -> Slip; see `estimator.variants`.
         log: topic mapping of this robot's logs, checked by whoever reads logs.
         format: version of the file format.
@@ -246,6 +259,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     constant_icr: ConstantIcr | None = None
     imu: Imu = Imu()
     tracks: Tracks = Tracks()
+    soil: Soil = Soil()
     slip: dict[str, Slip] = {}
     log: dict[str, Any] = {}
     format: int = FORMAT
@@ -267,6 +281,34 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         x_forward, y_left, _ = self.vehicle.centre_of_mass
         x_cm, y_cm = rep103_to_paper(x_forward, y_left)
         return float(x_cm), float(y_cm)
+
+    @cached_property
+    def contact(self) -> Contact:
+        """The tracks on the robot's usual ground.
+
+        Raises:
+            EstimatorError: the centre of mass does not lie over the contact, or below the ground.
+        """
+        vehicle = self.vehicle
+        try:
+            return Contact(
+                self.soil,
+                equally_spaced(
+                    vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
+                ),
+                Body(vehicle.mass, *self.centre_of_mass_paper, vehicle.centre_of_mass[2]),
+            )
+        except ValueError as error:
+            raise EstimatorError(f"{self.name}: no contact with the ground: {error}") from error
+
+    @cached_property
+    def yaw_inertia(self) -> float:
+        """Moment of inertia about the vertical through the centre of mass [kg m²]."""
+        vehicle = self.vehicle
+        if vehicle.yaw_inertia is not None:
+            return vehicle.yaw_inertia
+        length, width = 2.0 * vehicle.half_contact_length, vehicle.track_gauge
+        return vehicle.mass * (length**2 + width**2) / 12.0
 
     @cached_property
     def constant_indices(self) -> Indices:

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats
-from estimator.motion import GRAVITY
+from estimator.kinematics import GRAVITY
 from estimator.robot import Indices, Robot, Slip
 
 Model = Literal["differential", "constant", "inertia"]

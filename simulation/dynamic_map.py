@@ -1,6 +1,6 @@
 """The paper's dynamic mapping: from stationary motions to ICRs, inertia, index parameters and errors.
 
-Sections II to IV of the paper, on stationary motions from `simulation.steady` over a grid of track
+Sections II to IV of the paper, on stationary motions from `estimator.steady` over a grid of track
 speeds. Symbols and axes are the paper's (X right, Y forward); equations come from
 `estimator.kinematics`.
 """
@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimator.contact import Contact
 from estimator.kinematics import (
     Icrs,
     IndexValues,
@@ -27,9 +28,8 @@ from estimator.kinematics import (
 )
 from estimator.motion import VehicleConstants, solve
 from estimator.robot import ConstantIcr, Indices
-from simulation.contact import Contact
+from estimator.steady import SteadyMotion, solve_steady, track_speed_grid
 from simulation.errors import SimulationError
-from simulation.steady import SteadyMotion, solve_steady, track_speed_grid
 
 Floats = NDArray[np.float64]
 Inertia = Literal["measured", "literal", "smooth"]

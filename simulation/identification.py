@@ -19,6 +19,7 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
+from estimator.errors import IcreckonError
 from simulation.errors import SimulationError
 from simulation.paper_contact import ContactParameters, PaperContact
 from simulation.publication import PUBLISHED
@@ -123,7 +124,7 @@ def deviations(
     """
     try:
         values = numbers(paper_map(guess.contact, count=count), guess.reading)[0]
-    except SimulationError:
+    except IcreckonError:
         return np.full(len(targets), HOPELESS)
     return _relative(values, targets)
 
@@ -221,7 +222,7 @@ def search(
                 )
                 for reading in readings
             ]
-        except SimulationError:
+        except IcreckonError:
             failed += 1
         if progress:
             progress((done + 1) / samples)

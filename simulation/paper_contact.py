@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 
 from estimator.config import convert, read_toml
-from simulation.contact import Body, Contact, ContactGeometry, Soil, equally_spaced
+from estimator.contact import Body, Contact, ContactGeometry, Soil, equally_spaced
 from simulation.errors import SimulationError
 from simulation.publication import AURIGA_ALPHA
 from simulation.readings import Reading
@@ -31,7 +31,7 @@ class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         friction: coefficient across the track, and along it times `friction_ratio` [-].
         friction_ratio: along over across [-].
         rolling_resistance: of a track as a share of its load [-].
-        resistance_opposes: "travel" or "track", see `simulation.contact.Soil`.
+        resistance_opposes: "travel" or "track", see `estimator.contact.Soil`.
         shear_modulus: K; 0 for full friction at any slip [m].
     """
 

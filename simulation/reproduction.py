@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimator.kinematics import PaperTwist, symmetry_coordinates
 from estimator.motion import solve
 from estimator.robot import ConstantIcr, Indices
+from estimator.steady import SteadyMotion, solve_steady, track_speed_grid
 from simulation.dynamic_map import DynamicMap, Inertia, VelocityErrors, map_of
 from simulation.paper_contact import ContactParameters, PaperContact, make_contact
 from simulation.publication import (
@@ -26,7 +27,6 @@ from simulation.publication import (
     published_parameters,
 )
 from simulation.readings import Reading, read_errors, read_means, read_parameters
-from simulation.steady import SteadyMotion, solve_steady, track_speed_grid
 
 Floats = NDArray[np.float64]
 

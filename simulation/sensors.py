@@ -16,6 +16,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from estimator.errors import nearest_hint
+from estimator.kinematics import GRAVITY
 from estimator.log import FixSeries, ImuSeries, TrackSpeedSeries
 from estimator.robot import Robot
 from simulation.errors import SimulationError
@@ -25,7 +26,6 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 EPOCH = 1_700_000_000_000_000_000
-GRAVITY = 9.81
 STANDING = 1e-9
 # A fix without error still says that it is good to a millimetre (a milliradian): a log has no room
 # for a variance of zero.

@@ -60,6 +60,7 @@ class TrueMotion:
         distances: (m, 2) their integrals since the start [m].
         parameters: the true parameters, or None where the truth has no index parameters.
         source: name of the truth.
+        gravity: (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground.
     """
 
     rate: float
@@ -69,6 +70,7 @@ class TrueMotion:
     distances: Floats
     parameters: Indices | None
     source: str
+    gravity: Floats | None = None
 
     @property
     def end(self) -> float:

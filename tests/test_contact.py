@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.kinematics import PaperTwist
-from simulation.contact import (
+from estimator.contact import (
     Body,
     Contact,
     ContactGeometry,
@@ -21,6 +20,7 @@ from simulation.contact import (
     track_forces,
     vertical_loads,
 )
+from estimator.kinematics import PaperTwist
 
 GEOMETRY = equally_spaced(0.42, 0.39, 5)
 UNEVEN = ContactGeometry(0.42, (-0.4, -0.1, 0.3), (1.0, 2.0, 1.5), (-0.05, 0.05))

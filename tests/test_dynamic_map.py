@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimator.contact import Body, Contact, Soil, equally_spaced
 from estimator.kinematics import PaperTwist
 from estimator.motion import VehicleConstants, solve
 from estimator.robot import ConstantIcr, Indices, load_robot
-from simulation.contact import Body, Contact, Soil, equally_spaced
+from estimator.steady import SteadyMotion, solve_steady, track_speed_grid
 from simulation.dynamic_map import (
     DynamicMap,
     constant_twist,
@@ -22,7 +23,6 @@ from simulation.dynamic_map import (
     velocity_errors,
 )
 from simulation.errors import SimulationError
-from simulation.steady import SteadyMotion, solve_steady, track_speed_grid
 
 AURIGA = Contact(
     Soil(friction=0.9, rolling_resistance=0.074),

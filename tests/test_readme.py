@@ -42,7 +42,14 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
     path.write_text(text, encoding="utf-8")
     robot = load_robot(path)
     topic_map(robot, str(path))
-    for table in (robot.vehicle, robot.indices, robot.constant_icr, robot.imu, robot.tracks):
+    for table in (
+        robot.vehicle,
+        robot.indices,
+        robot.constant_icr,
+        robot.imu,
+        robot.tracks,
+        robot.soil,
+    ):
         for field in msgspec.structs.fields(table):
             assert f"\n{field.name} = " in text, field.name
     for field in msgspec.structs.fields(robot.slip["inertia-online"]):

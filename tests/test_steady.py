@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-import simulation.steady
-from estimator.kinematics import PaperTwist
-from simulation.contact import (
+import estimator.steady
+from estimator.contact import (
     Body,
     Contact,
     ContactGeometry,
@@ -22,8 +21,9 @@ from simulation.contact import (
     steady_inertia,
     vertical_loads,
 )
-from simulation.errors import SimulationError
-from simulation.steady import CONVERGED, solve_steady, track_speed_grid
+from estimator.errors import EstimatorError
+from estimator.kinematics import PaperTwist
+from estimator.steady import CONVERGED, solve_steady, track_speed_grid
 
 GEOMETRY = equally_spaced(0.42, 0.39, 5)
 BODY = Body(258.0, -0.015, 0.04, 0.79)
@@ -202,12 +202,12 @@ def test_rolling_resistance_parts_left_from_right_turns():
 
 
 def test_what_does_not_converge_is_named(monkeypatch):
-    monkeypatch.setattr(simulation.steady, "DIRECT_STEPS", 1)
-    monkeypatch.setattr(simulation.steady, "FINAL_STEPS", 1)
-    monkeypatch.setattr(simulation.steady, "SPEED_STEPS", (2,))
-    monkeypatch.setattr(simulation.steady, "YAW_SHARES", (0.4,))
-    monkeypatch.setattr(simulation.steady, "FORWARD_SHARES", (0.0,))
-    with pytest.raises(SimulationError, match=r"(?s)of 441 pairs.*\(-1, -0\.8\).*more"):
+    monkeypatch.setattr(estimator.steady, "DIRECT_STEPS", 1)
+    monkeypatch.setattr(estimator.steady, "FINAL_STEPS", 1)
+    monkeypatch.setattr(estimator.steady, "SPEED_STEPS", (2,))
+    monkeypatch.setattr(estimator.steady, "YAW_SHARES", (0.4,))
+    monkeypatch.setattr(estimator.steady, "FORWARD_SHARES", (0.0,))
+    with pytest.raises(EstimatorError, match=r"(?s)of 441 pairs.*\(-1, -0\.8\).*more"):
         solve_steady(*track_speed_grid(), PAPER)
     motion = solve_steady(*track_speed_grid(), PAPER, strict=False)
     assert not motion.converged.all()
@@ -216,7 +216,7 @@ def test_what_does_not_converge_is_named(monkeypatch):
 
 
 def test_speeds_that_are_no_numbers_are_refused():
-    with pytest.raises(SimulationError, match="finite"):
+    with pytest.raises(EstimatorError, match="finite"):
         solve_steady(np.array([0.1, np.nan]), 0.2, PAPER)
 
 

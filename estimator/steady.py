@@ -1,6 +1,6 @@
 """The stationary twist of a tracked vehicle for given track speeds: all forces and moments balance.
 
-The balance (`simulation.contact.steady_balance`) is solved for many pairs of track speeds at once.
+The balance (`estimator.contact.steady_balance`) is solved for many pairs of track speeds at once.
 Each stage is Newton's iteration with the analytic Jacobian and step halving on the norm of the balance:
 
 1. straight from a kinematic guess, which serves most pairs in a handful of steps;
@@ -26,9 +26,9 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimator.contact import Contact, steady_balance, steady_inertia, vertical_loads
+from estimator.errors import EstimatorError
 from estimator.kinematics import PaperTwist
-from simulation.contact import Contact, steady_balance, steady_inertia, vertical_loads
-from simulation.errors import SimulationError
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class SteadyMotion:
         """This, where all of it converged.
 
         Raises:
-            SimulationError: names the pairs of track speeds that did not converge.
+            EstimatorError: names the pairs of track speeds that did not converge.
         """
         failed = np.flatnonzero(~self.converged)
         if not failed.size:
@@ -99,7 +99,7 @@ class SteadyMotion:
             for left, right, rest in list(zip(V_l, V_r, residual, strict=True))[:NAMED]
         )
         more = f" and {failed.size - NAMED} more" if failed.size > NAMED else ""
-        raise SimulationError(
+        raise EstimatorError(
             f"no stationary motion found for {failed.size} of {self.converged.size} pairs of track "
             f"speeds: (V_l, V_r) [m/s] and the balance left as a share of the weight: {named}{more}"
         )
@@ -124,12 +124,12 @@ def solve_steady(
         strict: whether to raise where a pair does not converge.
 
     Raises:
-        SimulationError: a track speed is not finite, or (strict) some pairs did not converge.
+        EstimatorError: a track speed is not finite, or (strict) some pairs did not converge.
     """
     left, right = np.broadcast_arrays(np.asarray(V_l, dtype=float), np.asarray(V_r, dtype=float))
     shape, V = left.shape, np.stack([left.ravel(), right.ravel()])
     if not np.isfinite(V).all():
-        raise SimulationError("track speeds must be finite numbers, found NaN or infinity")
+        raise EstimatorError("track speeds must be finite numbers, found NaN or infinity")
     start = _guess(V, contact)
     if guess is not None:
         start = np.stack([np.broadcast_to(part, shape).ravel() for part in guess]).astype(float)

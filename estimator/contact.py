@@ -34,11 +34,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kinematics import PaperTwist, inertial_force
+from estimator.kinematics import GRAVITY, PaperTwist, inertial_force
 
 Floats = NDArray[np.float64]
 
-GRAVITY = 9.81
 # How far inside the contact's edge the centre of pressure of a tipping vehicle is kept, as a share of
 # half the contact's extent; on the edge itself the planar loads are not unique.
 TIPPING_MARGIN = 1e-6
