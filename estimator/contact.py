@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -36,15 +36,10 @@ from numpy.typing import NDArray
 
 from estimator.kinematics import GRAVITY, PaperTwist, inertial_force
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from estimator.contact_kernel import Ground
 
-# How far inside the contact's edge the centre of pressure of a tipping vehicle is kept, as a share of
-# half the contact's extent; on the edge itself the planar loads are not unique.
-TIPPING_MARGIN = 1e-6
-ACTIVE_SET_ITERATIONS = 100
-ARMIJO = 1e-4
-# Below this share of the mean load, a load is zero to rounding.
-NO_LOAD = 1e-13
+Floats = NDArray[np.float64]
 
 
 class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -181,7 +176,7 @@ class Loads(NamedTuple):
 
     Attributes:
         values: (m, n) [N], never negative.
-        by_right: (m, n) or (m, 1) derivative by the force at the centre of mass to the right [N/N].
+        by_right: (m, n) derivative by the force at the centre of mass to the right [N/N].
         by_forward: the same by the force forward.
         tipping: (n,) whether the weight and the force point outside the contact: no loads balance
             their moment, and `values` are those with the centre of pressure held at the edge.
@@ -244,7 +239,7 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
 
 
 def vertical_loads(
-    contact: Contact, right: Any = 0.0, forward: Any = 0.0, *, weight: Any = None
+    contact: Contact, right: Any = 0.0, forward: Any = 0.0, *, weight: float | None = None
 ) -> Loads:
     """Loads of the contact points under the weight and a horizontal force at the centre of mass.
 
@@ -260,33 +255,16 @@ def vertical_loads(
         forward: (n,) the same, forward [N].
         weight: force that presses on the ground [N]; the vehicle's weight where left out.
     """
-    points, body = contact_points(contact.geometry), contact.body
-    right, forward = np.atleast_1d(right), np.atleast_1d(forward)
-    weight = body.weight if weight is None else weight
-    arm = body.z_CM / weight
-    half, rear, front = _outline(contact.geometry)
-    inside = 1.0 - TIPPING_MARGIN
-    x, x_free = _held(body.x_CM + arm * right, -half, half, inside)
-    y, y_free = _held(body.y_CM + arm * forward, rear, front, inside)
-    basis, even = _planar(contact.geometry)
-    plane = weight * (even[:, :1] + even[:, 1:2] * x + even[:, 2:] * y)
-    values = points.weight[:, None] * (basis.T @ plane)
-    share = points.weight[:, None] * (basis.T @ even) * body.z_CM
-    by_right, by_forward = share[:, 1:2], share[:, 2:3]
-    tipping = ~(x_free & y_free)
-    lifted = (values.real < 0.0).any(axis=0) | tipping
-    if lifted.any():
-        by_right = np.repeat(by_right, values.shape[1], axis=1)
-        by_forward = np.repeat(by_forward, values.shape[1], axis=1)
-        moments = np.stack(np.broadcast_arrays(weight, weight * x, weight * y))[:, lifted]
-        start = np.broadcast_to(plane, (3, values.shape[1]))[:, lifted]
-        solved, active, inverse = _touching(basis, points.weight, moments.real, start.real)
-        touching = points.weight[:, None] * active
-        values[:, lifted] = touching * np.maximum(basis.T @ solved, 0.0)
-        slopes = touching * np.einsum("im,ijn->jmn", basis, inverse) * body.z_CM
-        by_right[:, lifted] = slopes[1] * x_free[lifted]
-        by_forward[:, lifted] = slopes[2] * y_free[lifted]
-    return Loads(values, by_right, by_forward, tipping)
+    from estimator import contact_kernel
+
+    packed = ground(contact, weight=weight)
+    right, forward = _columns(right, forward).T
+    count = len(packed.x)
+    loads = np.empty((len(right), count), dtype=right.dtype)
+    by_right, by_forward = np.empty((2, len(right), count))
+    tipping = np.empty(len(right), dtype=bool)
+    contact_kernel.loads_of_many(packed, right, forward, loads, by_right, by_forward, tipping)
+    return Loads(loads.T, by_right.T, by_forward.T, tipping)
 
 
 def track_forces(
@@ -305,68 +283,40 @@ def track_forces(
         The wrench with its Jacobian by the twist at these loads, and the derivatives (3, n) of its
         values by the force at the centre of mass to the right and forward, through the loads.
     """
-    points = contact_points(contact.geometry)
-    per_track = len(points.x) // 2
-    x, y = points.x[:, None], points.y[:, None]
-    soil = contact.soil
-    mu_x, mu_y = soil.coefficients
-    V = np.stack(np.broadcast_arrays(V_l, V_r))
-    track = np.repeat([0, 1], per_track)
-    s_x = twist.v_x - y * twist.w
-    s_y = twist.v_y + x * twist.w - V[track]
-    u_x, u_y = mu_x * s_x, mu_y * s_y
-    inverse = 1.0 / np.sqrt(u_x * u_x + u_y * u_y + mu_x * mu_y * soil.regularising_speed**2)
-    e_x, e_y = u_x * inverse, u_y * inverse
-    t_x, t_y = mu_x * e_x, mu_y * e_y
-    pressed = loads.values * inverse
-    shear = None
-    if soil.shear_modulus > 0.0:
-        shear = _shear(twist, V, contact)
-        pressed = pressed * shear.built_up
-    k_xx = mu_x * mu_x * pressed * (1.0 - e_x * e_x)
-    k_xy = -mu_x * mu_y * pressed * e_x * e_y
-    k_yy = mu_y * mu_y * pressed * (1.0 - e_y * e_y)
-    jacobian = -_symmetric(contact.geometry, k_xx, k_xy, k_yy)
-    if shear is not None:
-        # The product rule's other half: what a change of the shear displacement does.
-        p_x, p_y = loads.values * t_x, loads.values * t_y
-        for column, change in enumerate(shear.by_twist):
-            jacobian[:, column] -= _resultant(contact.geometry, p_x * change, p_y * change)
-        t_x, t_y = t_x * shear.built_up, t_y * shear.built_up
-    values = -_resultant(contact.geometry, loads.values * t_x, loads.values * t_y)
-    by_right = -_resultant_of(contact.geometry, loads.by_right, t_x, t_y)
-    by_forward = -_resultant_of(contact.geometry, loads.by_forward, t_x, t_y)
-    if soil.rolling_resistance > 0.0:
-        for side, X in enumerate((-0.5 * contact.geometry.gauge, 0.5 * contact.geometry.gauge)):
-            of_track = slice(side * per_track, (side + 1) * per_track)
-            speed, free = V[side], 0.0
-            if soil.resistance_opposes == "travel":
-                speed, free = twist.v_y + X * twist.w, 1.0
-            scale = 1.0 / np.sqrt(speed * speed + soil.regularising_speed**2)
-            unit = -soil.rolling_resistance * speed * scale
-            load = loads.values[of_track].sum(axis=0)
-            slope = -free * soil.rolling_resistance * load * scale**3 * soil.regularising_speed**2
-            for row, lever in ((1, 1.0), (2, X)):
-                values[row] += lever * load * unit
-                by_right[row] += lever * loads.by_right[of_track].sum(axis=0) * unit
-                by_forward[row] += lever * loads.by_forward[of_track].sum(axis=0) * unit
-                jacobian[row, 1] += lever * slope
-                jacobian[row, 2] += lever * X * slope
-    return Wrench(values, jacobian), by_right, by_forward
+    from estimator import contact_kernel
 
-
-def steady_inertia(twist: PaperTwist, body: Body) -> Wrench:
-    """Force of inertia in steady motion, (4) and (10), acting at the centre of mass."""
-    right, forward = inertial_force(twist, body.mass, body.x_CM, body.y_CM)
-    v_x, v_y, w = np.broadcast_arrays(*twist)
-    zero = np.zeros_like(w)
-    M, x, y = body.mass, body.x_CM, body.y_CM
-    of_right = np.stack([zero, M * w, M * (v_y + 2.0 * x * w)])
-    of_forward = np.stack([-M * w, zero, M * (2.0 * y * w - v_x)])
-    return Wrench(
-        np.stack([right, forward, x * forward - y * right]),
-        np.stack([of_right, of_forward, x * of_forward - y * of_right]),
+    motion = _columns(*twist, V_l, V_r)
+    values, jacobian = _zeros(motion)
+    of_points = (len(motion), len(loads.values))
+    pressed, by_right, by_forward = (
+        np.ascontiguousarray(np.broadcast_to(values.T, of_points)) for values in loads[:3]
     )
+    contact_kernel.track_forces_of_many(
+        ground(contact),
+        np.ascontiguousarray(motion[:, :3]),
+        np.ascontiguousarray(motion[:, 3:]),
+        pressed,
+        by_right,
+        by_forward,
+        values,
+        jacobian,
+    )
+    slopes = np.moveaxis(jacobian, 0, -1)
+    return Wrench(values.T, slopes[:, :3]), slopes[:, 5], slopes[:, 6]
+
+
+def steady_inertia(twist: PaperTwist, body: Body) -> Any:
+    """Force of inertia in steady motion, (4) and (10), and its moment about the origin.
+
+    Args:
+        twist: velocity of the origin, (n,) each.
+        body: mass and centre of mass, where the force acts.
+
+    Returns:
+        (3, n) force right, forward [N], moment [N m].
+    """
+    right, forward = inertial_force(twist, body.mass, body.x_CM, body.y_CM)
+    return np.stack([right, forward, body.x_CM * forward - body.y_CM * right])
 
 
 def steady_balance(twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact) -> Wrench:
@@ -380,149 +330,76 @@ def steady_balance(twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact) -> W
         V_r: (n,) speed of the right track [m/s].
         contact: soil, geometry, body.
     """
-    inertia = steady_inertia(twist, contact.body)
-    loads = vertical_loads(contact, inertia.values[0], inertia.values[1])
-    tracks, by_right, by_forward = track_forces(twist, V_l, V_r, contact, loads)
-    jacobian = tracks.jacobian + inertia.jacobian
-    jacobian += by_right[:, None] * inertia.jacobian[0]
-    jacobian += by_forward[:, None] * inertia.jacobian[1]
-    return Wrench(tracks.values + inertia.values, jacobian)
+    from estimator import contact_kernel
+
+    motion = _columns(*twist, V_l, V_r)
+    values, jacobian = _zeros(motion)
+    contact_kernel.balances_of_many(
+        ground(contact),
+        np.ascontiguousarray(motion[:, :3]),
+        np.ascontiguousarray(motion[:, 3:]),
+        values,
+        jacobian,
+    )
+    return Wrench(values.T, np.moveaxis(jacobian, 0, -1)[:, :3])
 
 
-class _Shear(NamedTuple):
-    """Share h of the friction that is built up, and its derivatives by v_x, v_y, w; (m, n) each."""
+def ground(contact: Contact, *, weight: float | None = None) -> Ground:
+    """A contact as the compiled equations take it.
 
-    built_up: Any
-    by_twist: tuple[Any, Any, Any]
-
-
-def _shear(twist: PaperTwist, V: Any, contact: Contact) -> _Shear:
-    """Wong and Chiang's share of the friction at each contact point.
-
-    A point of the track enters the contact at the end toward which the track drives, and reaches y
-    after the time |y - y_entry| / |V|; its shear displacement is the slip summed over that time in
-    the vehicle's axes (the vehicle's turn meanwhile is neglected). A track at rest has been dragged
-    for ever: no end counts as the entry, and all its points are built up.
+    Args:
+        contact: soil, geometry, body.
+        weight: force that presses on the ground [N]; the vehicle's weight where left out.
     """
-    points, soil = contact_points(contact.geometry), contact.soil
-    per_track = len(points.x) // 2
-    x, y = points.x[:, None], points.y[:, None]
-    front, rear = contact.geometry.positions[-1], contact.geometry.positions[0]
-    direction = np.sign(V.real)[np.repeat([0, 1], per_track)]
-    entry = np.where(direction > 0.0, front, np.where(direction < 0.0, rear, y))
-    passage = np.where(direction == 0.0, front - rear, np.abs(y - entry))
-    small = soil.regularising_speed
-    time = passage / np.sqrt(V * V + small * small)[np.repeat([0, 1], per_track)]
-    middle = 0.5 * (y + entry)
-    m_x = twist.v_x - middle * twist.w
-    m_y = twist.v_y + x * twist.w - V[np.repeat([0, 1], per_track)]
-    speed = np.sqrt(m_x * m_x + m_y * m_y + small * small)
-    missing = np.exp(-time * speed / soil.shear_modulus)
-    slope = missing * time / (soil.shear_modulus * speed)
-    return _Shear(1.0 - missing, (slope * m_x, slope * m_y, slope * (x * m_y - middle * m_x)))
+    from estimator.contact_kernel import Ground
+
+    soil, body = contact.soil, contact.body
+    points = contact_points(contact.geometry)
+    return Ground(
+        points.x,
+        points.y,
+        points.weight,
+        _even_loads(contact.geometry),
+        0.5 * contact.geometry.gauge,
+        _outline(contact.geometry),
+        np.array([soil.coefficients, soil.coefficients]),
+        np.full(2, soil.rolling_resistance),
+        soil.shear_modulus,
+        soil.regularising_speed,
+        soil.resistance_opposes == "travel",
+        body.mass,
+        body.weight if weight is None else float(weight),
+        (body.x_CM, body.y_CM, body.z_CM),
+    )
 
 
-def _touching(
-    basis: Floats, weight: Floats, moments: Floats, start: Floats
-) -> tuple[Floats, NDArray[np.bool_], Floats]:
-    """Planes (3, n) with sum(weight max(0, plane) basis) = moments, for the vehicles that lift points.
+def _columns(*parts: Any) -> Any:
+    """Broadcast parts as the columns of a matrix of floats or complex numbers."""
+    columns = np.broadcast_arrays(*(np.atleast_1d(part) for part in parts))
+    matrix = np.stack(columns, axis=-1)
+    return matrix if np.iscomplexobj(matrix) else matrix.astype(float)
 
-    Returns:
-        The planes, which points touch (m, n), and the inverses (3, 3, n) of the touching points'
-        moment matrices.
-    """
-    products = weight * basis[:, None] * basis
-    scale = np.abs(moments[0])
 
-    def dual(plane: Floats) -> Floats:
-        pressed = np.maximum(basis.T @ plane, 0.0)
-        return np.asarray(0.5 * weight @ pressed**2 - (moments * plane).sum(axis=0))
-
-    plane = np.array(start)
-    done = np.zeros(plane.shape[1], dtype=bool)
-    for _ in range(ACTIVE_SET_ITERATIONS):
-        active = basis.T @ plane > 0.0
-        matrix = np.moveaxis(products @ active.astype(float), -1, 0)
-        gradient = np.einsum("nij,jn->in", matrix, plane) - moments
-        done = np.abs(gradient).max(axis=0) <= NO_LOAD * scale * len(weight)
-        if done.all():
-            break
-        step = -np.einsum("nij,jn->in", np.linalg.pinv(matrix, rcond=1e-14), gradient)
-        descent = (gradient * step).sum(axis=0)
-        size, before = np.where(done, 0.0, 1.0), dual(plane)
-        for _ in range(40):
-            worse = dual(plane + size * step) > before + ARMIJO * size * descent + 1e-15 * scale
-            if not worse.any():
-                break
-            size = np.where(worse, 0.5 * size, size)
-        plane = plane + size * step
-    inverse = np.moveaxis(np.linalg.pinv(matrix, rcond=1e-14, hermitian=True), 0, -1)
-    return plane, active, inverse
+def _zeros(motion: Any) -> tuple[Any, Any]:
+    """Zero balances (n, 3) and derivatives (n, 3, 7) of the same type as the motion."""
+    return (
+        np.zeros((len(motion), 3), dtype=motion.dtype),
+        np.zeros((len(motion), 3, 7), dtype=motion.dtype),
+    )
 
 
 @lru_cache(maxsize=64)
-def _planar(geometry: ContactGeometry) -> tuple[Floats, Floats]:
-    """The functions 1, x, y at the contact points (3, m), and the inverse of their moment matrix."""
+def _even_loads(geometry: ContactGeometry) -> Floats:
+    """Inverse (3, 3) of the moments of 1, x, y at the contact points."""
     points = contact_points(geometry)
     basis = np.stack([np.ones_like(points.x), points.x, points.y])
-    even = np.linalg.inv((points.weight * basis) @ basis.T)
-    return basis, np.asarray(even, dtype=float)
+    return np.asarray(np.linalg.inv((points.weight * basis) @ basis.T), dtype=float)
 
 
 def _outline(geometry: ContactGeometry) -> tuple[float, float, float]:
     """Half width, rear and front end [m] of the rectangle around all contact points."""
     half = 0.5 * geometry.gauge + max(geometry.across)
     return half, geometry.positions[0], geometry.positions[-1]
-
-
-def _held(value: Any, low: float, high: float, inside: float) -> tuple[Any, NDArray[np.bool_]]:
-    """The value kept within [low, high], shrunk about its middle, and where it needed no keeping."""
-    middle, reach = 0.5 * (low + high), 0.5 * (high - low) * inside
-    offset = value - middle
-    free = np.abs(offset.real) < reach
-    return middle + np.where(free, offset, np.sign(offset.real) * reach), free
-
-
-@lru_cache(maxsize=64)
-def _levers(geometry: ContactGeometry) -> tuple[Floats, ...]:
-    """Sums over the points as matrix products: [1, y], [1, x], [1, y, y²], [1, x, y, xy], [1, x, x²]."""
-    x, y, _ = contact_points(geometry)
-    one = np.ones_like(x)
-    return (
-        np.stack([one, y]),
-        np.stack([one, x]),
-        np.stack([one, y, y * y]),
-        np.stack([one, x, y, x * y]),
-        np.stack([one, x, x * x]),
-    )
-
-
-def _resultant(geometry: ContactGeometry, f_x: Any, f_y: Any) -> Any:
-    """Force and moment (3, n) of forces (m, n) at the contact points."""
-    by_x, by_y, *_ = _levers(geometry)
-    right, turning = by_x @ f_x
-    forward, lifting = by_y @ f_y
-    return np.stack([right, forward, lifting - turning])
-
-
-def _resultant_of(geometry: ContactGeometry, slope: Any, t_x: Any, t_y: Any) -> Any:
-    """The same of forces slope * t, where the slope may be one column for all motions."""
-    if slope.shape[1] > 1 or t_x.shape[1] == 1:
-        return _resultant(geometry, slope * t_x, slope * t_y)
-    by_x, by_y, *_ = _levers(geometry)
-    right, turning = (by_x * slope[:, 0]) @ t_x
-    forward, lifting = (by_y * slope[:, 0]) @ t_y
-    return np.stack([right, forward, lifting - turning])
-
-
-def _symmetric(geometry: ContactGeometry, k_xx: Any, k_xy: Any, k_yy: Any) -> Any:
-    """Derivative (3, 3, n) of force and moment by the twist from those of the points' forces."""
-    _, _, for_xx, for_xy, for_yy = _levers(geometry)
-    xx, xx_y, xx_yy = for_xx @ k_xx
-    xy, xy_x, xy_y, xy_xy = for_xy @ k_xy
-    yy, yy_x, yy_xx = for_yy @ k_yy
-    x_w, y_w = xy_x - xx_y, yy_x - xy_y
-    return np.array([[xx, xy, x_w], [xy, yy, y_w], [x_w, y_w, xx_yy - 2.0 * xy_xy + yy_xx]])
 
 
 def _require_positive(name: str, value: float) -> None:

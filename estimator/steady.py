@@ -1,7 +1,7 @@
 """The stationary twist of a tracked vehicle for given track speeds: all forces and moments balance.
 
-The balance (`estimator.contact.steady_balance`) is solved for many pairs of track speeds at once.
-Each stage is Newton's iteration with the analytic Jacobian and step halving on the norm of the balance:
+The balance (`estimator.contact.steady_balance`) is solved for many pairs of track speeds. Each stage
+is Newton's iteration (compiled) with the analytic Jacobian and step halving on the norm of the balance:
 
 1. straight from a kinematic guess, which serves most pairs in a handful of steps;
 2. for the others (where one track's travel comes to a stand, or points lift off, the balance has kinks
@@ -20,13 +20,13 @@ at rest stand for rest: friction holds the vehicle, and its twist is zero.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimator.contact import Contact, steady_balance, steady_inertia, vertical_loads
+from estimator.contact import Contact, ground, steady_inertia, vertical_loads
 from estimator.errors import EstimatorError
 from estimator.kinematics import PaperTwist
 
@@ -36,9 +36,7 @@ Floats = NDArray[np.float64]
 # half the gauge), and the largest that is still called converged.
 TOLERANCE = 1e-12
 CONVERGED = 1e-10
-# Pairs solved together: few enough for their arrays to stay in the processor's cache.
-BLOCK = 4096
-DIRECT_STEPS = 7
+DIRECT_STEPS = 20
 # Continuation: the first regularising speed as a share of the largest track speed, the ratio of one to
 # the next, and how well each but the last is solved.
 FIRST_REGULARISATION = 0.3
@@ -55,8 +53,6 @@ FORWARD_SHARES = np.linspace(-1.0, 1.0, 17)
 LATERAL_SHARES = (-0.2, 0.0, 0.2)
 # The guess: effective gauge over gauge of a typical skid-steer vehicle.
 TYPICAL_ETA = 2.5
-SUFFICIENT_DECREASE = 1e-4
-SMALLEST_STEP = 1e-6
 # An error names at most this many pairs.
 NAMED = 8
 
@@ -133,13 +129,10 @@ def solve_steady(
     start = _guess(V, contact)
     if guess is not None:
         start = np.stack([np.broadcast_to(part, shape).ravel() for part in guess]).astype(float)
-    twist, residual = np.empty_like(start), np.empty(V.shape[1])
-    for first in range(0, V.shape[1], BLOCK):
-        block = slice(first, first + BLOCK)
-        twist[:, block], residual[block] = _solve_block(start[:, block], V[:, block], contact)
+    twist, residual = _solve(start, V, contact)
     twist += 0.0  # no negative zeros
     v_x, v_y, w = (part.reshape(shape) for part in twist)
-    inertia = steady_inertia(PaperTwist(*twist), contact.body).values
+    inertia = steady_inertia(PaperTwist(*twist), contact.body)
     tipping = vertical_loads(contact, inertia[0], inertia[1]).tipping.reshape(shape)
     rest = residual.reshape(shape)
     motion = SteadyMotion(
@@ -171,7 +164,7 @@ class _Solved(NamedTuple):
     residual: Floats
 
 
-def _solve_block(start: Floats, V: Floats, contact: Contact) -> _Solved:
+def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
     found = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
     left = np.flatnonzero(found.residual > TOLERANCE)
     if left.size:
@@ -230,46 +223,13 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
     """Newton's iteration with step halving; each pair until it is solved, stuck, or out of steps."""
-    unit = np.array([1.0, 1.0, 2.0 / contact.geometry.gauge])[:, None] / contact.body.weight
-    twist = start.copy()
-    values, jacobian = steady_balance(PaperTwist(*twist), V[0], V[1], contact)
-    values *= unit
-    merit, residual = (values * values).sum(axis=0), np.abs(values).max(axis=0)
-    step = _newton_step(jacobian * unit[:, None], values)
-    size = np.ones_like(merit)
-    for _ in range(steps):
-        left = np.flatnonzero((residual > tolerance) & (size > SMALLEST_STEP))
-        if not left.size:
-            break
-        trial = twist[:, left] + size[left] * step[:, left]
-        values, jacobian = steady_balance(PaperTwist(*trial), V[0, left], V[1, left], contact)
-        values *= unit
-        found = (values * values).sum(axis=0)
-        closer = found < (1.0 - SUFFICIENT_DECREASE * size[left]) * merit[left]
-        taken = left[closer]
-        twist[:, taken], merit[taken] = trial[:, closer], found[closer]
-        residual[taken] = np.abs(values[:, closer]).max(axis=0)
-        step[:, taken] = _newton_step(jacobian[:, :, closer] * unit[:, None], values[:, closer])
-        size[taken] = 1.0
-        size[left[~closer]] *= 0.5
-    return _Solved(twist, residual)
+    from estimator.steady_kernel import newton_of_many
 
-
-def _newton_step(jacobian: Any, values: Any) -> Any:
-    """-J^-1 R for J (3, 3, n) and R (3, n) by cofactors; zero where J is singular."""
-    (a, b, c), (d, e, f), (g, h, i) = jacobian
-    x, y, z = values
-    first, second, third = e * i - f * h, f * g - d * i, d * h - e * g
-    determinant = a * first + b * second + c * third
-    regular = np.abs(determinant) > 0.0
-    scale = np.where(regular, -1.0, 0.0) / np.where(regular, determinant, 1.0)
-    return scale * np.array(
-        [
-            first * x + (c * h - b * i) * y + (b * f - c * e) * z,
-            second * x + (a * i - c * g) * y + (c * d - a * f) * z,
-            third * x + (b * g - a * h) * y + (a * e - b * d) * z,
-        ]
-    )
+    twist, residual = np.ascontiguousarray(start.T), np.full(V.shape[1], np.inf)
+    if np.shares_memory(twist, start):
+        twist = twist.copy()
+    newton_of_many(ground(contact), np.ascontiguousarray(V.T), steps, tolerance, twist, residual)
+    return _Solved(twist.T, residual)
 
 
 def _guess(V: Floats, contact: Contact) -> Floats:

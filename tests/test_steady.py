@@ -128,7 +128,7 @@ def test_mirror_symmetry_fore_and_aft():
 
 def test_loads_of_the_solutions_carry_the_weight():
     motion = solve_steady(*track_speed_grid(), PAPER)
-    inertia = steady_inertia(motion.twist, BODY).values.reshape(3, -1)
+    inertia = steady_inertia(motion.twist, BODY).reshape(3, -1)
     loads = vertical_loads(PAPER, *inertia[:2]).values
     np.testing.assert_allclose(loads.sum(axis=0), BODY.weight, rtol=1e-12)
     assert (loads >= 0.0).all()
