@@ -20,7 +20,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 
 from estimator import state as s
 from estimator.frames import Floats, arc_factors
-from estimator.motion import Channels, Form, Motion, VehicleConstants, channels, solve
+from estimator.motion import Channels, Motion, MotionModel
 
 # How much of eta0 is kept away from the bounds x_ICRl < 0 < x_ICRr and eta0 >= 1.
 BOUND_MARGIN = 1e-3
@@ -71,26 +71,20 @@ class Innovation(NamedTuple):
         return self.residual * self.residual / self.variance
 
 
-class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
-    """filterpy's EKF with the inertia-based ICR kinematics as its motion model.
+class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
+    """filterpy's EKF with the kinematics of ICRs as its motion model.
 
     `x` is (SIZE,), `P` (SIZE, SIZE); see `estimator.state` for what stands where.
 
     Args:
-        vehicle: gauge, mass and centre of mass.
-        form: form of the index polynomials.
-        slip_in_inertia: whether the slip (which the IMU shows) counts in the force of inertia.
+        model: the index model in these kinematics.
     """
 
-    def __init__(
-        self, vehicle: VehicleConstants, form: Form = "smooth", slip_in_inertia: bool = False
-    ) -> None:
+    def __init__(self, model: MotionModel) -> None:
         super().__init__(dim_x=s.SIZE, dim_z=1)
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
-        self.vehicle = vehicle
-        self.form = form
-        self.slip_in_inertia = slip_in_inertia
+        self.model = model
         self._next_x: Floats = self.x
         # The newest evaluation of the twist model, which is often asked for again.
         self._evaluated_at: tuple[float, float, float, bytes] | None = None
@@ -115,26 +109,7 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         )
         # REP-103 slip in the paper's axes: right is minus left.
         slip = (-sideways, forward, turning)
-        parameters = x[s.PARAMETERS]
-        motion = solve(
-            V_l,
-            V_r,
-            parameters,
-            self.vehicle,
-            form=self.form,
-            slip=slip,
-            slip_in_inertia=self.slip_in_inertia,
-        )
-        by = channels(
-            V_l,
-            V_r,
-            parameters,
-            self.vehicle,
-            motion,
-            form=self.form,
-            slip=slip,
-            slip_in_inertia=self.slip_in_inertia,
-        )
+        motion, by = self.model.linearise(V_l, V_r, x[s.PARAMETERS], slip)
         twist = motion.twist
         by_left, by_right = _by_speeds(by)
         by_state = _by_state(by, motion, slip_share)
@@ -240,7 +215,7 @@ class InertiaEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         The state moves along the covariance to the nearest point of the violated bound; the
         covariance stays, which is on the safe side (Simon, Optimal State Estimation, section 7.5).
         """
-        half = 0.5 * self.vehicle.gauge
+        half = 0.5 * self.model.vehicle.gauge
         for _ in range(BOUND_ROUNDS):
             moved = False
             for by_eta, by_epsilon, bound in (
@@ -289,17 +264,18 @@ def _by_speeds(by: Channels) -> tuple[Triple, Triple]:
 def _by_state(by: Channels, motion: Motion, slip_share: float) -> dict[str, Triple]:
     """Derivatives of the twist by those states that it depends on, but for the track scale."""
     forward, sideways, turning = by.r_y, _times(-1.0, by.r_x), by.r_w
+    gains = motion.regressors
     return {
         "slip_x": _times(slip_share, forward),
         "slip_y": _times(slip_share, sideways),
         "slip_w": _times(slip_share, turning),
         "zeta0": by.zeta,
-        "zeta1": _times(motion.Z, by.zeta),
+        "zeta1": _times(gains.zeta1, by.zeta),
         "epsilon0": by.epsilon,
-        "epsilon1": _times(motion.S, by.epsilon),
+        "epsilon1": _times(gains.epsilon1, by.epsilon),
         "eta0": by.eta,
-        "eta1": _times(motion.S, by.eta),
-        "eta2": _times(motion.force * motion.force, by.eta),
+        "eta1": _times(gains.eta1, by.eta),
+        "eta2": _times(gains.eta2, by.eta),
         "fast_slip_x": forward,
         "fast_slip_y": sideways,
         "fast_slip_w": turning,

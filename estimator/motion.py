@@ -1,6 +1,9 @@
-"""The motion model: body velocity from track speeds and parameters, with its derivatives.
+"""Motion models: body velocity from track speeds and parameters, with its derivatives.
 
-The model is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
+What a filter needs of one is `MotionModel`; `estimator.friction_motion` has another. The one here is that
+of the paper, which without its gains is also that of constant ICRs and of the ideal differential drive.
+
+It is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
 indices. All of it hangs on one scalar u, the (signed) force of inertia, so the model is
 
     w   = D / (L eta) + r_w          D = V_r - V_l,  V_m = (V_l + V_r) / 2
@@ -27,7 +30,8 @@ numbers pass through, for complex-step differentiation.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -52,24 +56,31 @@ class VehicleConstants(NamedTuple):
     y_CM: float
 
 
+class Regressors(NamedTuple):
+    """What multiplies each gain in its index, in units of the index over those of the gain."""
+
+    zeta1: Number
+    epsilon1: Number
+    eta1: Number
+    eta2: Number
+
+
 class Motion(NamedTuple):
     """The solved motion.
 
     Attributes:
         twist: body velocity, slip included.
-        indices: index values at the solved inertia.
+        indices: index values of this motion.
         u: the (signed) force of inertia [N].
-        force: the same, of at most the weight; its square multiplies eta2.
-        S: what multiplies epsilon1 and eta1 [N].
-        Z: what multiplies zeta1 [N].
+        force: the same, of at most the weight.
+        regressors: of the gains: Z, S, S [N] and `force` squared [N²] in the inertia-based model.
     """
 
     twist: PaperTwist
     indices: IndexValues
     u: Number
     force: Number
-    S: Number
-    Z: Number
+    regressors: Regressors
 
 
 class Channels(NamedTuple):
@@ -83,6 +94,60 @@ class Channels(NamedTuple):
     r_x: tuple[Number, Number, Number]
     r_y: tuple[Number, Number, Number]
     r_w: tuple[Number, Number, Number]
+
+
+class MotionModel(Protocol):
+    """How a robot moves at given track speeds: an index model in the kinematics (20) to (22)."""
+
+    @property
+    def vehicle(self) -> VehicleConstants:
+        """L, M, x_CM, y_CM."""
+
+    def linearise(
+        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+    ) -> tuple[Motion, Channels]:
+        """The motion and the total derivatives of its twist.
+
+        Args:
+            V_l: speed of the left track [m/s].
+            V_r: speed of the right track [m/s].
+            parameters: the eight, in the order of `estimator.robot.Indices`.
+            slip: residual (r_x, r_y, r_w) added to the kinematic twist.
+        """
+
+
+@dataclass(frozen=True)
+class InertiaMotion:
+    """The inertia-based index model: `solve` and `channels` with their options."""
+
+    vehicle: VehicleConstants
+    form: Form = "smooth"
+    slip_in_inertia: bool = False
+
+    def linearise(
+        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+    ) -> tuple[Motion, Channels]:
+        """See `MotionModel`."""
+        motion = solve(
+            V_l,
+            V_r,
+            parameters,
+            self.vehicle,
+            form=self.form,
+            slip=slip,
+            slip_in_inertia=self.slip_in_inertia,
+        )
+        by = channels(
+            V_l,
+            V_r,
+            parameters,
+            self.vehicle,
+            motion,
+            form=self.form,
+            slip=slip,
+            slip_in_inertia=self.slip_in_inertia,
+        )
+        return motion, by
 
 
 def solve(
@@ -126,7 +191,9 @@ def solve(
     kinematic = final.kinematic
     twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
     force = final.force
-    return Motion(twist, final.indices, u, force, final.S_u * force, final.Z_u * force)
+    S = final.S_u * force
+    regressors = Regressors(final.Z_u * force, S, S, force * force)
+    return Motion(twist, final.indices, u, force, regressors)
 
 
 def channels(

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator import state as s
 from estimator.admission import Admission, require_three
-from estimator.ekf import InertiaEkf, ProcessNoise, TwistModel
+from estimator.ekf import IcrEkf, ProcessNoise, TwistModel
 from estimator.errors import EstimatorError
 from estimator.frames import Floats, paper_to_rep103, wrap_angle
 from estimator.gating import Gate
@@ -25,7 +25,6 @@ from estimator.measurements import (
     PositionFix,
     TrackSpeeds,
 )
-from estimator.motion import VehicleConstants
 from estimator.robot import Robot
 from estimator.settings import Settings
 from estimator.slip import slip_sigma
@@ -35,6 +34,7 @@ from estimator.variants import (
     DEFAULT_ADAPTATION,
     find_variant,
     initial_indices,
+    motion_model,
     parameter_sigmas,
     slip_of,
 )
@@ -95,7 +95,8 @@ class PoseEstimator:
         start_sigma: its standard deviations [m, m, rad].
 
     Raises:
-        EstimatorError: there is no such variant.
+        EstimatorError: there is no such variant, or a friction variant's robot has no stationary
+            motions on its ground.
     """
 
     def __init__(
@@ -111,9 +112,15 @@ class PoseEstimator:
         self.variant = find_variant(variant)
         self.settings = settings if settings is not None else Settings()
         self.health = Health()
-        vehicle, imu = robot.vehicle, robot.imu
-        constants = VehicleConstants(vehicle.track_gauge, vehicle.mass, *robot.centre_of_mass_paper)
-        self._ekf = InertiaEkf(constants, self.settings.form, self.settings.inertia == "imu")
+        imu = robot.imu
+        self._ekf = IcrEkf(
+            motion_model(
+                robot,
+                self.variant,
+                self.settings.form,
+                slip_in_inertia=self.settings.inertia == "imu",
+            )
+        )
         self._slip = self.settings.slip or slip_of(robot, self.variant)
         adaptation = self.settings.adaptation or DEFAULT_ADAPTATION[self.variant.model]
         sigmas = parameter_sigmas(robot, self.variant, adaptation)
@@ -140,7 +147,7 @@ class PoseEstimator:
         self._step_under_way = False
         self._admission = Admission(self.settings.late, self.settings.longest_gap)
         self._tracks = HeldTrackSpeeds(
-            self.settings.hold, self.settings.gap_acceleration, vehicle.max_track_speed
+            self.settings.hold, self.settings.gap_acceleration, robot.vehicle.max_track_speed
         )
         self._imu_interval = 0.01
         gates = self.settings.gates
@@ -185,12 +192,12 @@ class PoseEstimator:
 
     @property
     def indices(self) -> IndexValues:
-        """Sliding, eccentricity and steering efficiency at the present force of inertia."""
+        """Sliding, eccentricity and steering efficiency of the present motion."""
         return self._model().motion.indices
 
     @property
     def icrs(self) -> IcrPoints:
-        """ICRs of the tracks in base_link by (28) to (30), at the present force of inertia."""
+        """ICRs of the tracks in base_link by (28) to (30), of the present motion."""
         icrs = icrs_from_indices(self.indices, self.robot.vehicle.track_gauge)
         left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
         right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
@@ -198,7 +205,7 @@ class PoseEstimator:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The eight parameters by name, as estimated."""
+        """The eight parameters by name, as estimated; units of the gains as in docs/model.md."""
         return dict(zip(s.PARAMETER_NAMES, self._ekf.x[s.PARAMETERS].tolist(), strict=True))
 
     @property

@@ -246,7 +246,8 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         constant_icr: the best constant ICRs; those of `indices` at no inertia where left out.
         imu: mounting and noise of the IMU.
         tracks: noise of the track speeds.
-        soil: friction and rolling resistance of the ground that it usually drives on.
+        soil: friction and rolling resistance of the ground that it usually drives on, None where
+            they are not known.
         slip: overrides of the slip residual, variant name -> Slip; see `estimator.variants`.
         log: topic mapping of this robot's logs, checked by whoever reads logs.
         format: version of the file format.
@@ -259,7 +260,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     constant_icr: ConstantIcr | None = None
     imu: Imu = Imu()
     tracks: Tracks = Tracks()
-    soil: Soil = Soil()
+    soil: Soil | None = None
     slip: dict[str, Slip] = {}
     log: dict[str, Any] = {}
     format: int = FORMAT
@@ -284,7 +285,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
 
     @cached_property
     def contact(self) -> Contact:
-        """The tracks on the robot's usual ground.
+        """The tracks on the robot's usual ground, `Soil()` where it is not known.
 
         Raises:
             EstimatorError: the centre of mass does not lie over the contact, or below the ground.
@@ -292,14 +293,17 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         vehicle = self.vehicle
         try:
             return Contact(
-                self.soil,
+                Soil() if self.soil is None else self.soil,
                 equally_spaced(
                     vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
                 ),
                 Body(vehicle.mass, *self.centre_of_mass_paper, vehicle.centre_of_mass[2]),
             )
         except ValueError as error:
-            raise EstimatorError(f"{self.name}: no contact with the ground: {error}") from error
+            raise EstimatorError(
+                f"{self.name}: no contact with the ground: {error}; correct [vehicle], or leave out "
+                "what needs the contact, such as the friction variants"
+            ) from error
 
     @cached_property
     def yaw_inertia(self) -> float:

@@ -29,7 +29,7 @@ class Run:
     Attributes:
         variant: name of the filter variant.
         trajectory: poses and twists with covariances.
-        indices: (n, 3) zeta [m], epsilon [m], eta [-] at the force of inertia of that time.
+        indices: (n, 3) zeta [m], epsilon [m], eta [-] of the motion at that time.
         states: (n, SIZE) the filter's state, see `estimator.state`.
         state_sigmas: (n, SIZE) standard deviations of the state.
         health: what became of the measurements.

@@ -16,8 +16,9 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How the filter works; every default is what it was tuned to.
 
     Attributes:
-        form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
-        inertia: "tracks" (the kinematic twist's own) or "imu" (with the slip that the IMU shows).
+        form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs); not of `friction`.
+        inertia: "tracks" (the kinematic twist's own) or "imu" (with the slip that the IMU shows); not
+            of `friction`.
         slip: the slip residual, or None for the variant's own.
         adaptation: spread of the parameters, or None for the variant's own.
         hold: track speeds older than this are no longer trusted [s].

@@ -1,8 +1,9 @@
 """The filter variants that are compared: one code path, chosen by configuration.
 
-A variant is an index model (which of the eight parameters it uses) and whether those are estimated on
-the way (`online`) or kept (`fixed`). What a model leaves unexplained, its slip, is part of it: a poorer
-model needs more. The defaults here are for a robot whose file says nothing better in `[slip]`.
+A variant is an index model (what the eight parameters do in it, and which it uses) and whether those
+are estimated on the way (`online`) or kept (`fixed`). What a model leaves unexplained, its slip, is part
+of it: a poorer model needs more. The defaults here are for a robot whose file says nothing better in
+`[slip]`.
 """
 
 from __future__ import annotations
@@ -15,10 +16,13 @@ import numpy as np
 
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats
+from estimator.friction_map import FrictionMap, friction_map
+from estimator.friction_motion import FrictionMotion
 from estimator.kinematics import GRAVITY
+from estimator.motion import Form, InertiaMotion, MotionModel, VehicleConstants
 from estimator.robot import Indices, Robot, Slip
 
-Model = Literal["differential", "constant", "inertia"]
+Model = Literal["differential", "constant", "inertia", "friction"]
 
 
 @dataclass(frozen=True)
@@ -38,24 +42,27 @@ VARIANTS = {
         Variant("constant-online", "constant", online=True),
         Variant("inertia-fixed", "inertia", online=False),
         Variant("inertia-online", "inertia", online=True),
+        Variant("friction-fixed", "friction", online=False),
+        Variant("friction-online", "friction", online=True),
     )
 }
 
 
 class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How far the parameters may be from the robot file's, and how fast they may move.
+    """How far the parameters may be from where they start, and how fast they may move.
 
-    `zeta1`, `epsilon1`, `eta1` and `eta2` are given as what they contribute to their index at a
-    lateral force of inertia of 0.07 times the weight (the largest in the paper's simulations).
+    In the inertia-based model `zeta1`, `epsilon1`, `eta1` and `eta2` are given as what they contribute
+    to their index at a lateral force of inertia of 0.07 times the weight (the largest in the paper's
+    simulations); in the friction model as they are, shares of the friction solution [-].
 
     Attributes:
         zeta0: standard deviation at the start [m].
-        zeta1: [m].
+        zeta1: [m] or [-].
         epsilon0: [m].
-        epsilon1: [m].
+        epsilon1: [m] or [-].
         eta0: [-].
         eta1: [-].
-        eta2: [-].
+        eta2: [-]; not used in the friction model.
         walk: random walk of each, as a share of the above per √s of turning [1/√s].
     """
 
@@ -77,12 +84,15 @@ DEFAULT_SLIP: dict[Model, Slip] = {
     "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
     "constant": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),
     "inertia": Slip(turning_x=0.045, turning_y=0.005, turning_w=0.08, time_constant=0.2),
+    # Not tuned yet: somewhat below the inertia-based model's.
+    "friction": Slip(turning_x=0.03, turning_y=0.005, turning_w=0.06, time_constant=0.2),
 }
 
 DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
     "differential": Adaptation(),
     "constant": Adaptation(epsilon0=0.1, walk=0.1),
     "inertia": Adaptation(walk=0.02),
+    "friction": Adaptation(zeta1=0.3, epsilon1=0.3, eta1=0.3, walk=0.02),
 }
 
 
@@ -101,12 +111,56 @@ def find_variant(name: str) -> Variant:
 
 
 def initial_indices(robot: Robot, variant: Variant) -> Indices:
-    """The parameters that a variant starts from: the robot file's, as far as its model has them."""
-    if variant.model == "differential":
-        return Indices(H=robot.indices.H)
-    if variant.model == "constant":
-        return robot.constant_indices
-    return robot.indices
+    """The parameters that a variant starts from.
+
+    They are the robot file's, as far as the variant's model has them. The friction model starts from
+    the friction solution itself; where the ground is not known (no `[soil]`), its variation about the
+    constant ICRs, which are known better.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+    """
+    match variant.model:
+        case "differential":
+            return Indices(H=robot.indices.H)
+        case "constant":
+            return robot.constant_indices
+        case "inertia":
+            return robot.indices
+    known = robot.constant_indices
+    if robot.soil is None:
+        zeta, epsilon, eta = known.zeta0, known.epsilon0, known.eta0
+    else:
+        zeta, epsilon, eta = _friction_map(robot).reference
+    return Indices(
+        H=known.H, zeta0=zeta, zeta1=1.0, epsilon0=epsilon, epsilon1=1.0, eta0=eta, eta1=1.0
+    )
+
+
+def motion_model(
+    robot: Robot, variant: Variant, form: Form = "smooth", *, slip_in_inertia: bool = False
+) -> MotionModel:
+    """The motion model of a variant.
+
+    Args:
+        robot: the robot.
+        variant: the variant.
+        form: see `estimator.motion.solve`; the friction model has no forms.
+        slip_in_inertia: see there; the friction model does not look at the slip.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+    """
+    vehicle = VehicleConstants(
+        robot.vehicle.track_gauge, robot.vehicle.mass, *robot.centre_of_mass_paper
+    )
+    if variant.model == "friction":
+        return FrictionMotion(vehicle, _friction_map(robot))
+    return InertiaMotion(vehicle, form, slip_in_inertia)
+
+
+def _friction_map(robot: Robot) -> FrictionMap:
+    return friction_map(robot.contact, robot.vehicle.max_track_speed)
 
 
 def slip_of(robot: Robot, variant: Variant) -> Slip:
@@ -128,7 +182,8 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     """
     if not variant.online:
         return np.zeros(8)
-    force = 0.07 * robot.vehicle.mass * GRAVITY
+    is_share = variant.model == "friction"
+    force = 1.0 if is_share else 0.07 * robot.vehicle.mass * GRAVITY
     sigmas = np.array(
         [
             0.0,
@@ -143,4 +198,6 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     )
     if variant.model == "constant":
         sigmas[[2, 4, 6, 7]] = 0.0
+    if is_share:
+        sigmas[7] = 0.0
     return sigmas

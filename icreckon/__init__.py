@@ -44,19 +44,26 @@ if TYPE_CHECKING:
     from replay.report import write_report as write_report
     from replay.results import summarise as summarise
     from simulation.errors import SimulationError as SimulationError
+    from simulation.noise import EncoderSpec as EncoderSpec
+    from simulation.noise import FixSpec as FixSpec
+    from simulation.noise import InertialSpec as InertialSpec
     from simulation.scenario import Scenario as Scenario
+    from simulation.scenario import load_scenario as load_scenario
     from simulation.scenario import simulate as simulate
 
 # Modules that are handed on whole.
 _MODULES = {"kinematics": "estimator.kinematics", "motion": "estimator.motion"}
 _HOMES = {
     "BodyVelocity": "estimator.measurements",
+    "EncoderSpec": "simulation.noise",
     "EstimatorError": "estimator.errors",
     "FixSeries": "estimator.log",
+    "FixSpec": "simulation.noise",
     "HeadingFix": "estimator.measurements",
     "IcreckonError": "estimator.errors",
     "ImuSample": "estimator.measurements",
     "ImuSeries": "estimator.log",
+    "InertialSpec": "simulation.noise",
     "Log": "estimator.log",
     "PoseEstimator": "estimator.pose_estimator",
     "PoseSeries": "estimator.log",
@@ -77,6 +84,7 @@ _HOMES = {
     "drift": "estimator.scores",
     "inspect": "replay.inspection",
     "load_robot": "estimator.robot",
+    "load_scenario": "simulation.scenario",
     "parse_part": "replay.fixes",
     "pose_nees": "estimator.scores",
     "read_log": "replay.bags",

@@ -26,17 +26,13 @@ Json = Annotated[bool, typer.Option("--json", help="Print results.json instead o
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is at --out.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 Duration = Annotated[float, typer.Option(help="Length of the run in seconds.")]
-Trajectory = Annotated[
-    str,
-    typer.Option(
-        help="straight, spin, circle, figure-eight, slalom, random, aggressive or stop-and-go."
-    ),
-]
+TRAJECTORIES = "straight, spin, circle, arcs, figure-eight, slalom, random, aggressive, stop-and-go"
+Trajectory = Annotated[str, typer.Option(help=f"{TRAJECTORIES}.")]
 Variants = Annotated[
     str | None,
     typer.Option(
         help="Filter variants, separated by commas (default: all): differential, constant-fixed, "
-        "constant-online, inertia-fixed, inertia-online."
+        "constant-online, inertia-fixed, inertia-online, friction-fixed, friction-online."
     ),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]
@@ -91,29 +87,61 @@ def simulate(
     robot: Annotated[
         str, typer.Option(help="Name of a robot that ships with icreckon, or a TOML file.")
     ] = "auriga-alpha",
-    trajectory: Trajectory = "random",
-    duration: Duration = 300.0,
-    seed: Seed = 0,
-    noise: Annotated[
-        str,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of the run (docs/scenario.md); the other options change it."),
+    ] = None,
+    trajectory: Annotated[
+        str | None, typer.Option(help=f"{TRAJECTORIES}, or recorded (default: random).")
+    ] = None,
+    trajectory_file: Annotated[
+        str | None,
         typer.Option(
-            help="perfect, nominal (the robot file's), or an IMU grade: consumer, industrial, tactical."
-        ),
-    ] = "nominal",
-    set_noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="One figure of the noise, as gyro_noise_density=0.001; repeatable."
+            help="CSV file with columns t, left, right (s, m/s) of the recorded trajectory."
         ),
     ] = None,
-    truth: Annotated[str, typer.Option(help="What moves the robot: kinematic.")] = "kinematic",
+    duration: Annotated[
+        float | None, typer.Option(help="Length of the run in seconds (default: 300).")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of all random numbers (default: 0).")
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            help="perfect, nominal (the robot file's, the default), or an IMU grade: consumer, "
+            "industrial, tactical."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Any key of a scenario file, as gyro.noise_density=0.001 or "
+            "trajectory_options.speed=0.4; repeatable.",
+        ),
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option(help="What moves the robot: kinematic (the default).")
+    ] = None,
     truth_spread: Annotated[
-        float, typer.Option(help="Relative spread of the true parameters about the robot file's.")
-    ] = 0.15,
-    imu_rate: Annotated[float, typer.Option(help="IMU samples per second.")] = 100.0,
-    track_rate: Annotated[float, typer.Option(help="Track-speed samples per second.")] = 50.0,
-    fix_rate: Annotated[float, typer.Option(help="Position fixes per second; 0 for none.")] = 1.0,
-    fix_sigma: Annotated[float, typer.Option(help="Their standard deviation in metres.")] = 0.05,
+        float | None,
+        typer.Option(
+            help="Relative spread of the true parameters about the robot file's (default: 0.15)."
+        ),
+    ] = None,
+    imu_rate: Annotated[
+        float | None, typer.Option(help="IMU samples per second (default: 100).")
+    ] = None,
+    track_rate: Annotated[
+        float | None, typer.Option(help="Track-speed samples per second (default: 50).")
+    ] = None,
+    fix_rate: Annotated[
+        float | None, typer.Option(help="Position fixes per second; 0 for none (default: 1).")
+    ] = None,
+    fix_sigma: Annotated[
+        float | None, typer.Option(help="Their standard deviation in metres (default: 0.05).")
+    ] = None,
     fix_heading_sigma: Annotated[
         float | None,
         typer.Option(help="Standard deviation of their yaw in radians (default: no heading)."),
@@ -125,8 +153,11 @@ def simulate(
         str, typer.Option(help="mcap, sqlite3 (both ROS 2) or ros1.")
     ] = "mcap",
     include_truth: Annotated[
-        bool, typer.Option("--with-truth/--without-truth", help="Whether the bag holds the truth.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            "--with-truth/--without-truth", help="Whether the bag holds the truth (default: yes)."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Simulate a run and write it as a bag of standard messages."""
@@ -135,11 +166,14 @@ def simulate(
     run_simulate(
         out=out,
         robot=robot,
-        noise_overrides=set_noise or [],
+        scenario_file=scenario,
+        settings=settings or [],
         outages=outage or [],
+        fixes={"sigma": fix_sigma, "heading_sigma": fix_heading_sigma},
         bag_format=format,
         overwrite=overwrite,
         trajectory=trajectory,
+        trajectory_file=trajectory_file,
         duration=duration,
         seed=seed,
         noise=noise,
@@ -148,8 +182,6 @@ def simulate(
         imu_rate=imu_rate,
         track_rate=track_rate,
         fix_rate=fix_rate,
-        fix_sigma=fix_sigma,
-        fix_heading_sigma=fix_heading_sigma,
         include_truth=include_truth,
     )
 

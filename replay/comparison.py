@@ -14,17 +14,11 @@ from estimator.robot import Robot
 from estimator.run import Run, run
 from estimator.scores import interpolate_poses
 from estimator.settings import Settings
-from estimator.variants import find_variant
+from estimator.variants import VARIANTS, find_variant, motion_model
 from replay.fixes import LogPart, with_fixes_within
 from replay.truth_alignment import TruthAlignment, align_truth
 
-DEFAULT_VARIANTS = (
-    "differential",
-    "constant-fixed",
-    "constant-online",
-    "inertia-fixed",
-    "inertia-online",
-)
+DEFAULT_VARIANTS = tuple(VARIANTS)
 # Which variant the lag and the lever arm of a truth are found against.
 ALIGNMENT_VARIANT = "constant-online"
 # How well a logged truth gives the pose at the start [m, m, rad].
@@ -78,11 +72,12 @@ def compare(
         progress: called now and then with the share that is done, 0 to 1.
 
     Raises:
-        EstimatorError: no such variant, or a log without track speeds.
+        EstimatorError: no such variant, a log without track speeds, or a robot whose ground does not
+            let it have a friction variant.
         ReplayError: fixes were asked for that the log does not have.
     """
     for name in variants:
-        find_variant(name)
+        motion_model(robot, find_variant(name))
     alignment = None
     if log.truth is not None and log.truth.twists is None:
         reckoned = run(replace(log, fixes=None), robot, ALIGNMENT_VARIANT, settings=settings)

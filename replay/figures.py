@@ -12,17 +12,20 @@ from matplotlib.figure import Figure
 
 from replay.results import Results
 
-# Okabe and Ito's colours, which people with any colour vision can tell apart.
+# Okabe and Ito's colours, which people with any colour vision can tell apart, and for the last a dark
+# shade of the one before.
 COLOURS = {
     "differential": "#999999",
     "constant-fixed": "#E69F00",
     "constant-online": "#D55E00",
     "inertia-fixed": "#56B4E9",
     "inertia-online": "#0072B2",
+    "friction-fixed": "#CC79A7",
+    "friction-online": "#882255",
 }
 TRUTH_COLOUR = "black"
 # The variants whose uncertainty and indices are drawn.
-SHOWN_IN_DETAIL = ("constant-online", "inertia-online")
+SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
 
 
 def write_figure(path: Path, results: Results) -> None:

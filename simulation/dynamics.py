@@ -37,7 +37,7 @@ from simulation.truth import (
 Floats = NDArray[np.float64]
 
 # How fast loads follow the forces that transfer them: a vehicle's roll and pitch on its suspension [s].
-LOAD_LAG = 0.3
+LOAD_LAG = 0.2
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1
 # Error allowed per step; docs/truth.md shows what it costs and brings.
@@ -47,9 +47,10 @@ TOLERANCE = 1e-5
 SMALL_VELOCITY = 0.1
 SMALL_LOAD = 0.1
 SMALL_YAW = 0.1
-# Shares of the spread of the true robot about its file: of the contact's length, and of the centre of
-# mass, as a share of half the length and half the gauge.
+# Shares of the spread of the true robot about its file: of the contact's length, of the height of the
+# centre of mass, and of its place, as a share of half the length and half the gauge.
 LENGTH_SHARE = 0.2
+HEIGHT_SHARE = 0.4
 CENTRE_SHARE = 0.2
 
 
@@ -74,9 +75,9 @@ class FrictionTruth:
     """Transient dynamics of a robot that differs from its file.
 
     Attributes:
-        spread: standard deviation of the logarithm of the factors on friction, rolling resistance and
-            height of the centre of mass; `LENGTH_SHARE` of it for the contact's length,
-            `CENTRE_SHARE` for the place of the centre of mass.
+        spread: standard deviation of the logarithm of the factors on friction and rolling resistance;
+            `LENGTH_SHARE` of it for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the
+            centre of mass.
         track_lag: time constant of the tracks behind their commands [s].
         slip_noise: factor on the slip residual of `simulation.truth.TRUE_SLIP` that is added [-].
         patches: terrain along the way.
@@ -264,7 +265,7 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
             y_CM=_within(
                 body.y_CM + CENTRE_SHARE * half_length * forward, 2.0 * stretched * half_length
             ),
-            z_CM=float(body.z_CM * np.exp(height)),
+            z_CM=float(body.z_CM * np.exp(HEIGHT_SHARE * height)),
         ),
     )
 

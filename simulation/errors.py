@@ -3,5 +3,8 @@
 from estimator.errors import IcreckonError
 
 
-class SimulationError(IcreckonError):
-    """A simulation that cannot be run as asked."""
+class SimulationError(IcreckonError, ValueError):
+    """A simulation that cannot be run as asked.
+
+    It is a `ValueError`, so that `estimator.config.convert` says in which table of which file it arose.
+    """

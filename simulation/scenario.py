@@ -1,33 +1,36 @@
-"""A scenario: one simulated run as plain data, and the run itself."""
+"""A scenario: one simulated run as plain data, from Python or a TOML file, and the run itself."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.random import Generator, SeedSequence
-from numpy.typing import NDArray
 
+from estimator.config import convert, read_toml
 from estimator.log import Log, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
 from estimator.robot import Indices, Robot
+from simulation.encoders import read_tracks
 from simulation.errors import SimulationError
-from simulation.sensors import (
-    accelerometer_noise,
-    gyro_noise,
+from simulation.fixes import read_fixes
+from simulation.inertial import read_imu
+from simulation.noise import (
+    EncoderSpec,
+    FixSpec,
+    InertialSpec,
+    accelerometer_errors,
+    encoder_errors,
+    fix_errors,
+    gyro_errors,
     noise_preset,
-    read_fixes,
-    read_imu,
-    read_tracks,
-    sample_times,
-    to_stamps,
-    track_noise,
 )
+from simulation.recorded import read_recording
+from simulation.sampling import Floats, sample_times, to_stamps
 from simulation.trajectories import check_trajectory, make_trajectory
 from simulation.truth import DEFAULT_SPREAD, TrueMotion, check_truth, make_truth
-
-Floats = NDArray[np.float64]
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
 # two for each IMU sample where HIGHEST_GRID allows.
@@ -41,51 +44,56 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """What to simulate.
 
     Attributes:
-        trajectory: name from `simulation.trajectories.TRAJECTORIES`.
+        trajectory: name from `simulation.trajectories.TRAJECTORIES`, or "recorded".
+        trajectory_options: option of that trajectory -> value; see its docstring.
+        trajectory_file: CSV file of the "recorded" trajectory; see `simulation.recorded`.
         duration: length of the run [s]; its first 3 s are standstill.
         seed: seed of the study; a run's streams derive from it and the run's index.
-        noise: name from `simulation.sensors.NOISE_PRESETS`.
-        noise_overrides: field of `simulation.sensors.SensorNoise` -> value.
+        noise: name from `simulation.noise.NOISE_PRESETS`.
         truth: name from `simulation.truth.TRUTHS`.
         truth_spread: relative spread of the true parameters about those of the robot file.
         track_rate: track-speed samples per second [Hz].
         imu_rate: IMU samples per second [Hz].
         truth_rate: true poses, twists and track speeds per second [Hz].
         fix_rate: fixes per second [Hz]; 0 for none.
-        fix_sigma: standard deviation of each coordinate of a fix [m].
-        fix_heading_sigma: of its yaw [rad], or None for fixes without heading.
         outages: start and end [s] since the start of the run of times without fixes.
         include_truth: whether the log holds the truth.
+        encoders: figures that replace those of the preset.
+        gyro: figures that replace those of the preset.
+        accelerometer: figures that replace those of the preset.
+        fixes: figures that replace those of the preset.
 
     Raises:
         SimulationError: an unknown name, or a number that makes no sense.
     """
 
     trajectory: str = "random"
+    trajectory_options: dict[str, float] = {}
+    trajectory_file: str | None = None
     duration: float = 300.0
     seed: int = 0
     noise: str = "nominal"
-    noise_overrides: dict[str, float] = {}
     truth: str = "kinematic"
     truth_spread: float = DEFAULT_SPREAD
     track_rate: float = 50.0
     imu_rate: float = 100.0
     truth_rate: float = 50.0
     fix_rate: float = 1.0
-    fix_sigma: float = 0.05
-    fix_heading_sigma: float | None = None
     outages: tuple[tuple[float, float], ...] = ()
     include_truth: bool = True
+    encoders: EncoderSpec = EncoderSpec()
+    gyro: InertialSpec = InertialSpec()
+    accelerometer: InertialSpec = InertialSpec()
+    fixes: FixSpec = FixSpec()
 
     def __post_init__(self) -> None:
-        check_trajectory(self.trajectory)
+        check_trajectory(self.trajectory, self.trajectory_options, self.trajectory_file)
         check_truth(self.truth)
-        noise_preset(self.noise, self.noise_overrides)
+        noise_preset(self.noise)
         for name in ("duration", "track_rate", "imu_rate", "truth_rate"):
             self._require(name, positive=True)
-        for name in ("truth_spread", "fix_rate", "fix_sigma", "fix_heading_sigma", "seed"):
-            if getattr(self, name) is not None:
-                self._require(name, positive=False)
+        for name in ("truth_spread", "fix_rate", "seed"):
+            self._require(name, positive=False)
         for name in ("track_rate", "imu_rate", "truth_rate", "fix_rate"):
             samples = getattr(self, name) * self.duration
             if samples > MOST_SAMPLES:
@@ -152,34 +160,100 @@ def random_streams(seed: int, run_index: int = 0) -> Streams:
     return Streams(*(np.random.default_rng(child) for child in children))
 
 
-def simulate(scenario: Scenario, robot: Robot, *, run_index: int = 0) -> Log:
+def load_scenario(path: str | Path) -> Scenario:
+    """A scenario from a TOML file; docs/scenario.md shows every key.
+
+    Args:
+        path: the file. The path of a `trajectory_file` in it is relative to its folder.
+
+    Raises:
+        SimulationError: no such file, no TOML, a misspelt key, a wrong type or a bad value.
+    """
+    path = Path(path)
+    scenario = convert(read_toml(path, SimulationError), Scenario, str(path), SimulationError)
+    if scenario.trajectory_file is None:
+        return scenario
+    return msgspec.structs.replace(
+        scenario, trajectory_file=str(path.parent / scenario.trajectory_file)
+    )
+
+
+def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
+    """A scenario with some of its keys changed; another trajectory drops the options of the old one.
+
+    Args:
+        scenario: what to start from.
+        changes: nested dictionaries as a scenario file has them.
+        source: where the changes come from, for messages.
+
+    Raises:
+        SimulationError: a misspelt key, a wrong type or a bad value.
+    """
+    data: dict[str, Any] = msgspec.to_builtins(scenario)
+    if changes.get("trajectory", scenario.trajectory) != scenario.trajectory:
+        data |= {"trajectory_options": {}, "trajectory_file": None}
+    return convert(_merged(data, changes), Scenario, source, SimulationError)
+
+
+def simulate(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    run_index: int = 0,
+    recording: TrackSpeedSeries | None = None,
+) -> Log:
     """The log of a simulated run.
 
     Args:
         scenario: what to simulate.
         robot: the robot as its file describes it.
         run_index: which run of the study.
+        recording: track speeds to drive, for the trajectory "recorded" without a trajectory_file.
 
     Returns:
-        The log; the first stamp is `simulation.sensors.EPOCH`.
+        The log; the first stamp is `simulation.sampling.EPOCH`.
+
+    Raises:
+        SimulationError: speeds beyond the robot's max_track_speed, a trajectory_file that cannot be
+            read, or what the truth refuses.
     """
-    return run_scenario(scenario, robot, run_index=run_index).log
+    return run_scenario(scenario, robot, run_index=run_index, recording=recording).log
 
 
-def run_scenario(scenario: Scenario, robot: Robot, *, run_index: int = 0) -> Simulation:
-    """A simulated run, with what no sensor shows; arguments as for `simulate`."""
+def run_scenario(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    run_index: int = 0,
+    recording: TrackSpeedSeries | None = None,
+) -> Simulation:
+    """A simulated run, with what no sensor shows; arguments and errors as for `simulate`."""
     streams = random_streams(scenario.seed, run_index)
     duration = scenario.duration
-    command = make_trajectory(scenario.trajectory, duration, robot, streams.trajectory)
+    if scenario.trajectory_file is not None:
+        if recording is not None:
+            raise SimulationError(
+                f"two recordings to drive: trajectory_file = {scenario.trajectory_file!r} and the "
+                "one given to this run; leave one out"
+            )
+        recording = read_recording(Path(scenario.trajectory_file))
+    command = make_trajectory(
+        scenario.trajectory,
+        duration,
+        robot,
+        streams.trajectory,
+        scenario.trajectory_options,
+        recording,
+    )
     motion = make_truth(scenario.truth, scenario.truth_spread).run(
         command, duration, robot, streams.truth, rate=grid_rate(scenario.imu_rate)
     )
-    noise = noise_preset(scenario.noise, scenario.noise_overrides)
+    preset = noise_preset(scenario.noise)
     tracks = read_tracks(
         motion,
         sample_times(duration, scenario.track_rate),
         scenario.track_rate,
-        track_noise(noise, robot),
+        encoder_errors(robot, scenario.encoders, preset),
         streams.tracks,
     )
     imu = read_imu(
@@ -187,8 +261,8 @@ def run_scenario(scenario: Scenario, robot: Robot, *, run_index: int = 0) -> Sim
         sample_times(duration, scenario.imu_rate),
         scenario.imu_rate,
         robot,
-        gyro_noise(noise, robot),
-        accelerometer_noise(noise, robot),
+        gyro_errors(robot, scenario.gyro, preset),
+        accelerometer_errors(robot, scenario.accelerometer, preset),
         streams.gyro,
         streams.accelerometer,
     )
@@ -197,9 +271,7 @@ def run_scenario(scenario: Scenario, robot: Robot, *, run_index: int = 0) -> Sim
         fixes = read_fixes(
             motion,
             sample_times(duration, scenario.fix_rate),
-            scenario.fix_sigma,
-            scenario.fix_heading_sigma,
-            noise.fix_factor,
+            fix_errors(scenario.fixes, preset),
             scenario.outages,
             streams.fixes,
         )
@@ -221,6 +293,16 @@ def grid_rate(imu_rate: float) -> float:
     wanted = max(2.0 * imu_rate, LOWEST_GRID)
     points = np.ceil(wanted / imu_rate)
     return float(imu_rate * max(1.0, min(points, np.floor(HIGHEST_GRID / imu_rate))))
+
+
+def _merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    result = dict(data)
+    for key, value in changes.items():
+        old = result.get(key)
+        if isinstance(old, dict) and isinstance(value, dict):
+            value = _merged(old, value)
+        result[key] = value
+    return result
 
 
 def _truth(motion: TrueMotion, times: Floats) -> Truth:

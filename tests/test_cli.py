@@ -5,10 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
+from estimator.log import Log
+from estimator.robot import load_robot
+from replay.bags import read_log
 from replay.trajectory_files import read_tum
+from simulation.noise import EncoderSpec, FixSpec
+from simulation.scenario import Scenario, simulate
 
 ALL_VARIANTS = {
     "differential",
@@ -16,6 +22,8 @@ ALL_VARIANTS = {
     "constant-online",
     "inertia-fixed",
     "inertia-online",
+    "friction-fixed",
+    "friction-online",
 }
 
 
@@ -136,6 +144,66 @@ def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -
     assert icreckon("replay", bag, *words, cwd=tmp_path).returncode == 0
 
 
+def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text(
+        'trajectory = "circle"\nduration = 20\nseed = 3\nnoise = "perfect"\nfix_rate = 2.0\n'
+        "outages = [[5, 15]]\n[trajectory_options]\nspeed = 0.4\n[encoders]\nresolution = 0.01\n"
+    )
+    (tmp_path / "drive.csv").write_text("t,left,right\n0,0,0\n5,0.5,0.5\n")
+    words = ("simulate", "--scenario", "run.toml")
+    robot = load_robot("auriga-alpha")
+
+    def made(name: str, *more: object) -> Log:
+        done = icreckon(*words, "--out", name, *more, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return read_log(tmp_path / name, robot)
+
+    file = Scenario(
+        trajectory="circle",
+        duration=20.0,
+        seed=3,
+        noise="perfect",
+        fix_rate=2.0,
+        outages=((5.0, 15.0),),
+        trajectory_options={"speed": 0.4},
+        encoders=EncoderSpec(resolution=0.01),
+    )
+    same(made("as-it-is"), simulate(file, robot))
+    changes = ("--duration", 10, "--outage", "2:4", "--fix-sigma", 0.3, "--seed", 4)
+    settings = ("--set", "encoders.resolution=0.001", "--set", "trajectory_options.turn=.3")
+    changed = msgspec.structs.replace(
+        file,
+        duration=10.0,
+        outages=((2.0, 4.0),),
+        seed=4,
+        fixes=FixSpec(sigma=0.3),
+        encoders=EncoderSpec(resolution=0.001),
+        trajectory_options={"speed": 0.4, "turn": 0.3},
+    )
+    same(made("changed", *changes, *settings), simulate(changed, robot))
+    recorded = msgspec.structs.replace(
+        file,
+        trajectory="recorded",
+        trajectory_options={},
+        trajectory_file=str(tmp_path / "drive.csv"),
+    )
+    drive = ("--trajectory", "recorded", "--trajectory-file", "drive.csv")
+    same(made("recorded", *drive), simulate(recorded, robot))
+
+
+def same(log: Log, other: Log) -> None:
+    """Two logs agree, but for what a bag rounds."""
+    assert log.imu is not None
+    assert other.imu is not None
+    assert log.fixes is not None
+    assert other.fixes is not None
+    for one, two in ((log.tracks, other.tracks), (log.imu, other.imu), (log.fixes, other.fixes)):
+        assert np.array_equal(one.stamps, two.stamps)
+    assert np.allclose(log.tracks.speeds, other.tracks.speeds, atol=1e-9)
+    assert np.allclose(log.imu.angular_velocity, other.imu.angular_velocity, atol=1e-9)
+    assert np.allclose(log.fixes.poses[:, :2], other.fixes.poses[:, :2], atol=1e-9)
+
+
 def test_simulate_without_truth_gives_a_comparison_of_the_variants(tmp_path: Path) -> None:
     words = ("--duration", 20, "--without-truth", "--fix-rate", 0, "--noise", "perfect")
     assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
@@ -145,7 +213,7 @@ def test_simulate_without_truth_gives_a_comparison_of_the_variants(tmp_path: Pat
     assert "No ground truth" in done.stdout
     results = json.loads((tmp_path / "icreckon-replay-run" / "results.json").read_text())
     assert results["truth"] is None
-    assert results["variants"]["inertia-online"]["end_apart_m"] == 0.0
+    assert results["variants"]["friction-online"]["end_apart_m"] == 0.0
 
 
 def test_replay_with_fixes_from_a_part_of_the_truth(tmp_path: Path) -> None:
@@ -176,15 +244,19 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     fails("inspect", "text.mcap", cwd=tmp_path)
     (tmp_path / "folder").mkdir()
     fails("inspect", "folder", cwd=tmp_path)
-    simulate = ("simulate", "--out", "run")
-    assert "'slalom'" in fails(*simulate, "--trajectory", "slalon", cwd=tmp_path)
-    assert "'nominal'" in fails(*simulate, "--noise", "nominel", cwd=tmp_path)
-    assert "'mcap'" in fails(*simulate, "--format", "mcab", cwd=tmp_path)
-    assert "'gyro_noise_density'" in fails(*simulate, "--set", "gyro_nois_density=1", cwd=tmp_path)
-    assert "as 100:300" in fails(*simulate, "--outage", "x", cwd=tmp_path)
-    assert "duration" in fails(*simulate, "--duration", "-1", cwd=tmp_path)
-    assert "'auriga-alpha'" in fails(*simulate, "--robot", "auriga", cwd=tmp_path)
-    words = (*simulate, "--duration", 10)
+    into_run = ("simulate", "--out", "run")
+    assert "'slalom'" in fails(*into_run, "--trajectory", "slalon", cwd=tmp_path)
+    assert "'nominal'" in fails(*into_run, "--noise", "nominel", cwd=tmp_path)
+    assert "'mcap'" in fails(*into_run, "--format", "mcab", cwd=tmp_path)
+    assert "'noise_density'" in fails(*into_run, "--set", "gyro.nois_density=1", cwd=tmp_path)
+    assert "as gyro.noise_density=0.001" in fails(*into_run, "--set", "gyro", cwd=tmp_path)
+    assert "'hold'" in fails(*into_run, "--set", "trajectory_options.hodl=1", cwd=tmp_path)
+    assert "no such file" in fails(*into_run, "--scenario", "missing.toml", cwd=tmp_path)
+    assert "trajectory_file" in fails(*into_run, "--trajectory", "recorded", cwd=tmp_path)
+    assert "as 100:300" in fails(*into_run, "--outage", "x", cwd=tmp_path)
+    assert "duration" in fails(*into_run, "--duration", "-1", cwd=tmp_path)
+    assert "'auriga-alpha'" in fails(*into_run, "--robot", "auriga", cwd=tmp_path)
+    words = (*into_run, "--duration", 10)
     assert icreckon(*words, cwd=tmp_path).returncode == 0
     assert "--overwrite" in fails(*words, cwd=tmp_path)
     assert "'inertia-online'" in fails(
@@ -193,7 +265,7 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     assert "icreckon inspect run --write" in fails("replay", "run", cwd=tmp_path)
     assert "no part of a log" in fails("replay", "run", *robot, "--fixes", "x", cwd=tmp_path)
     assert "'literal'" in fails("replay", "run", *robot, "--form", "literel", cwd=tmp_path)
-    assert "imu_rate" in fails(*simulate, "--imu-rate", "1e9", "--overwrite", cwd=tmp_path)
+    assert "imu_rate" in fails(*into_run, "--imu-rate", "1e9", "--overwrite", cwd=tmp_path)
     (tmp_path / "typo.toml").write_text('name = "x"\n[vehicl]\nmass = 1.0\n')
     assert "'vehicle'" in fails("replay", "run", "--robot", "typo.toml", cwd=tmp_path)
     assert not list(tmp_path.glob("icreckon-replay*")), "a failed command leaves nothing behind"

@@ -1,14 +1,21 @@
 """Variants side by side: here, in processes, or on any executor, with the same result."""
 
+import io
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from rich.console import Console
 
 from estimator.errors import EstimatorError
 from estimator.robot import Robot
+from estimator.variants import VARIANTS as ALL_VARIANTS
 from replay.comparison import Comparison, compare
+from replay.figures import COLOURS
+from replay.results import summarise
+from replay.tables import results_table
 from simulation.scenario import Scenario, simulate
 
 VARIANTS = ["constant-fixed", "inertia-online"]
@@ -45,7 +52,28 @@ def test_where_the_variants_run_does_not_matter(robot: Robot) -> None:
     assert told == [0.5, 1.0]
 
 
-def test_an_unknown_variant_is_refused_before_anything_runs(robot: Robot) -> None:
+def test_a_variant_that_cannot_run_is_refused_before_anything_runs(robot: Robot) -> None:
     log = simulate(Scenario(duration=5.0), robot)
     with pytest.raises(EstimatorError, match="did you mean 'inertia-online'"):
         compare(log, robot, ["inertia-onlin"])
+    vehicle = msgspec.structs.replace(robot.vehicle, centre_of_mass=(0.5, 0.0, 0.3))
+    toppled = msgspec.structs.replace(robot, vehicle=vehicle)
+    told: list[float] = []
+    with pytest.raises(EstimatorError, match=r"leave out .* the friction variants"):
+        compare(log, toppled, ["constant-fixed", "friction-fixed"], progress=told.append)
+    assert not told
+    assert len(compare(log, toppled, ["constant-fixed"]).runs) == 1
+
+
+def test_by_default_all_variants_are_compared(robot: Robot) -> None:
+    log = simulate(Scenario(duration=5.0), robot)
+    comparison = compare(log, robot)
+    assert list(comparison.runs) == list(ALL_VARIANTS)
+    results = summarise(comparison, robot, command="test", configuration={})
+    console = Console(width=120, file=io.StringIO())
+    console.print(results_table(results))
+    printed = console.file.getvalue()
+    assert all(f" {name} " in printed for name in ALL_VARIANTS)
+    assert "…" not in printed
+    assert set(COLOURS) == set(ALL_VARIANTS)
+    assert len(set(COLOURS.values())) == len(COLOURS)

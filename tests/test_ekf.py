@@ -8,13 +8,15 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.integrate import quad
 
 from estimator import state as s
-from estimator.ekf import BOUND_MARGIN, InertiaEkf, ProcessNoise
+from estimator.ekf import BOUND_MARGIN, IcrEkf, ProcessNoise
 from estimator.frames import arc_factors, compose
-from estimator.motion import VehicleConstants
+from estimator.motion import InertiaMotion
 from estimator.robot import load_robot
+from estimator.variants import find_variant, initial_indices, motion_model
 
 ALPHA = load_robot("auriga-alpha")
-VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04)
+INERTIA, FRICTION = find_variant("inertia-online"), find_variant("friction-online")
+VEHICLE = motion_model(ALPHA, INERTIA).vehicle
 NO_NOISE = ProcessNoise(np.zeros(3), 1.0, np.zeros(s.SIZE))
 # Standard deviations that a filter may have in the states, in their own units.
 SCALES = np.zeros(s.SIZE)
@@ -22,15 +24,23 @@ SCALES[s.POSE] = 0.1, 0.1, 0.05
 SCALES[s.SLIP] = SCALES[s.FAST_SLIP] = 0.02, 0.02, 0.05
 SCALES[s.PARAMETERS] = 0.0, 0.01, 5e-5, 0.02, 2e-4, 0.2, 4e-4, 2e-6
 SCALES[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS, s.TRACK_SCALE, s.GYRO_SCALE]] = 0.01, 0.1, 0.02, 0.01
+# The gains of the friction model are shares.
+FRICTION_SCALES = SCALES.copy()
+FRICTION_SCALES[[s.ZETA1, s.EPSILON1, s.ETA1, s.ETA2]] = 0.3, 0.3, 0.3, 0.0
 
 
-def make(rng=None, **options):
-    """A filter about the published parameters: at them, or at a random state near them."""
-    ekf = InertiaEkf(VEHICLE, **options)
-    ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
+def scales_of(ekf):
+    return SCALES if isinstance(ekf.model, InertiaMotion) else FRICTION_SCALES
+
+
+def make(rng=None, variant=INERTIA, **options):
+    """A filter about the parameters that it starts from: at them, or at a random state near them."""
+    ekf = IcrEkf(motion_model(ALPHA, variant, **options))
+    ekf.x[s.PARAMETERS] = initial_indices(ALPHA, variant).as_array()
     if rng is not None:
-        ekf.x += SCALES * rng.normal(size=s.SIZE)
-        root = SCALES[:, None] * rng.normal(size=(s.SIZE, s.SIZE))
+        scales = scales_of(ekf)
+        ekf.x += scales * rng.normal(size=s.SIZE)
+        root = scales[:, None] * rng.normal(size=(s.SIZE, s.SIZE))
         ekf.P = root @ root.T / s.SIZE
     return ekf
 
@@ -41,19 +51,19 @@ def at(ekf, x):
     return other
 
 
-def derivative(function, x):
+def derivative(function, x, scales):
     """Central differences (m, SIZE) of a function of the state, each step in the state's own unit."""
     columns = []
-    for index, scale in enumerate(SCALES):
+    for index, scale in enumerate(scales):
         step = np.zeros(s.SIZE)
         step[index] = 1e-4 * scale if scale else 1e-4
         columns.append((function(x + step) - function(x - step)) / (2.0 * step[index]))
     return np.stack(columns, axis=-1)
 
 
-def assert_jacobian(found, expected):
+def assert_jacobian(found, expected, scales):
     """Equal to 1e-6 of what a standard deviation of any state can do to that row."""
-    size = np.where(SCALES > 0, SCALES, 1e-3)
+    size = np.where(scales > 0, scales, 1e-3)
     error = (found - expected) * size
     assert np.abs(error).max() < 1e-6 * np.abs(expected * size).max()
 
@@ -67,6 +77,7 @@ OPTIONS = [
     {"form": "smooth", "slip_in_inertia": True},
     {"form": "literal"},
     {"form": "literal", "slip_in_inertia": True},
+    {"variant": FRICTION},
 ]
 
 
@@ -81,14 +92,15 @@ def test_jacobian_of_the_twist_is_its_derivative_by_the_state(options):
         def twist(x, ekf=ekf, left=left, right=right):
             return at(ekf, x).twist_model(left, right, 0.9).twist
 
-        expected = derivative(twist, ekf.x)
-        assert_jacobian(model.jacobian, expected)
+        scales = scales_of(ekf)
+        assert_jacobian(model.jacobian, derivative(twist, ekf.x, scales), scales)
 
 
-def test_derivative_by_the_track_speeds():
+@pytest.mark.parametrize("variant", [INERTIA, FRICTION], ids=lambda variant: variant.name)
+def test_derivative_by_the_track_speeds(variant):
     rng = np.random.default_rng(2)
     for _ in range(20):
-        ekf = make(rng)
+        ekf = make(rng, variant)
         speeds = rng.uniform(-1.0, 1.0, 2)
         for track in (0, 1):
             step = np.zeros(2)
@@ -102,7 +114,7 @@ def test_derivative_by_the_track_speeds():
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
-@pytest.mark.parametrize("options", OPTIONS[:2], ids=str)
+@pytest.mark.parametrize("options", [*OPTIONS[:2], OPTIONS[-1]], ids=str)
 def test_transition_is_the_derivative_of_the_prediction(dt, options):
     rng = np.random.default_rng(3)
     for _ in range(10):
@@ -114,9 +126,10 @@ def test_transition_is_the_derivative_of_the_prediction(dt, options):
             other.predict_motion(dt, left, right, NO_NOISE)
             return other.x
 
-        expected = derivative(predicted, ekf.x)
+        scales = scales_of(ekf)
+        expected = derivative(predicted, ekf.x, scales)
         ekf.predict_motion(dt, left, right, NO_NOISE)
-        assert_jacobian(ekf.F, expected)
+        assert_jacobian(ekf.F, expected, scales)
 
 
 def test_transition_where_the_arc_becomes_a_line():
@@ -248,7 +261,7 @@ def test_update_is_filterpys_update():
 def test_update_is_the_sum_of_information():
     rng = np.random.default_rng(7)
     root = rng.normal(size=(s.SIZE, s.SIZE))
-    ekf = InertiaEkf(VEHICLE)
+    ekf = IcrEkf(InertiaMotion(VEHICLE))
     ekf.P = root @ root.T + np.eye(s.SIZE)
     row, variance, residual = rng.normal(size=s.SIZE), 0.3, 0.7
     information = np.linalg.inv(ekf.P) + np.outer(row, row) / variance

@@ -181,8 +181,8 @@ def test_mirrored_vehicle_makes_the_mirrored_motion(form):
     assert mirror.twist.v_y == pytest.approx(motion.twist.v_y, abs=1e-15)
     assert mirror.twist.v_x == pytest.approx(-motion.twist.v_x, abs=1e-15)
     assert mirror.twist.w == pytest.approx(-motion.twist.w, abs=1e-15)
-    assert np.abs(mirror.S + motion.S).max() < 1e-12
-    assert np.abs(mirror.Z - motion.Z).max() < 1e-12
+    assert np.abs(mirror.regressors.epsilon1 + motion.regressors.epsilon1).max() < 1e-12
+    assert np.abs(mirror.regressors.zeta1 - motion.regressors.zeta1).max() < 1e-12
 
 
 def test_backward_motion_is_the_forward_one_reversed_but_for_the_sign_of_the_sliding():
@@ -287,7 +287,9 @@ def test_channels_are_the_complex_step_derivatives(form, slip_in_inertia):
         V_l, V_r = float(V_l), float(V_r)
         motion = solve(V_l, V_r, parameters, VEHICLE, slip=slip, **options)
         by = channels(V_l, V_r, parameters, VEHICLE, motion, slip=slip, **options)
-        basis = {1: 1.0, 2: motion.Z, 3: 1.0, 4: motion.S, 5: 1.0, 6: motion.S, 7: motion.force**2}
+        gains = motion.regressors
+        basis = {1: 1.0, 2: gains.zeta1, 3: 1.0, 4: gains.epsilon1, 5: 1.0, 6: gains.eta1}
+        basis[7] = gains.eta2
         channel = {1: by.zeta, 2: by.zeta, 3: by.epsilon, 4: by.epsilon, 5: by.eta}
         channel[6] = channel[7] = by.eta
 

@@ -13,6 +13,8 @@ import pytest
 from estimator.robot import load_robot
 from readme import ROOT, code_blocks
 from replay.topics import topic_map
+from simulation.scenario import load_scenario
+from simulation.trajectories import trajectory_names, trajectory_options
 
 SHELL = code_blocks("sh")
 
@@ -54,6 +56,33 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
             assert f"\n{field.name} = " in text, field.name
     for field in msgspec.structs.fields(robot.slip["inertia-online"]):
         assert f"\n{field.name} = " in text, field.name
+
+
+def test_the_scenario_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) -> None:
+    (text,) = code_blocks("toml", "docs/scenario.md")
+    path = tmp_path / "scenario.toml"
+    path.write_text(text, encoding="utf-8")
+    scenario = load_scenario(path)
+    tables = dict(re.findall(r"^\[(\w+)\].*\n((?:(?!\[).*\n)*)", text, flags=re.MULTILINE))
+    for field in msgspec.structs.fields(scenario):
+        value = getattr(scenario, field.name)
+        if isinstance(value, msgspec.Struct):
+            for key in msgspec.structs.fields(value):
+                assert re.search(rf"^{key.name} = ", tables[field.name], re.MULTILINE), key.name
+        else:
+            assert re.search(rf"^(# |\[)?{field.name}( = |\])", text, re.MULTILINE), field.name
+
+
+def test_the_docs_list_every_trajectory_with_its_options_and_their_defaults() -> None:
+    page = (ROOT / "docs" / "scenario.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w-]+)` \| .* \| (.*) \|$", page, flags=re.MULTILINE)
+    assert sorted(name for name, _ in rows) == sorted(trajectory_names())
+    for name, described in rows:
+        said = {
+            option: float(number) if number else None
+            for option, number in re.findall(r"`(\w+)`(?: ([\d.]+))?", described)
+        }
+        assert said == trajectory_options(name), name
 
 
 def test_links_between_the_pages_lead_somewhere() -> None:

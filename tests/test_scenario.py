@@ -5,15 +5,23 @@ import msgspec
 import numpy as np
 import pytest
 
-from estimator.config import convert
-from estimator.log import screen
+from estimator.log import TrackSpeedSeries, screen
 from estimator.robot import load_robot
 from simulation.errors import SimulationError
-from simulation.scenario import Scenario, grid_rate, random_streams, run_scenario, simulate
-from simulation.sensors import EPOCH
+from simulation.noise import EncoderSpec, FixSpec, InertialSpec
+from simulation.sampling import EPOCH
+from simulation.scenario import (
+    Scenario,
+    change_scenario,
+    grid_rate,
+    load_scenario,
+    random_streams,
+    run_scenario,
+    simulate,
+)
 
 ALPHA = load_robot("auriga-alpha")
-SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fix_heading_sigma=0.02)
+SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))
 
 
 def streams(log):
@@ -73,17 +81,26 @@ def test_another_seed_or_run_gives_another_run(other):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "stream"),
+    ("sensor", "spec"),
     [
-        ({"tracks_factor": 0.0}, "tracks"),
-        ({"gyro_factor": 0.0}, "gyro"),
-        ({"gyro_bias_walk": 1.0}, "gyro"),
-        ({"accelerometer_noise_density": 0.0}, "accelerometer"),
-        ({"fix_factor": 0.0}, "fixes"),
+        ("encoders", EncoderSpec(factor=0.0)),
+        ("encoders", EncoderSpec(resolution=1e-3)),
+        ("encoders", EncoderSpec(scale_difference_sigma=0.1)),
+        ("encoders", EncoderSpec(dropouts_per_hour=3600.0, dropout_reads="zero")),
+        ("gyro", InertialSpec(factor=0.0)),
+        ("gyro", InertialSpec(bias_walk=1.0)),
+        ("gyro", InertialSpec(bias_instability=1.0)),
+        ("gyro", InertialSpec(range=0.1)),
+        ("accelerometer", InertialSpec(noise_density=0.0)),
+        ("accelerometer", InertialSpec(misalignment_sigma=0.1)),
+        ("fixes", FixSpec(sigma=0.0)),
+        ("fixes", FixSpec(outlier_share=0.5, heading_sigma=0.02)),
+        ("fixes", FixSpec(latency=0.2, heading_sigma=0.02)),
     ],
 )
-def test_one_sensor_s_noise_changes_no_other_stream(overrides, stream):
-    scenario = msgspec.structs.replace(SHORT, noise_overrides=overrides)
+def test_one_sensor_s_figure_changes_no_other_stream(sensor, spec):
+    scenario = msgspec.structs.replace(SHORT, **{sensor: spec})
+    stream = "tracks" if sensor == "encoders" else sensor
     assert changed(simulate(SHORT, ALPHA), simulate(scenario, ALPHA)) == {stream}
 
 
@@ -159,13 +176,16 @@ def test_outages_take_fixes_away():
         ({"trajectory": "slalon"}, "did you mean 'slalom'"),
         ({"truth": "friktion"}, "no truth named 'friktion'"),
         ({"noise": "nominl"}, "did you mean 'nominal'"),
-        ({"noise_overrides": {"gyro_bias": 1.0}}, "no noise figure named 'gyro_bias'"),
-        ({"noise_overrides": {"gyro_factor": -1.0}}, "gyro_factor must be zero or a positive"),
+        (
+            {"trajectory_options": {"hodl": 1.0}},
+            "'random' has no option 'hodl'; did you mean 'hold'",
+        ),
+        ({"trajectory_file": "drive.csv"}, "set trajectory = 'recorded'"),
         ({"duration": 0.0}, "duration must be a positive number, found 0.0"),
         ({"duration": float("nan")}, "duration must be a positive number"),
         ({"imu_rate": -1.0}, "imu_rate must be a positive number"),
-        ({"fix_sigma": -0.1}, "fix_sigma must be zero or a positive number"),
-        ({"fix_heading_sigma": float("inf")}, "fix_heading_sigma must be"),
+        ({"fix_rate": -0.1}, "fix_rate must be zero or a positive number"),
+        ({"fix_rate": float("inf")}, "fix_rate must be zero or a positive number"),
         ({"truth_spread": -0.1}, "truth_spread must be"),
         ({"seed": -1}, "seed must be"),
         ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
@@ -180,14 +200,136 @@ def test_bad_scenarios_are_refused_in_one_line(values, message):
     assert "\n" not in str(caught.value)
 
 
-def test_scenarios_from_plain_data():
-    data = {"trajectory": "spin", "duration": 10, "outages": [[4, 5]], "noise_overrides": {}}
-    scenario = convert(data, Scenario, "test", SimulationError)
-    assert scenario.outages == ((4.0, 5.0),)
-    with pytest.raises(SimulationError, match="did you mean 'trajectory'"):
-        convert({"trajectroy": "spin"}, Scenario, "test", SimulationError)
-    with pytest.raises(SimulationError, match="duration must be a positive number"):
-        convert({"duration": -1.0}, Scenario, "test", SimulationError)
+def written(tmp_path, text):
+    path = tmp_path / "run.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_scenario_is_read_from_a_file(tmp_path):
+    text = """
+    trajectory = "spin"
+    duration = 10
+    noise = "industrial"
+    outages = [[4, 5]]
+    [trajectory_options]
+    speed = 0.3
+    [encoders]
+    resolution = 0.001
+    dropout_reads = "last"
+    [gyro]
+    range = 1
+    [fixes]
+    latency = 0.2
+    """
+    assert load_scenario(written(tmp_path, text)) == Scenario(
+        trajectory="spin",
+        duration=10.0,
+        noise="industrial",
+        outages=((4.0, 5.0),),
+        trajectory_options={"speed": 0.3},
+        encoders=EncoderSpec(resolution=0.001, dropout_reads="last"),
+        gyro=InertialSpec(range=1.0),
+        fixes=FixSpec(latency=0.2),
+    )
+    assert load_scenario(written(tmp_path, "")) == Scenario()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("trajectroy = 'spin'", "unknown key 'trajectroy'; did you mean 'trajectory'?"),
+        ("[gyros]", "unknown key 'gyros'; did you mean 'gyro'?"),
+        (
+            "[gyro]\nbias_instable = 1",
+            "unknown key 'bias_instable' in [gyro]; did you mean 'bias_ins",
+        ),
+        (
+            "[gyro]\nbias_walk = -1",
+            "bias_walk must be zero or a positive number, found -1.0 - at `$.g",
+        ),
+        ("[gyro]\nbias_walk = 'x'", "Expected `float | null`, got `str` - at `$.gyro.bias_walk`"),
+        ("gyro = 3", "Expected `object`, got `int` - at `$.gyro`"),
+        ("duration = -1", "duration must be a positive number, found -1.0"),
+        ("trajectory = 'spin'\n[trajectory_options]\nsped = 1", "did you mean 'speed'?"),
+        ("[trajectory_options]\nhold = 'x'", "Expected `float`, got `str` - at `$.trajectory_opt"),
+        ("outages = [[1, 2, 3]]", "Expected `array` of length 2"),
+        ("duration 3", "not a valid TOML file"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_line_that_names_it(text, message, tmp_path):
+    path = written(tmp_path, text)
+    with pytest.raises(SimulationError) as caught:
+        load_scenario(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(SimulationError, match="no such file"):
+        load_scenario(tmp_path / "run.toml")
+
+
+def test_changes_go_over_a_scenario_key_by_key():
+    base = Scenario(
+        trajectory="circle", trajectory_options={"turn": 0.1}, gyro=InertialSpec(range=3)
+    )
+    changes = {"duration": 5, "gyro": {"bias_walk": 1e-3}, "trajectory_options": {"speed": 0.2}}
+    assert change_scenario(base, changes, "test") == Scenario(
+        trajectory="circle",
+        trajectory_options={"turn": 0.1, "speed": 0.2},
+        duration=5.0,
+        gyro=InertialSpec(range=3.0, bias_walk=1e-3),
+    )
+    assert change_scenario(base, {}, "test") == base
+    other = change_scenario(base, {"trajectory": "random"}, "test")
+    assert other == Scenario(gyro=InertialSpec(range=3.0))
+    with pytest.raises(SimulationError, match=r"test: unknown key 'bias' in \[gyro\]"):
+        change_scenario(base, {"gyro": {"bias": 1.0}}, "test")
+
+
+def test_options_reach_the_trajectory():
+    slow = Scenario(trajectory="straight", trajectory_options={"speed": 0.2}, duration=10.0)
+    assert simulate(slow, ALPHA).truth.tracks.speeds[-1] == pytest.approx([0.2, 0.2])
+    fast = Scenario(trajectory="circle", trajectory_options={"speed": 0.9}, duration=10.0)
+    with pytest.raises(SimulationError, match="more than max_track_speed"):
+        simulate(fast, ALPHA)
+
+
+def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_path, monkeypatch):
+    (tmp_path / "drives").mkdir()
+    (tmp_path / "drives" / "one.csv").write_text("t,left,right\n0,0.2,0.4\n5,0.4,0.4\n")
+    text = "trajectory = 'recorded'\ntrajectory_file = 'drives/one.csv'\nduration = 12\n"
+    text += "[fixes]\nheading_sigma = 0.02"
+    scenario = load_scenario(written(tmp_path, text))
+    monkeypatch.chdir("/")
+    log = simulate(scenario, ALPHA)
+    # 3 s of standstill and 0.75 s of ramp to 0.4 m/s, then the first sample.
+    at = round(3.75 * scenario.truth_rate)
+    assert log.truth.tracks.speeds[at] == pytest.approx([0.2, 0.4], abs=0.01)
+    assert not log.truth.tracks.speeds[-1].any()
+    recording = TrackSpeedSeries(
+        np.array([7, 5_000_000_007], dtype=np.int64), np.array([[0.2, 0.4], [0.4, 0.4]])
+    )
+    bare = msgspec.structs.replace(scenario, trajectory_file=None)
+    assert changed(log, simulate(bare, ALPHA, recording=recording)) == set()
+    with pytest.raises(SimulationError, match="two recordings to drive"):
+        simulate(scenario, ALPHA, recording=recording)
+    with pytest.raises(SimulationError, match="set trajectory = 'recorded'"):
+        simulate(SHORT, ALPHA, recording=recording)
+    with pytest.raises(SimulationError, match="'recorded' needs trajectory_file"):
+        simulate(bare, ALPHA)
+
+
+def test_a_simulated_log_drives_the_simulator_again():
+    drive = simulate(msgspec.structs.replace(SHORT, noise="perfect"), ALPHA).tracks
+    again = Scenario(trajectory="recorded", duration=30.0, noise="perfect")
+    # Three seconds of standstill and the shortest ramp come before; speeds are those of the middle
+    # of the interval that each sample averages.
+    shift = round((3.0 + 0.2) * 50.0)
+    driven = simulate(again, ALPHA, recording=drive).truth.tracks.speeds
+    assert np.allclose(driven[shift : shift + len(drive.stamps)], drive.speeds, atol=1e-3)
 
 
 def test_a_run_shorter_than_the_standstill_stands_still():

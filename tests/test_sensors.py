@@ -1,34 +1,38 @@
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from estimator.kinematics import GRAVITY
 from estimator.robot import Indices, Slip, load_robot
+from simulation.encoders import DROPOUT_READINGS, STANDING, EncoderErrors, read_tracks
 from simulation.errors import SimulationError
-from simulation.sensors import (
-    EPOCH,
-    GRAVITY,
+from simulation.fixes import FixErrors, read_fixes
+from simulation.inertial import InertialErrors, read_imu, specific_forces
+from simulation.noise import (
     NOISE_PRESETS,
-    InertialNoise,
-    SensorNoise,
-    TrackNoise,
-    accelerometer_noise,
-    gyro_noise,
+    EncoderSpec,
+    FixSpec,
+    InertialSpec,
+    accelerometer_errors,
+    encoder_errors,
+    fix_errors,
+    gyro_errors,
     noise_preset,
-    read_fixes,
-    read_imu,
-    read_tracks,
-    sample_times,
-    specific_forces,
-    to_stamps,
-    track_noise,
 )
+from simulation.sampling import EPOCH, sample_times, to_stamps
 from simulation.trajectories import make_trajectory
-from simulation.truth import KinematicTruth
+from simulation.truth import KinematicTruth, TrueMotion
 
 ALPHA = load_robot("auriga-alpha")
 IDEAL = msgspec.structs.replace(ALPHA, indices=Indices())
 EXACT = KinematicTruth(spread=0.0, slip=Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-SILENT = InertialNoise(0.0, 0.0, 0.0)
+SILENT = InertialErrors()
+NOMINAL = noise_preset("nominal")
+
+
+OUTAGES = ((100.0, 200.0), (300.0, 310.5))
 
 
 def rng(seed=0):
@@ -60,7 +64,7 @@ def sample_band(count, sigmas=5.0):
 def test_track_noise_follows_its_density(rate):
     motion = circle(600.0)
     times = sample_times(600.0, rate)
-    series = read_tracks(motion, times, rate, TrackNoise(2e-3, 0.0), rng(1))
+    series = read_tracks(motion, times, rate, EncoderErrors(speed_noise_density=2e-3), rng(1))
     errors = series.speeds - [0.3, 0.6]
     variance = errors.var() / (2e-3**2 * rate)
     assert abs(variance - 1.0) < sample_band(errors.size)
@@ -73,16 +77,18 @@ def test_track_noise_follows_its_density(rate):
 def test_track_speeds_are_averages_over_the_interval_before():
     command = make_trajectory("aggressive", 30.0, ALPHA, rng(4))
     motion = EXACT.run(command, 30.0, ALPHA, rng(), rate=1000.0)
-    series = read_tracks(motion, sample_times(30.0, 10.0), 10.0, TrackNoise(0.0, 0.0), rng())
+    series = read_tracks(motion, sample_times(30.0, 10.0), 10.0, EncoderErrors(), rng())
     fine = command(np.arange(0.0005, 30.0, 0.001)).reshape(300, 100, 2).mean(axis=1)
+    fine = np.where(np.abs(fine) > STANDING, fine, 0.0)
     assert np.allclose(series.speeds[1:], fine, atol=1e-6)
 
 
 def test_a_standing_track_reads_exactly_zero():
     command = make_trajectory("stop-and-go", 60.0, ALPHA, rng())
     motion = EXACT.run(command, 60.0, ALPHA, rng(), rate=200.0)
-    series = read_tracks(motion, sample_times(60.0, 50.0), 50.0, TrackNoise(1e-2, 0.0), rng())
-    standing = motion.mean_track_speeds(sample_times(60.0, 50.0)) == 0.0
+    times = sample_times(60.0, 50.0)
+    series = read_tracks(motion, times, 50.0, EncoderErrors(speed_noise_density=1e-2), rng())
+    standing = np.abs(motion.mean_track_speeds(times)) <= STANDING
     assert standing.sum() > 300
     assert (series.speeds[standing] == 0.0).all()
     assert (series.speeds[~standing] != 0.0).all()
@@ -91,7 +97,7 @@ def test_a_standing_track_reads_exactly_zero():
 def test_track_scale_is_drawn_once_for_both_tracks():
     motion = circle()
     speeds = read_tracks(
-        motion, sample_times(10.0, 50.0), 50.0, TrackNoise(0.0, 0.05), rng(3)
+        motion, sample_times(10.0, 50.0), 50.0, EncoderErrors(scale_sigma=0.05), rng(3)
     ).speeds
     scales = np.array([0.3, 0.6]) / speeds
     assert np.ptp(scales) < 1e-12
@@ -101,8 +107,8 @@ def test_track_scale_is_drawn_once_for_both_tracks():
 @pytest.mark.parametrize("rate", [50.0, 200.0])
 def test_inertial_noise_follows_its_density(rate):
     motion = circle(600.0)
-    noise = InertialNoise(5e-3, 0.0, 0.0)
-    series = imu(motion, IDEAL, 600.0, rate, noise, InertialNoise(3e-2, 0.0, 0.0)).series
+    noise = InertialErrors(noise_density=5e-3)
+    series = imu(motion, IDEAL, 600.0, rate, noise, InertialErrors(noise_density=3e-2)).series
     clean = imu(motion, IDEAL, 600.0, rate).series
     for errors, density in (
         (series.angular_velocity - clean.angular_velocity, 5e-3),
@@ -116,7 +122,7 @@ def test_inertial_noise_follows_its_density(rate):
 @pytest.mark.parametrize("rate", [50.0, 200.0])
 def test_bias_and_its_walk(rate):
     motion = circle(20.0)
-    noise = InertialNoise(0.0, 0.01, 2e-3)
+    noise = InertialErrors(bias_sigma=0.01, bias_walk=2e-3)
     runs = [imu(motion, IDEAL, 20.0, rate, noise, seed=2 * seed) for seed in range(200)]
     biases = np.array([run.gyro_bias for run in runs])
     assert abs(biases[:, 0].var() / 0.01**2 - 1.0) < sample_band(600)
@@ -199,14 +205,14 @@ def test_gyro_scale_and_missing_axes():
     motion = circle()
     w = 0.3 / 0.42
     robot = mounted(gyro_scale=1.02, gyro_axes="z", rotation_rpy_deg=(0.0, 10.0, 0.0))
-    rates = imu(motion, robot, gyro=InertialNoise(0.0, 0.0, 0.0)).series.angular_velocity
+    rates = imu(motion, robot, gyro=SILENT).series.angular_velocity
     assert np.allclose(rates, [0.0, 0.0, 1.02 * w * np.cos(np.radians(10.0))])
 
 
 def test_fixes_noise_heading_and_outages():
     motion = circle(2000.0)
     times = sample_times(2000.0, 1.0)
-    series = read_fixes(motion, times, 0.05, 0.02, 1.0, ((100.0, 200.0), (300.0, 310.5)), rng(5))
+    series = read_fixes(motion, times, FixErrors(heading_sigma=0.02), OUTAGES, rng(5))
     seconds = (series.stamps - EPOCH) * 1e-9
     assert len(series.stamps) == 2001 - 101 - 11
     assert not ((seconds >= 100.0) & (seconds <= 200.0)).any()
@@ -215,7 +221,7 @@ def test_fixes_noise_heading_and_outages():
     assert abs(errors[:, 2].var() / 0.02**2 - 1.0) < sample_band(len(errors))
     assert np.allclose(series.variances, [0.05**2, 0.02**2])
     # An outage takes fixes away and changes no other; neither does heading.
-    whole = read_fixes(motion, times, 0.05, None, 1.0, (), rng(5))
+    whole = read_fixes(motion, times, FixErrors(), (), rng(5))
     assert np.isnan(whole.poses[:, 2]).all()
     kept = np.isin(whole.stamps, series.stamps)
     assert np.array_equal(whole.poses[kept, :2], series.poses[:, :2])
@@ -223,7 +229,7 @@ def test_fixes_noise_heading_and_outages():
 
 def test_perfect_fixes_state_a_variance_that_a_log_accepts():
     motion = circle()
-    series = read_fixes(motion, sample_times(10.0, 1.0), 0.05, None, 0.0, (), rng())
+    series = read_fixes(motion, sample_times(10.0, 1.0), FixErrors(sigma=0.0), (), rng())
     assert np.allclose(series.poses[:, :2], motion.poses_at(sample_times(10.0, 1.0))[:, :2])
     assert (series.variances > 0.0).all()
 
@@ -237,36 +243,333 @@ def test_times_and_stamps():
     assert (np.diff(stamps) > 33_333_000).all()
 
 
-def test_nominal_noise_is_the_robot_file_s():
-    noise = noise_preset("nominal")
-    assert track_noise(noise, ALPHA) == TrackNoise(ALPHA.tracks.speed_noise_density, 0.0)
-    assert gyro_noise(noise, ALPHA) == InertialNoise(5e-4, 0.01, 2e-5)
-    assert accelerometer_noise(noise, ALPHA) == InertialNoise(0.01, 0.1, 5e-4)
+def test_a_figure_left_out_is_the_preset_s_and_then_the_robot_file_s():
+    nothing = EncoderSpec()
+    assert encoder_errors(ALPHA, nothing, NOMINAL) == EncoderErrors(
+        speed_noise_density=ALPHA.tracks.speed_noise_density
+    )
+    assert gyro_errors(ALPHA, InertialSpec(), NOMINAL) == InertialErrors(
+        noise_density=5e-4, bias_sigma=0.01, bias_walk=2e-5
+    )
+    assert accelerometer_errors(ALPHA, InertialSpec(), NOMINAL) == InertialErrors(
+        noise_density=0.01, bias_sigma=0.1, bias_walk=5e-4
+    )
+    unsure = mounted(gyro_scale_sigma=0.02)
+    assert gyro_errors(unsure, InertialSpec(), NOMINAL).scale_sigma == 0.02
+    consumer = noise_preset("consumer")
+    errors = gyro_errors(unsure, InertialSpec(bias_walk=1.0), consumer)
+    assert (errors.scale_sigma, errors.bias_walk) == (0.01, 1.0)
+    assert errors.noise_density == consumer.gyro.noise_density
+    assert fix_errors(FixSpec(latency=0.1), NOMINAL) == FixErrors(latency=0.1)
 
 
-def test_presets_and_overrides():
-    for make in (track_noise, gyro_noise, accelerometer_noise):
-        figures = msgspec.structs.astuple(make(NOISE_PRESETS["perfect"], ALPHA))
-        assert figures == (0.0,) * len(figures)
-    grades = [noise_preset(name) for name in ("consumer", "industrial", "tactical")]
-    for field in SensorNoise.__struct_fields__[2:8]:
-        values = [getattr(grade, field) for grade in grades]
-        assert values == sorted(values, reverse=True)
-    changed = noise_preset("industrial", {"gyro_noise_density": 1e-3, "gyro_factor": 2.0})
-    assert gyro_noise(changed, ALPHA).density == pytest.approx(2e-3)
-    assert gyro_noise(changed, ALPHA).bias_sigma == pytest.approx(2.0 * 3.5e-3)
-    assert accelerometer_noise(changed, ALPHA) == accelerometer_noise(grades[1], ALPHA)
+def test_perfect_sensors_have_no_error_but_those_that_are_asked_for():
+    perfect = noise_preset("perfect")
+    unsure = msgspec.structs.replace(
+        mounted(gyro_scale_sigma=0.02),
+        tracks=msgspec.structs.replace(ALPHA.tracks, scale_sigma=0.1),
+    )
+    assert encoder_errors(unsure, EncoderSpec(), perfect) == EncoderErrors()
+    assert gyro_errors(unsure, InertialSpec(), perfect) == InertialErrors()
+    assert accelerometer_errors(unsure, InertialSpec(), perfect) == InertialErrors()
+    assert fix_errors(FixSpec(), perfect) == FixErrors(sigma=0.0)
+    counting = EncoderSpec(resolution=1e-3)
+    assert encoder_errors(unsure, counting, perfect) == EncoderErrors(resolution=1e-3)
+
+
+def test_better_grades_have_smaller_errors():
+    grades = [NOISE_PRESETS[name] for name in ("consumer", "industrial", "tactical")]
+    for sensor in ("gyro", "accelerometer"):
+        for field in set(InertialSpec.__struct_fields__) - {"factor", "range"}:
+            values = [getattr(getattr(grade, sensor), field) for grade in grades]
+            if field != "bias_instability_time":
+                assert values == sorted(values, reverse=True), (sensor, field)
+                assert values[-1] > 0.0
+
+
+def test_the_factor_is_on_errors_and_not_on_times_and_shares():
+    twice = {"factor": 2.0}
+    encoders = EncoderSpec(resolution=1e-3, dropouts_per_hour=3.0, dropout_duration=2.0, **twice)
+    assert encoder_errors(ALPHA, encoders, NOMINAL) == EncoderErrors(
+        speed_noise_density=2.0 * ALPHA.tracks.speed_noise_density,
+        resolution=2e-3,
+        dropouts_per_hour=3.0,
+        dropout_duration=2.0,
+    )
+    industrial = noise_preset("industrial")
+    plain = gyro_errors(ALPHA, InertialSpec(), industrial)
+    doubled = gyro_errors(ALPHA, InertialSpec(**twice), industrial)
+    for name in InertialErrors.__struct_fields__:
+        expected = 1.0 if name in {"range", "bias_instability_time"} else 2.0
+        assert getattr(doubled, name) == pytest.approx(expected * getattr(plain, name)), name
+    fixes = fix_errors(FixSpec(heading_sigma=0.1, outlier_share=0.2, latency=0.3, **twice), NOMINAL)
+    assert fixes == FixErrors(sigma=0.1, heading_sigma=0.2, outlier_share=0.2, latency=0.3)
 
 
 @pytest.mark.parametrize(
-    ("name", "overrides", "message"),
+    ("spec", "errors"),
+    [(EncoderSpec, EncoderErrors), (InertialSpec, InertialErrors), (FixSpec, FixErrors)],
+)
+def test_a_data_sheet_has_every_error(spec, errors):
+    assert set(spec.__struct_fields__) == {*errors.__struct_fields__, "factor"}
+    assert not [value for value in msgspec.structs.astuple(spec()) if value is not None]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
     [
-        ("industral", {}, "did you mean 'industrial'"),
-        ("nominal", {"gyro_noise": 1.0}, "did you mean 'gyro_noise_density'"),
-        ("nominal", {"gyro_factor": -1.0}, "gyro_factor must be zero or a positive number"),
-        ("nominal", {"speed_noise_density": float("nan")}, "speed_noise_density must be"),
+        (lambda: noise_preset("industral"), "did you mean 'industrial'"),
+        (lambda: InertialSpec(factor=-1.0), "factor must be zero or a positive number, found -1"),
+        (lambda: InertialSpec(range=0.0), "range must be a positive number, found 0.0"),
+        (lambda: InertialSpec(bias_instability_time=0.0), "bias_instability_time must be a pos"),
+        (lambda: InertialSpec(bias_instability=float("inf")), "bias_instability must be zero or"),
+        (lambda: EncoderSpec(speed_noise_density=float("nan")), "speed_noise_density must be"),
+        (lambda: EncoderSpec(resolution=-1e-3), "resolution must be zero or a positive number"),
+        (lambda: EncoderSpec(dropouts_per_hour=1e9), "dropouts_per_hour must be at most 36000"),
+        (lambda: EncoderSpec(dropout_duration=0.0), "dropout_duration must be a positive number"),
+        (lambda: EncoderSpec(dropout_reads="zeros"), "cannot be 'zeros'; did you mean 'zero'"),
+        (lambda: FixSpec(outlier_share=1.5), "outlier_share must be at most 1, found 1.5"),
+        (lambda: FixSpec(latency=-0.1), "latency must be zero or a positive number, found -0.1"),
     ],
 )
-def test_bad_noise_is_refused(name, overrides, message):
+def test_bad_figures_are_refused(make, message):
     with pytest.raises(SimulationError, match=message):
-        noise_preset(name, overrides)
+        make()
+
+
+# Encoders that count, differ, and drop out.
+
+
+def driven(name="aggressive", duration=60.0, seed=4):
+    command = make_trajectory(name, duration, ALPHA, rng(seed))
+    return EXACT.run(command, duration, ALPHA, rng(), rate=200.0)
+
+
+DRIVEN = driven()
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    resolution=st.floats(1e-6, 0.1),
+    density=st.sampled_from([0.0, 1e-3]),
+    rate=st.sampled_from([7.0, 50.0, 130.0]),
+    seed=st.integers(0, 2**32),
+)
+def test_counting_never_adds_up_to_more_than_a_count(resolution, density, rate, seed):
+    times = sample_times(60.0, rate)
+    exact = EncoderErrors(speed_noise_density=density, scale_sigma=0.05)
+    counting = msgspec.structs.replace(exact, resolution=resolution)
+    without = read_tracks(DRIVEN, times, rate, exact, rng(seed)).speeds
+    counted = read_tracks(DRIVEN, times, rate, counting, rng(seed)).speeds
+    travel = np.cumsum(counted - without, axis=0) / rate
+    assert np.abs(travel).max() < resolution * (1.0 + 1e-6)
+    counts = counted / rate / resolution
+    assert np.allclose(counts, np.rint(counts), atol=1e-6)
+
+
+def test_a_count_begins_anywhere_so_that_counting_errs_by_nothing_in_the_mean():
+    resolution, rate = 2e-4, 50.0
+    times = sample_times(60.0, rate)
+    remainders = []
+    for seed in range(50):
+        errors = EncoderErrors(resolution=resolution)
+        counted = read_tracks(DRIVEN, times, rate, errors, rng(seed)).speeds
+        lag = np.cumsum(counted, axis=0)[-1] / rate - DRIVEN.distances[-1]
+        remainders.extend(lag / resolution)
+    remainders = np.array(remainders)
+    # Of a travel of n + f counts, n + 1 are counted with probability f: mean zero, variance f (1 - f).
+    assert abs(remainders.mean()) < 5.0 * 0.5 / np.sqrt(len(remainders))
+    assert (np.abs(remainders) < 1.0).all()
+    assert (remainders < 0.0).any()
+    assert (remainders > 0.0).any()
+
+
+def test_a_counting_track_that_stands_reads_exactly_zero():
+    motion = driven("stop-and-go")
+    times = sample_times(60.0, 50.0)
+    errors = EncoderErrors(resolution=1e-3, speed_noise_density=1e-2, scale_sigma=0.1)
+    speeds = read_tracks(motion, times, 50.0, errors, rng()).speeds
+    standing = np.abs(motion.mean_track_speeds(times)) <= STANDING
+    assert standing.sum() > 300
+    assert (speeds[standing] == 0.0).all()
+
+
+def test_a_track_that_settles_exponentially_stands_in_the_end():
+    times = np.arange(0.0, 10.0, 0.005)
+    speeds = np.repeat(np.exp(-times / 0.3)[:, None], 2, axis=1)
+    none = np.zeros((len(times), 3))
+    distances = np.cumsum(speeds, axis=0) * 0.005
+    motion = TrueMotion(200.0, none, none, speeds, distances, None, "settling")
+    errors = EncoderErrors(speed_noise_density=1e-2)
+    read = read_tracks(motion, sample_times(9.9, 50.0), 50.0, errors, rng()).speeds
+    # exp(-t / 0.3) falls below 0.1 mm/s after 2.76 s.
+    assert (read[int(2.9 * 50) :] == 0.0).all()
+    assert (read[: int(2.7 * 50)] != 0.0).all()
+
+
+def test_the_difference_of_scales_is_left_less_right_and_keeps_the_mean():
+    differences = []
+    for seed in range(300):
+        errors = EncoderErrors(scale_sigma=0.01, scale_difference_sigma=0.004)
+        common = EncoderErrors(scale_sigma=0.01)
+        times = sample_times(0.1, 50.0)
+        one, other = (
+            [0.3, 0.6] / read_tracks(circle(0.1), times, 50.0, which, rng(seed)).speeds[0]
+            for which in (errors, common)
+        )
+        assert one.mean() == pytest.approx(other.mean(), abs=1e-12)
+        differences.append(one[0] - one[1])
+    variance = np.var(differences) / 0.004**2
+    assert abs(variance - 1.0) < sample_band(300)
+    assert abs(np.mean(differences)) < 5.0 * 0.004 / np.sqrt(300)
+
+
+def dropped(reads, duration=7200.0, **values):
+    motion = circle(duration)
+    values = {"dropouts_per_hour": 120.0, "dropout_duration": 2.0} | values
+    times = sample_times(duration, 10.0)
+    errors = EncoderErrors(speed_noise_density=1e-3, dropout_reads=reads, **values)
+    return read_tracks(motion, times, 10.0, errors, rng(2))
+
+
+def test_dropouts_have_their_rate_and_duration_and_change_nothing_else():
+    whole = dropped("zero", dropouts_per_hour=0.0).speeds
+    zero = dropped("zero").speeds
+    lost = (zero == 0.0).all(axis=1)
+    assert np.array_equal(zero[~lost], whole[~lost])
+    starts = np.count_nonzero(np.diff(lost.astype(int)) == 1)
+    # 120 an hour of time without: 240 / (1 + 120 * 2 / 3600) in two hours, less those of two that
+    # merge or fall between samples (some 7 %); five standard deviations of a Poisson count.
+    expected = 240.0 / (1.0 + 120.0 * 2.0 / 3600.0)
+    assert abs(starts - expected) < 5.0 * np.sqrt(expected)
+    share = 120.0 * 2.0 / 3600.0 / (1.0 + 120.0 * 2.0 / 3600.0)
+    assert abs(lost.mean() - share) < 5.0 * share * np.sqrt(2.0 / expected)
+
+
+def test_what_samples_read_in_a_dropout():
+    assert DROPOUT_READINGS == ("nothing", "last", "zero")
+    whole, zero = dropped("zero", dropouts_per_hour=0.0), dropped("zero")
+    lost = (zero.speeds == 0.0).all(axis=1)
+    nothing = dropped("nothing")
+    assert np.array_equal(nothing.stamps, whole.stamps[~lost])
+    assert np.array_equal(nothing.speeds, whole.speeds[~lost])
+    last = dropped("last").speeds
+    assert np.array_equal(last[~lost], whole.speeds[~lost])
+    stuck = np.flatnonzero(lost)
+    assert np.array_equal(last[stuck], last[stuck - 1])
+    assert not lost[0]
+
+
+# Scale, alignment, range and instability of gyro and accelerometer.
+
+
+def test_scale_and_misalignment_are_drawn_once_for_each_axis():
+    motion = circle(1.0)
+    rates = np.array([0.0, 0.0, 0.3 / 0.42])
+    found = []
+    for seed in range(300):
+        errors = InertialErrors(scale_sigma=0.02, misalignment_sigma=0.005)
+        gyro = imu(motion, IDEAL, 1.0, gyro=errors, seed=seed).series.angular_velocity
+        assert np.ptp(gyro, axis=0) == pytest.approx(0.0, abs=1e-12)
+        found.append((gyro[0] - rates) / rates[2])
+    found = np.array(found)
+    assert abs(found[:, 2].var() / 0.02**2 - 1.0) < sample_band(300)
+    assert abs(found[:, :2].var() / 0.005**2 - 1.0) < sample_band(600)
+    assert np.abs(found.mean(axis=0)).max() < 5.0 * 0.02 / np.sqrt(300)
+
+
+def test_misalignment_shows_gravity_in_the_level_axes():
+    errors = InertialErrors(misalignment_sigma=1e-3)
+    forces = [
+        imu(circle(0.1, 0.0, 0.0), IDEAL, 0.1, accelerometer=errors, seed=seed)
+        .series.linear_acceleration[0, :2]
+        .copy()
+        for seed in range(300)
+    ]
+    assert abs(np.var(forces) / (1e-3 * GRAVITY) ** 2 - 1.0) < sample_band(600)
+
+
+def test_a_sensor_saturates_at_its_range_in_its_own_axes():
+    errors = InertialErrors(range=0.5, noise_density=0.05)
+    gyro = imu(circle(), IDEAL, gyro=errors).series.angular_velocity
+    plain = imu(circle(), IDEAL, gyro=InertialErrors(noise_density=0.05)).series.angular_velocity
+    assert (np.abs(plain) > 0.5).any()
+    assert np.array_equal(gyro, np.clip(plain, -0.5, 0.5))
+    upside_down = mounted(rotation_rpy_deg=(180.0, 0.0, 0.0))
+    forces = imu(circle(), upside_down, accelerometer=InertialErrors(range=5.0)).series
+    assert forces.linear_acceleration[:, 2] == pytest.approx(-5.0)
+
+
+@pytest.mark.parametrize(
+    "figure",
+    ["noise_density", "bias_sigma", "bias_instability", "bias_walk", "scale_sigma"],
+)
+def test_one_figure_changes_its_own_error_and_no_other(figure):
+    motion = circle(20.0)
+    every = dict.fromkeys(
+        ["noise_density", "bias_sigma", "bias_instability", "bias_walk", "scale_sigma"], 1e-3
+    )
+
+    def read(**values):
+        errors = InertialErrors(**values)
+        return imu(motion, IDEAL, 20.0, gyro=errors, seed=3).series.angular_velocity
+
+    clean = read()
+    with_it, without_it = read(**every), read(**(every | {figure: 0.0}))
+    alone = read(**{figure: 1e-3})
+    assert np.abs(alone - clean).max() > 1e-5
+    assert np.allclose(with_it - without_it, alone - clean, atol=1e-12)
+
+
+def test_a_longer_run_begins_as_the_shorter():
+    for duration in (30.0, 60.0):
+        times = sample_times(duration, 50.0)
+        errors = EncoderErrors(
+            speed_noise_density=1e-3,
+            scale_sigma=0.01,
+            scale_difference_sigma=0.01,
+            resolution=1e-3,
+            dropouts_per_hour=600.0,
+            dropout_reads="zero",
+        )
+        tracks = read_tracks(DRIVEN, times, 50.0, errors, rng(7)).speeds
+        industrial = gyro_errors(ALPHA, InertialSpec(), noise_preset("industrial"))
+        gyro = imu(DRIVEN, ALPHA, duration, 50.0, gyro=industrial).series.angular_velocity
+        fixing = FixErrors(outlier_share=0.3, latency=0.1)
+        fixes = read_fixes(DRIVEN, sample_times(duration, 1.0), fixing, (), rng(8)).poses[:, :2]
+        if duration == 30.0:
+            shorter = tracks, gyro, fixes
+    for short, long in zip(shorter, (tracks, gyro, fixes), strict=True):
+        # An average over the last interval of a motion is another one where the motion goes on.
+        assert np.allclose(short, long[: len(short)], atol=1e-9)
+
+
+# Fixes that are late or wrong.
+
+
+def test_a_late_fix_shows_the_pose_of_before():
+    times = sample_times(60.0, 1.0)
+    errors = FixErrors(sigma=0.0, heading_sigma=0.0, latency=0.35)
+    series = read_fixes(DRIVEN, times, errors, (), rng())
+    assert np.array_equal(series.stamps, to_stamps(times))
+    expected = DRIVEN.poses_at(np.maximum(times - 0.35, 0.0))
+    assert np.allclose(series.poses, expected, atol=1e-12)
+    assert np.abs(series.poses - DRIVEN.poses_at(times)).max() > 0.05
+
+
+def test_outliers_have_their_share_and_size_and_do_not_say_so():
+    motion = circle(5000.0)
+    times = sample_times(5000.0, 1.0)
+    plain = read_fixes(motion, times, FixErrors(heading_sigma=0.02), (), rng(5))
+    errors = FixErrors(heading_sigma=0.02, outlier_share=0.1, outlier_sigma=3.0)
+    series = read_fixes(motion, times, errors, (), rng(5))
+    excess = series.poses - plain.poses
+    outlying = (excess[:, :2] != 0.0).any(axis=1)
+    assert abs(outlying.sum() - 500.1) < 5.0 * np.sqrt(5001 * 0.1 * 0.9)
+    assert abs(excess[outlying, :2].var() / 9.0 - 1.0) < sample_band(2 * outlying.sum())
+    assert not excess[:, 2].any()
+    assert np.array_equal(series.variances, plain.variances)
+    # More outliers keep the old ones.
+    more = msgspec.structs.replace(errors, outlier_share=0.3)
+    again = read_fixes(motion, times, more, (), rng(5)).poses
+    assert np.array_equal(again[outlying], series.poses[outlying])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any, cast
 
@@ -10,7 +11,7 @@ from estimator.robot import load_robot
 from icreckon.console import messages
 from replay.bag_writer import Format, write_log
 from simulation.errors import SimulationError
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario, change_scenario, load_scenario, simulate
 
 FORMATS = ("mcap", "sqlite3", "ros1")
 
@@ -19,43 +20,62 @@ def run_simulate(
     *,
     out: Path,
     robot: str,
-    noise_overrides: list[str],
+    scenario_file: Path | None,
+    settings: list[str],
     outages: list[str],
+    fixes: dict[str, float | None],
     bag_format: str,
     overwrite: bool,
-    **scenario: Any,
+    **options: Any,
 ) -> None:
-    """See `icreckon simulate --help`."""
+    """See `icreckon simulate --help`; what is None was not asked for."""
     if bag_format not in FORMATS:
         raise SimulationError(
             f"no bag format {bag_format!r}{nearest_hint(bag_format, list(FORMATS))}"
         )
     loaded = load_robot(robot)
-    wanted = Scenario(
-        noise_overrides=dict(_override(text) for text in noise_overrides),
-        outages=tuple(_outage(text) for text in outages),
-        **scenario,
-    )
-    log = simulate(wanted, loaded)
+    changes = _asked_for(options) | {"fixes": _asked_for(fixes)}
+    if outages:
+        changes["outages"] = [_outage(text) for text in outages]
+    scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
+    for change in [changes, *(_setting(text) for text in settings)]:
+        scenario = change_scenario(scenario, change, "command line")
+    log = simulate(scenario, loaded)
     path = write_log(log, out, cast("Format", bag_format), loaded, overwrite=overwrite)
     messages().print(f"{log.duration:.0f} s of {loaded.name} in {path}", markup=False)
 
 
-def _override(text: str) -> tuple[str, float]:
-    name, _, value = text.partition("=")
+def _asked_for(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _setting(text: str) -> dict[str, Any]:
+    """The nested dictionary of `table.key=value`; what is no TOML value is a number or a string."""
+    path, equals, written = text.partition("=")
+    if not equals or not path.strip():
+        raise SimulationError(f"--set {text!r}: give key and value, as gyro.noise_density=0.001")
+    value = _value(written.strip())
+    for key in reversed(path.split(".")):
+        value = {key.strip(): value}
+    return cast("dict[str, Any]", value)
+
+
+def _value(written: str) -> Any:
     try:
-        return name.strip(), float(value)
+        return tomllib.loads(f"value = {written}")["value"]
+    except tomllib.TOMLDecodeError:
+        pass
+    try:
+        return float(written)
     except ValueError:
-        raise SimulationError(
-            f"--set {text!r}: give a figure, as gyro_noise_density=0.001"
-        ) from None
+        return written
 
 
-def _outage(text: str) -> tuple[float, float]:
+def _outage(text: str) -> list[float]:
     try:
         start, end = (float(word) for word in text.split(":"))
     except ValueError:
         raise SimulationError(
             f"--outage {text!r}: give its start and end in seconds, as 100:300"
         ) from None
-    return start, end
+    return [start, end]
