@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from estimator.robot import Indices, load_robot
-from simulation.truth import has_single_motion
+from simulation.kinematic_truth import has_single_motion
 
 SPREADS = (0.05, 0.10, 0.15, 0.20)
 SEED = 0

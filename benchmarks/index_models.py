@@ -1,10 +1,10 @@
 """How well three index models explain the velocity of a robot that friction moves.
 
 Each robot is drawn anew: friction, rolling resistance, contact length and centre of mass differ from the
-robot file. Constant ICRs, the inertia-based parameters and the contact of the friction model are fitted to
-a training run of the transient truth, and scored on another run of the same kind of driving, both without
-noise, at 50 Hz. RMSE as in Table II of the paper: mean over the robots, 95 % bootstrap interval of the ratio
-to constant ICRs.
+robot file. Constant ICRs, the inertia-based parameters and the contact of the friction model are fitted
+to a training run of the transient truth, and scored on another run of the same kind of driving, both
+without noise, at 50 Hz. RMSE as in Table II of the paper: mean over the robots, and the ratio to constant
+ICRs with its 95 % bootstrap interval.
 """
 
 from __future__ import annotations
@@ -16,12 +16,11 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
+from estimator.contact import Contact
 from estimator.fitting import KnownMotion, fit_constant, fit_friction, fit_inertia
-from estimator.kinematics import Icrs as PaperIcrs
-from estimator.kinematics import PaperTwist, direct, indices_from_icrs
-from estimator.motion import VehicleConstants, solve
+from estimator.kinematics import PaperTwist
 from estimator.robot import Robot, load_robot
-from estimator.steady import solve_steady
+from estimator.variants import find_variant, initial_indices, motion_model
 from simulation.drives import aggressive, random_driving
 from simulation.dynamics import TRACK_LAG, draw_contact, drive, follow
 from simulation.trajectories import Command
@@ -36,7 +35,7 @@ MODELS = ("constant", "inertia", "friction")
 
 
 def known_motion(
-    driving: str, seconds: float, robot: Robot, contact, rng: Generator
+    driving: str, seconds: float, robot: Robot, contact: Contact, rng: Generator
 ) -> KnownMotion:
     """True track speeds and twists of a run of the transient truth."""
     times = np.arange(int(seconds * RATE) + 1) / RATE
@@ -48,22 +47,14 @@ def known_motion(
 
 def errors_of(model: str, robot: Robot, motion: KnownMotion) -> list[float]:
     """RMSE of v_x, v_y [m/s] and w [rad/s] of a fitted robot's model."""
-    V_l, V_r, vehicle = motion.V_l, motion.V_r, robot.vehicle
-    if model == "constant":
-        icr = robot.constant_icr
-        assert icr is not None
-        indices = indices_from_icrs(
-            PaperIcrs(icr.x_ICRl, icr.x_ICRr, icr.y_ICR), vehicle.track_gauge
-        )
-        found = direct(V_l, V_r, indices, vehicle.track_gauge)
-    elif model == "inertia":
-        constants = VehicleConstants(vehicle.track_gauge, vehicle.mass, *robot.centre_of_mass_paper)
-        found = solve(V_l, V_r, robot.indices.as_array(), constants).twist
-    else:
-        found = solve_steady(V_l, V_r, robot.contact, strict=False).twist
+    variant = find_variant(f"{model}-fixed")
+    parameters = initial_indices(robot, variant).as_array()
+    found, _ = motion_model(robot, variant).linearise(
+        motion.V_l, motion.V_r, parameters, (0.0, 0.0, 0.0)
+    )
     return [
         float(np.sqrt(np.mean((ours - true) ** 2)))
-        for ours, true in zip(found, motion.twist, strict=True)
+        for ours, true in zip(found.twist, motion.twist, strict=True)
     ]
 
 

@@ -122,7 +122,7 @@ def simulate(
         ),
     ] = None,
     truth: Annotated[
-        str | None, typer.Option(help="What moves the robot: kinematic (the default).")
+        str | None, typer.Option(help="What moves the robot: friction (the default) or kinematic.")
     ] = None,
     truth_spread: Annotated[
         float | None,

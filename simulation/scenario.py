@@ -29,8 +29,10 @@ from simulation.noise import (
 )
 from simulation.recorded import read_recording
 from simulation.sampling import Floats, sample_times, to_stamps
+from simulation.terrain import Patch, Payload
 from simulation.trajectories import check_trajectory, make_trajectory
-from simulation.truth import DEFAULT_SPREAD, TrueMotion, check_truth, make_truth
+from simulation.truth import DEFAULT_SPREAD, TrueMotion, TruthModel
+from simulation.truths import make_truth
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
 # two for each IMU sample where HIGHEST_GRID allows.
@@ -50,8 +52,14 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         duration: length of the run [s]; its first 3 s are standstill.
         seed: seed of the study; a run's streams derive from it and the run's index.
         noise: name from `simulation.noise.NOISE_PRESETS`.
-        truth: name from `simulation.truth.TRUTHS`.
-        truth_spread: relative spread of the true parameters about those of the robot file.
+        truth: name from `simulation.truths.TRUTHS`.
+        truth_spread: relative spread of the true robot about the robot file.
+        slip_noise: factor on the part of the true motion that no model explains; the truth's own
+            where left out [-].
+        track_lag: time constant of the tracks behind their commands; the truth's own where left out
+            [s].
+        patches: terrain along the way.
+        payloads: loads along the way.
         track_rate: track-speed samples per second [Hz].
         imu_rate: IMU samples per second [Hz].
         truth_rate: true poses, twists and track speeds per second [Hz].
@@ -73,8 +81,12 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     duration: float = 300.0
     seed: int = 0
     noise: str = "nominal"
-    truth: str = "kinematic"
+    truth: str = "friction"
     truth_spread: float = DEFAULT_SPREAD
+    slip_noise: float | None = None
+    track_lag: float | None = None
+    patches: tuple[Patch, ...] = ()
+    payloads: tuple[Payload, ...] = ()
     track_rate: float = 50.0
     imu_rate: float = 100.0
     truth_rate: float = 50.0
@@ -88,12 +100,13 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     def __post_init__(self) -> None:
         check_trajectory(self.trajectory, self.trajectory_options, self.trajectory_file)
-        check_truth(self.truth)
+        self.make_truth()
         noise_preset(self.noise)
         for name in ("duration", "track_rate", "imu_rate", "truth_rate"):
             self._require(name, positive=True)
-        for name in ("truth_spread", "fix_rate", "seed"):
-            self._require(name, positive=False)
+        for name in ("truth_spread", "slip_noise", "track_lag", "fix_rate", "seed"):
+            if getattr(self, name) is not None:
+                self._require(name, positive=False)
         for name in ("track_rate", "imu_rate", "truth_rate", "fix_rate"):
             samples = getattr(self, name) * self.duration
             if samples > MOST_SAMPLES:
@@ -111,6 +124,17 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                     f"an outage must lie within the run of {self.duration!r} s, "
                     f"found {start!r} to {end!r} s"
                 )
+
+    def make_truth(self) -> TruthModel:
+        """What really moves the robot."""
+        return make_truth(
+            self.truth,
+            self.truth_spread,
+            slip_noise=self.slip_noise,
+            track_lag=self.track_lag,
+            patches=self.patches,
+            payloads=self.payloads,
+        )
 
     def _require(self, name: str, *, positive: bool) -> None:
         value = getattr(self, name)
@@ -245,7 +269,7 @@ def run_scenario(
         scenario.trajectory_options,
         recording,
     )
-    motion = make_truth(scenario.truth, scenario.truth_spread).run(
+    motion = scenario.make_truth().run(
         command, duration, robot, streams.truth, rate=grid_rate(scenario.imu_rate)
     )
     preset = noise_preset(scenario.noise)

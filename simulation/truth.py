@@ -1,30 +1,21 @@
-"""What really happens: the true motion behind commanded track speeds, by name of the truth.
+"""A true motion, and what a truth is: it turns commanded track speeds into one.
 
-A truth takes commanded track speeds and a robot and gives a `TrueMotion`. All speeds and poses are
-in REP-103 axes: `base_link` in `odom`, starting at the origin.
-
-`kinematic`: the inertia-based kinematics (`estimator.motion.solve`, smooth form) of a robot that is
-not quite the one of the robot file, plus a slip residual.
+All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
+`simulation.dynamics` (friction, the default) and `simulation.kinematic_truth`; `simulation.truths` has
+them by name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import msgspec
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from estimator.errors import nearest_hint
-from estimator.frames import compose, paper_to_rep103
-from estimator.kinematics import direct, indices_at_signed_inertia, signed_inertia
-from estimator.motion import VehicleConstants, solve
+from estimator.frames import compose
 from estimator.robot import Indices, Robot, Slip
-from estimator.slip import slip_sigma
-from simulation.errors import SimulationError
 from simulation.trajectories import Command
 
 Floats = NDArray[np.float64]
@@ -42,10 +33,6 @@ TRUE_SLIP = Slip(
 )
 # A time that lies closer than this to a grid point is that grid point [s].
 SAME_TIME = 1e-9
-# How often to draw parameters, and how finely to look for a second motion.
-DRAWS = 100
-SPEED_GRID = 31
-FORCE_GRID = 150
 
 
 @dataclass(frozen=True)
@@ -168,125 +155,6 @@ class TruthModel(Protocol):
         """
 
 
-@dataclass(frozen=True)
-class KinematicTruth:
-    """Inertia-based kinematics of a robot that differs from its file, plus a slip residual.
-
-    The tracks follow their commands.
-
-    Attributes:
-        spread: relative spread of the true parameters; see `draw_parameters`.
-        slip: size and correlation time of the slip residual, a Gauss-Markov process.
-    """
-
-    spread: float = DEFAULT_SPREAD
-    slip: Slip = TRUE_SLIP
-
-    @property
-    def name(self) -> str:
-        """Name of the truth."""
-        return "kinematic"
-
-    def run(
-        self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
-    ) -> TrueMotion:
-        """The motion; see `TruthModel.run`, and `draw_parameters` for what is raised."""
-        parameters = draw_parameters(robot, self.spread, rng)
-        step = 1.0 / rate
-        times: Floats = np.arange(int(np.ceil((duration - SAME_TIME) * rate)) + 1) / rate
-        speeds = command(times)
-        vehicle = _vehicle(robot)
-        solved = solve(speeds[:, 0], speeds[:, 1], parameters.as_array(), vehicle).twist
-        v_x, v_y = paper_to_rep103(solved.v_x, solved.v_y)
-        unit = gauss_markov(len(times), step, self.slip.time_constant, rng)
-        effective_gauge = robot.vehicle.track_gauge * parameters.eta0
-        size = slip_sigma(speeds[:, 0], speeds[:, 1], self.slip, effective_gauge)
-        twists = np.stack([v_x, v_y, solved.w], axis=-1) + size * unit
-        distances = np.zeros_like(speeds)
-        distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
-        poses = integrate_twists(twists, step)
-        return TrueMotion(rate, poses, twists, speeds, distances, parameters, self.name)
-
-
-TRUTHS: dict[str, Callable[[float], TruthModel]] = {"kinematic": KinematicTruth}
-
-
-def check_truth(name: str) -> None:
-    """Refuse the name of a truth that does not exist.
-
-    Raises:
-        SimulationError: no truth has that name; says which is nearest.
-    """
-    if name not in TRUTHS:
-        raise SimulationError(f"no truth named {name!r}{nearest_hint(name, list(TRUTHS))}")
-
-
-def make_truth(name: str, spread: float = DEFAULT_SPREAD) -> TruthModel:
-    """A truth by name.
-
-    Args:
-        name: one of `TRUTHS`.
-        spread: relative spread of the true parameters about those of the robot file.
-
-    Raises:
-        SimulationError: no truth has that name; says which is nearest.
-    """
-    check_truth(name)
-    return TRUTHS[name](spread)
-
-
-def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
-    """The robot's index parameters, each times its own log-normal factor; H stays, and eta0 >= 1.
-
-    Parameters for which some track speeds have more than one steady motion are drawn again: with
-    them the vehicle would jump from one motion to the other.
-
-    Args:
-        robot: gives the parameters about which to draw, mass, geometry and speed range.
-        spread: standard deviation of the logarithm of each factor [-].
-        rng: draws the factors.
-
-    Raises:
-        SimulationError: `DRAWS` draws brought none with a single motion.
-    """
-    for _ in range(DRAWS):
-        factors = np.exp(spread * rng.standard_normal(7))
-        values = {
-            name: float(factor * getattr(robot.indices, name))
-            for name, factor in zip(Indices.__struct_fields__[1:], factors, strict=True)
-        }
-        values["eta0"] = max(values["eta0"], 1.0)
-        drawn = msgspec.structs.replace(robot.indices, **values)
-        if spread == 0.0 or has_single_motion(drawn, robot):
-            return drawn
-    raise SimulationError(
-        f"no true parameters of {robot.name!r} with a single motion for all track speeds in "
-        f"{DRAWS} draws; lower truth_spread ({spread!r}) or the robot's max_track_speed"
-    )
-
-
-def has_single_motion(indices: Indices, robot: Robot) -> bool:
-    """Whether the implicit model has one solution for all track speeds within max_track_speed.
-
-    Args:
-        indices: the parameters.
-        robot: gives mass, geometry and speed range.
-    """
-    vehicle, top = _vehicle(robot), robot.vehicle.max_track_speed
-    grid = np.linspace(-top, top, SPEED_GRID)
-    V_l, V_r = (speed.ravel() for speed in np.meshgrid(grid, grid))
-    # The other half is these motions backward in time, with the same force of inertia.
-    V_l, V_r = V_l[V_r > V_l, None], V_r[V_r > V_l, None]
-    largest = 3.0 * top * robot.vehicle.mass * 2.0 * top / vehicle.gauge
-    positive = np.geomspace(1e-5 * largest, largest, FORCE_GRID)
-    force = np.concatenate([-positive[::-1], positive])
-    free = indices_at_signed_inertia(force, 0.0, indices.as_array())
-    values = free._replace(eta=np.maximum(free.eta, 1.0))
-    twist = direct(V_l, V_r, values, vehicle.gauge)
-    above = force > signed_inertia(twist, vehicle.mass, vehicle.x_CM)[0]
-    return bool((np.count_nonzero(np.diff(above, axis=1), axis=1) == 1).all())
-
-
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
     """Three independent first-order Gauss-Markov processes of unit variance, exact at any step.
 
@@ -375,9 +243,3 @@ def exponential(motion: Floats) -> Floats:
     along = np.sinc(yaw / np.pi)
     across = np.sin(half) * np.sinc(half / np.pi)
     return np.stack([along * x - across * y, across * x + along * y, yaw], axis=-1)
-
-
-def _vehicle(robot: Robot) -> VehicleConstants:
-    return VehicleConstants(
-        robot.vehicle.track_gauge, robot.vehicle.mass, *robot.centre_of_mass_paper
-    )

@@ -54,7 +54,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
     done = icreckon("demo", "--duration", 60, "--workers", 2, cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "truth: kinematic" in done.stdout
+    assert "truth: friction" in done.stdout
     for variant in ALL_VARIANTS:
         assert variant in done.stdout
     return folder / "icreckon-demo"
@@ -81,7 +81,7 @@ def test_demo_results_say_what_was_done(demo: Path) -> None:
     assert results["seed"] == 1
     assert results["configuration"]["outages"] == [[20.0, 60.0]]
     assert results["versions"]["numpy"] == np.__version__
-    assert results["truth"]["source"] == "kinematic"
+    assert results["truth"]["source"] == "friction"
     assert set(results["variants"]) == ALL_VARIANTS
     assert len(results["inputs"]["bag"]) == len("sha256:") + 64
     for scores in results["variants"].values():

@@ -21,6 +21,7 @@ SCENARIO = Scenario(
     duration=60.0,
     seed=7,
     trajectory="random",
+    truth="kinematic",
     truth_spread=0.0,
     track_rate=25.0,
     imu_rate=50.0,

@@ -200,7 +200,12 @@ def test_accelerometer_is_expected_to_read_what_it_reads_at_its_place(position):
         imu=msgspec.structs.replace(ALPHA.imu, position=position),
     )
     perfect = Scenario(
-        duration=20.0, trajectory="slalom", truth_spread=0.0, noise="perfect", fix_rate=0.0
+        duration=20.0,
+        trajectory="slalom",
+        truth="kinematic",
+        truth_spread=0.0,
+        noise="perfect",
+        fix_rate=0.0,
     )
     estimator = feed_all(PoseEstimator(robot, "inertia-fixed"), simulate(perfect, robot))
     health = estimator.health.sensors["accelerometer"]
@@ -472,7 +477,7 @@ def test_without_fixes_the_imu_does_not_move_the_track_scale(robot):
     log = simulate(Scenario(duration=60.0, seed=3, fix_rate=0.0), robot)
     estimator = feed_all(PoseEstimator(unsure, "differential"), log)
     assert estimator.biases["track_scale"] == 0.0
-    with_fixes = simulate(Scenario(duration=120.0, seed=3), robot)
+    with_fixes = simulate(Scenario(duration=120.0, seed=3, truth="kinematic"), robot)
     scale = 1.05
     tracks = TrackSpeedSeries(with_fixes.tracks.stamps, with_fixes.tracks.speeds / scale)
     slow = Log("slow", tracks, with_fixes.imu, with_fixes.fixes)

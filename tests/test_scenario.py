@@ -50,7 +50,7 @@ def test_shapes_stamps_and_names():
     assert log.imu.angular_velocity.shape == (2001, 3)
     assert log.fixes.poses.shape == (21, 3)
     assert log.truth.poses.poses.shape == (1001, 3)
-    assert log.truth.source == "kinematic"
+    assert log.truth.source == "friction"
     assert log.start == EPOCH == 1_700_000_000_000_000_000
     assert log.duration == pytest.approx(20.0)
     assert np.array_equal(log.truth.twists.stamps, log.truth.tracks.stamps)
@@ -134,7 +134,7 @@ def test_rates_choose_the_samples_and_not_the_commands():
     assert len(log.imu.stamps) == 10001
     assert len(log.truth.poses.stamps) == 201
     base = simulate(SHORT, ALPHA).truth.tracks
-    assert np.allclose(log.truth.tracks.speeds, base.speeds[::5], atol=1e-9)
+    assert np.allclose(log.truth.tracks.speeds, base.speeds[::5], atol=5e-5)
     odd = simulate(msgspec.structs.replace(SHORT, track_rate=33.3, imu_rate=130.0), ALPHA)
     assert (np.diff(odd.tracks.stamps) > 0).all()
 
@@ -155,13 +155,14 @@ def test_without_fixes_or_truth():
     result = run_scenario(scenario, ALPHA)
     assert result.log.fixes is None
     assert result.log.truth is None
-    assert result.true_parameters is not None
+    assert result.true_parameters is None
 
 
 def test_spread_zero_is_the_robot_file():
-    scenario = msgspec.structs.replace(SHORT, truth_spread=0.0)
-    assert run_scenario(scenario, ALPHA).true_parameters == ALPHA.indices
-    assert run_scenario(SHORT, ALPHA).true_parameters != ALPHA.indices
+    drawn = msgspec.structs.replace(SHORT, truth="kinematic")
+    exact = msgspec.structs.replace(drawn, truth_spread=0.0)
+    assert run_scenario(exact, ALPHA).true_parameters == ALPHA.indices
+    assert run_scenario(drawn, ALPHA).true_parameters != ALPHA.indices
 
 
 def test_outages_take_fixes_away():
@@ -300,7 +301,7 @@ def test_options_reach_the_trajectory():
 def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_path, monkeypatch):
     (tmp_path / "drives").mkdir()
     (tmp_path / "drives" / "one.csv").write_text("t,left,right\n0,0.2,0.4\n5,0.4,0.4\n")
-    text = "trajectory = 'recorded'\ntrajectory_file = 'drives/one.csv'\nduration = 12\n"
+    text = "trajectory = 'recorded'\ntrajectory_file = 'drives/one.csv'\nduration = 12\ntrack_lag = 0\n"
     text += "[fixes]\nheading_sigma = 0.02"
     scenario = load_scenario(written(tmp_path, text))
     monkeypatch.chdir("/")
@@ -324,7 +325,7 @@ def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_pa
 
 def test_a_simulated_log_drives_the_simulator_again():
     drive = simulate(msgspec.structs.replace(SHORT, noise="perfect"), ALPHA).tracks
-    again = Scenario(trajectory="recorded", duration=30.0, noise="perfect")
+    again = Scenario(trajectory="recorded", duration=30.0, noise="perfect", track_lag=0.0)
     # Three seconds of standstill and the shortest ramp come before; speeds are those of the middle
     # of the interval that each sample averages.
     shift = round((3.0 + 0.2) * 50.0)

@@ -23,7 +23,8 @@ from simulation.noise import (
 )
 from simulation.sampling import EPOCH, sample_times, to_stamps
 from simulation.trajectories import make_trajectory
-from simulation.truth import KinematicTruth, TrueMotion
+from simulation.kinematic_truth import KinematicTruth
+from simulation.truth import TrueMotion
 
 ALPHA = load_robot("auriga-alpha")
 IDEAL = msgspec.structs.replace(ALPHA, indices=Indices())

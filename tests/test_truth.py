@@ -16,16 +16,10 @@ from estimator.kinematics import (
 from estimator.robot import Indices, Slip, load_robot
 from estimator.slip import slip_sigma
 from simulation.errors import SimulationError
+from simulation.kinematic_truth import KinematicTruth, draw_parameters, has_single_motion
 from simulation.trajectories import TRAJECTORIES, make_trajectory
-from simulation.truth import (
-    TRUE_SLIP,
-    KinematicTruth,
-    draw_parameters,
-    gauss_markov,
-    has_single_motion,
-    integrate_twists,
-    make_truth,
-)
+from simulation.truth import TRUE_SLIP, gauss_markov, integrate_twists
+from simulation.truths import make_truth
 
 ALPHA = load_robot("auriga-alpha")
 NO_SLIP = Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
