@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from simulation.scenario import Scenario as Scenario
     from simulation.scenario import load_scenario as load_scenario
     from simulation.scenario import simulate as simulate
+    from simulation.terrain import Patch as Patch
+    from simulation.terrain import Payload as Payload
 
 # Modules that are handed on whole.
 _MODULES = {"kinematics": "estimator.kinematics", "motion": "estimator.motion"}
@@ -65,6 +67,8 @@ _HOMES = {
     "ImuSeries": "estimator.log",
     "InertialSpec": "simulation.noise",
     "Log": "estimator.log",
+    "Patch": "simulation.terrain",
+    "Payload": "simulation.terrain",
     "PoseEstimator": "estimator.pose_estimator",
     "PoseSeries": "estimator.log",
     "PositionFix": "estimator.measurements",

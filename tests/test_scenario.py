@@ -5,6 +5,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from estimator.kinematics import GRAVITY
 from estimator.log import TrackSpeedSeries, screen
 from estimator.robot import load_robot
 from simulation.errors import SimulationError
@@ -19,6 +20,7 @@ from simulation.scenario import (
     run_scenario,
     simulate,
 )
+from simulation.terrain import Patch, Payload
 
 ALPHA = load_robot("auriga-alpha")
 SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))
@@ -349,3 +351,43 @@ def test_importing_the_simulation_loads_no_heavy_library():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert result.stdout.strip() == "[]"
+
+
+def test_on_a_slope_gravity_is_in_what_the_accelerometer_reads():
+    hill = Patch(slope_deg=6.0, uphill_deg=0.0)
+    scenario = Scenario(trajectory="spin", duration=20.0, noise="perfect", patches=(hill,))
+    result = run_scenario(scenario, ALPHA)
+    force = result.log.imu.linear_acceleration
+    pull = GRAVITY * np.sin(np.radians(6.0))
+    # At first it stands, nose uphill: what holds it up pushes forward.
+    seconds = (result.log.imu.stamps - EPOCH) / 1e9
+    standing = (seconds > 0.1) & (seconds < 2.9)
+    assert force[standing, 0] == pytest.approx(pull, abs=1e-3)
+    assert force[standing, 2] == pytest.approx(GRAVITY * np.cos(np.radians(6.0)), abs=1e-6)
+    # Spinning, it reads the slope turned into its own axes, and little else.
+    turning = seconds > 8.0
+    yaw = result.motion.poses_at(seconds)[:, 2]
+    left = -pull * np.sin(yaw[turning])
+    assert np.corrcoef(force[turning, 1], left)[0, 1] > 0.98
+
+
+def test_a_payload_and_a_patch_change_the_motion_from_when_they_come():
+    load = Payload(time=(10.0, 15.0), mass=60.0, position=(-0.1, 0.0, 0.5))
+    mud = Patch(time=(10.0, 15.0), friction=0.5, rolling_resistance=0.2)
+    base = simulate(SHORT, ALPHA)
+    for change in ({"payloads": (load,)}, {"patches": (mud,)}):
+        log = simulate(msgspec.structs.replace(SHORT, **change), ALPHA)
+        same = base.truth.twists.twists[:480], log.truth.twists.twists[:480]
+        assert np.allclose(*same, atol=1e-4)
+        assert np.abs(base.truth.twists.twists - log.truth.twists.twists)[500:750].max() > 0.01
+
+
+def test_the_kinematic_truth_refuses_what_it_does_not_know():
+    with pytest.raises(SimulationError, match="kinematic truth has no patches and no payloads"):
+        Scenario(
+            truth="kinematic",
+            patches=(Patch(friction=0.5),),
+            payloads=(Payload(time=(0.0, 1.0), mass=1.0),),
+        )
+    with pytest.raises(SimulationError, match="kinematic truth has no track_lag"):
+        Scenario(truth="kinematic", track_lag=0.1)
