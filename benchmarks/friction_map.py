@@ -1,7 +1,8 @@
 """The friction index model's table against the solver: errors, time to make it, time to read it.
 
 Errors are those of the twist at random track speeds up to the robot's fastest: RMS as a share of the
-twist's own RMS, and the largest, with where it is.
+twist's own RMS, and the largest, with where it is. Beside it, eta (the effective over the geometric track)
+of friction and of the robot file.
 """
 
 from __future__ import annotations
@@ -42,7 +43,10 @@ def main() -> None:
         for left, right in pairs:
             table.at(left, right)
         read = (time.perf_counter() - begin) / len(pairs)
-        print(f"{name}: made in {made:.2f} s, read in {1e6 * read:.1f} µs")
+        print(
+            f"{name}: made in {made:.2f} s, read in {1e6 * read:.1f} µs; eta at a crawl "
+            f"{table.reference.eta:.3f}, in the robot file {robot.constant_indices.eta0:.3f}"
+        )
         for row, (part, unit) in enumerate(UNITS):
             share = np.sqrt(np.mean(error[row] ** 2) / np.mean(expected[row] ** 2))
             worst = int(error[row].argmax())
