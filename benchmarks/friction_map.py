@@ -1,8 +1,8 @@
 """The friction index model's table against the solver: errors, time to make it, time to read it.
 
 Errors are those of the twist at random track speeds up to the robot's fastest: RMS as a share of the
-twist's own RMS, and the largest, with where it is. Beside it, eta (the effective over the geometric track)
-of friction and of the robot file.
+twist's own RMS, and the largest, with where it is. Beside it, eta (effective over geometric track) by
+friction and in the robot file.
 """
 
 from __future__ import annotations

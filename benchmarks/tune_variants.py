@@ -1,9 +1,10 @@
 """Tune the slip and the walk of each filter variant on its own, each to its own best.
 
-Runs every variant over simulated runs with friction as truth (two trajectories, seeds kept for tuning: the
-demo's and the scoring seeds are others) for a grid of settings, and prints the drift after 30 s without
-fixes, as mean % of distance, with the pose NEES (3 is ideal). The defaults in `estimator/variants.py`
-are the best rows of this table, or the next best where NEES says that the best is overconfident.
+Runs every variant over simulated runs with friction as truth (two trajectories, seeds kept for tuning:
+the demo's and the scoring seeds are others) for a grid of settings, and prints the drift after 30 s
+without fixes, as mean % of distance, with the pose NEES (3 is ideal). The defaults in
+`estimator/variants.py` are the best rows of this table, or the next best where NEES says that the best is
+overconfident.
 
     python benchmarks/tune_variants.py [--runs 4]
 """
