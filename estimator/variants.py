@@ -76,10 +76,10 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     walk: float = 0.01
 
 
-# Constant ICRs: the shares that Table II's RMS errors are of the RMS track-speed difference over the grid
-# of that table (0.856 m/s), and of the yaw rate that goes with it; the ideal differential drive: what is
-# left of the published model. The better models' are as much as they lack in transient motion. Sizes, time
-# constants and walks were chosen by benchmarks/tune_variants.py.
+# Constant ICRs: the shares that Table II's RMS errors are of the RMS track-speed difference over the
+# grid of that table (0.856 m/s), and of the yaw rate that goes with it; the ideal differential drive:
+# what is left of the published model. The better models' are as much as they lack in transient motion.
+# Sizes, time constants and walks were chosen by benchmarks/tune_variants.py.
 DEFAULT_SLIP: dict[Model, Slip] = {
     "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
     "constant": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),

@@ -10,6 +10,7 @@ from simulation.encoders import DROPOUT_READINGS, STANDING, EncoderErrors, read_
 from simulation.errors import SimulationError
 from simulation.fixes import FixErrors, read_fixes
 from simulation.inertial import InertialErrors, read_imu, specific_forces
+from simulation.kinematic_truth import KinematicTruth
 from simulation.noise import (
     NOISE_PRESETS,
     EncoderSpec,
@@ -23,7 +24,6 @@ from simulation.noise import (
 )
 from simulation.sampling import EPOCH, sample_times, to_stamps
 from simulation.trajectories import make_trajectory
-from simulation.kinematic_truth import KinematicTruth
 from simulation.truth import TrueMotion
 
 ALPHA = load_robot("auriga-alpha")
