@@ -4,90 +4,187 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import astuple
+from typing import Any
 
 import numpy as np
 
 from estimator.errors import EstimatorError
 from estimator.log import NANOSECOND
+from estimator.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+    Vector3,
+)
 
+# The streams by what they consist of, in the order in which measurements of equal stamps are taken;
+# `Log.measurements` has the same.
+STREAMS: dict[type[Measurement], str] = {
+    TrackSpeeds: "tracks",
+    ImuSample: "imu",
+    PositionFix: "position",
+    HeadingFix: "heading",
+    BodyVelocity: "body velocity",
+}
+RANKS = {kind: rank for rank, kind in enumerate(STREAMS)}
+# The place of a measurement in the one order in which they are taken: its stamp [ns], and its rank.
+Key = tuple[int, int]
 # So many samples in a row must agree before a clock that jumped ahead is believed.
 CLOCK_WITNESSES = 10
+# Track speeds this many times beyond the fastest are no track speeds.
+ABSURD_SPEED = 10.0
+
+
+def key_of(measurement: Measurement) -> Key:
+    """The place of a measurement in the order in which they are taken."""
+    return measurement.stamp, RANKS[type(measurement)]
+
+
+def as_plain(measurement: Measurement) -> Measurement:
+    """The measurement in plain integers, floats and tuples, which nobody can change afterwards.
+
+    Raises:
+        EstimatorError: it is no measurement, or holds what is no number.
+    """
+    kind = kind_of(measurement)
+    stream = STREAMS[kind]
+    stamp = measurement.stamp
+    if type(stamp) is not int:
+        if not isinstance(stamp, int | np.integer):
+            raise EstimatorError(f"{stream}: a stamp is an integer of nanoseconds, found {stamp!r}")
+        stamp = int(stamp)
+    if isinstance(measurement, ImuSample):
+        force = measurement.linear_acceleration
+        return ImuSample(
+            stamp,
+            _three("angular_velocity", measurement.angular_velocity),
+            None if force is None else _three("linear_acceleration", force),
+        )
+    values = [getattr(measurement, name) for name in kind.__match_args__[1:]]
+    is_plain = type(measurement) is kind and type(measurement.stamp) is int
+    if is_plain and all(type(value) is float for value in values):
+        return measurement
+    make: Any = kind
+    try:
+        return make(stamp, *map(float, values))  # type: ignore[no-any-return]
+    except (TypeError, ValueError):
+        raise EstimatorError(
+            f"{stream}: all but the stamp must be numbers: {measurement!r}"
+        ) from None
+
+
+def measurement_row(measurement: Measurement) -> tuple[Any, ...]:
+    """A measurement as its stream's name and its attributes in order."""
+    return (STREAMS[type(measurement)], *astuple(measurement))
+
+
+def measurement_of(row: tuple[Any, ...]) -> Measurement:
+    """The measurement that `measurement_row` made the row of.
+
+    Raises:
+        EstimatorError: it is no such row.
+    """
+    for kind, stream in STREAMS.items():
+        if row and stream == row[0]:
+            try:
+                return as_plain(kind(*row[1:]))
+            except TypeError:
+                break
+    raise EstimatorError(f"no measurement: {row!r}")
+
+
+def kind_of(measurement: Measurement) -> type[Measurement]:
+    """Which of `STREAMS` a measurement belongs to.
+
+    Raises:
+        EstimatorError: it is no measurement.
+    """
+    if type(measurement) in STREAMS:
+        return type(measurement)
+    for kind in STREAMS:
+        if isinstance(measurement, kind):
+            return kind
+    raise EstimatorError(
+        f"no measurement: {measurement!r}; feed TrackSpeeds, ImuSample, PositionFix, HeadingFix "
+        "or BodyVelocity"
+    )
+
+
+def _three(name: str, values: Any) -> Vector3:
+    try:
+        first, second, third = values
+        return float(first), float(second), float(third)
+    except (TypeError, ValueError):
+        raise EstimatorError(f"{name} must be three numbers, found {values!r}") from None
 
 
 class Admission:
-    """Keeps the newest stamp of each stream, and objects to what does not fit.
+    """Objects to measurements that cannot be right, whatever the filter says.
 
     Args:
-        late: a measurement this much older than the estimate is still taken [s].
         longest_gap: a stamp this much ahead of the estimate is not believed, unless
             `CLOCK_WITNESSES` of its stream in a row are [s].
+        fastest: no track is faster [m/s].
 
     Attributes:
-        newest: stream -> stamp of its newest admitted measurement [ns].
+        witnesses: of each stream that is far ahead: how many samples in a row were, and the stamp of
+            the newest of them [ns].
     """
 
-    def __init__(self, late: float, longest_gap: float) -> None:
-        self._late = late
+    def __init__(self, longest_gap: float, fastest: float) -> None:
         self._longest_gap = int(longest_gap / NANOSECOND)
-        self.newest: dict[str, int] = {}
-        # Of each stream: how many samples in a row were far ahead, and the newest of them.
-        self._witnesses: dict[str, tuple[int, int]] = {}
+        self._absurd = ABSURD_SPEED * fastest
+        self.witnesses: dict[str, tuple[int, int]] = {}
 
-    def objection(
-        self,
-        stream: str,
-        stamp: int,
-        now: int | None,
-        values: Sequence[float],
-        variance: float = 1.0,
-    ) -> str | None:
-        """Why a measurement cannot be right; None admits it.
+    def objection(self, measurement: Measurement) -> str | None:
+        """Why what was measured cannot be right; None admits it.
+
+        Args:
+            measurement: as `as_plain` returns it.
+        """
+        match measurement:
+            case TrackSpeeds():
+                fastest = max(abs(measurement.left), abs(measurement.right))
+                if not _are_finite((measurement.left, measurement.right)):
+                    return "not finite"
+                return "absurdly fast" if fastest > self._absurd else None
+            case ImuSample():
+                force = measurement.linear_acceleration
+                finite = _are_finite(measurement.angular_velocity) and (
+                    force is None or _are_finite(force)
+                )
+                return None if finite else "not finite"
+            case PositionFix():
+                values: Sequence[float] = (measurement.x, measurement.y)
+            case HeadingFix():
+                values = (measurement.yaw,)
+            case BodyVelocity():
+                values = (measurement.v_x, measurement.v_y)
+        if not _are_finite(values):
+            return "not finite"
+        variance = measurement.variance
+        return None if math.isfinite(variance) and variance > 0.0 else "variance not positive"
+
+    def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
+        """Why a stamp [ns] is so far ahead that it is wrong, unless others of its stream agree.
 
         Args:
             stream: name of the stream.
-            stamp: of the measurement [ns].
-            now: stamp of the estimate [ns], or None before the first.
-            values: all that it measured.
-            variance: of what it measured.
-
-        Raises:
-            EstimatorError: the stamp is no integer.
+            stamp: of its measurement.
+            now: stamp of the estimate, or None before the first.
         """
-        if not isinstance(stamp, int | np.integer):
-            raise EstimatorError(f"{stream}: a stamp is an integer of nanoseconds, found {stamp!r}")
-        newest = self.newest.get(stream)
-        if not all(map(math.isfinite, values)):
-            return "not finite"
-        if not (math.isfinite(variance) and variance > 0.0):
-            return "variance not positive"
-        if newest is not None and stamp == newest:
-            return "duplicate stamp"
-        if newest is not None and stamp < newest:
-            return "stamp goes backward"
-        if now is not None and (now - stamp) * NANOSECOND > self._late:
-            return "too late"
-        if now is not None and self._is_far_ahead(stream, stamp, now):
-            return "stamp far ahead"
-        self.newest[stream] = stamp
-        return None
-
-    def _is_far_ahead(self, stream: str, stamp: int, now: int) -> bool:
-        """Whether a stamp is so far ahead that it is wrong, unless others of its stream agree."""
-        if stamp - now <= self._longest_gap:
-            self._witnesses.pop(stream, None)
-            return False
-        count, before = self._witnesses.get(stream, (0, stamp))
-        agrees = 0 <= stamp - before <= self._longest_gap
-        count = count + 1 if agrees else 1
-        self._witnesses[stream] = (count, stamp)
-        return count < CLOCK_WITNESSES
+        if now is None or stamp - now <= self._longest_gap:
+            self.witnesses.pop(stream, None)
+            return None
+        count, before = self.witnesses.get(stream, (0, stamp))
+        count = count + 1 if abs(stamp - before) <= self._longest_gap else 1
+        self.witnesses[stream] = (count, stamp)
+        return "stamp far ahead" if count < CLOCK_WITNESSES else None
 
 
-def require_three(name: str, values: Sequence[float]) -> None:
-    """Raise EstimatorError unless these are three numbers."""
-    try:
-        count = len([float(value) for value in values])
-    except (TypeError, ValueError):
-        count = 0
-    if count != 3:
-        raise EstimatorError(f"{name} must be three numbers, found {values!r}")
+def _are_finite(values: Sequence[float]) -> bool:
+    return all(map(math.isfinite, values))

@@ -27,6 +27,21 @@ BOUND_MARGIN = 1e-3
 # Moving to one bound may cross another; a few rounds settle it.
 BOUND_ROUNDS = 50
 ROUNDING = 1e-12
+IDENTITY = np.eye(s.SIZE)
+# Where the diagonal, and the slip's part of it, stand in a covariance that is laid out flat.
+DIAGONAL = slice(None, None, s.SIZE + 1)
+SLIP_DIAGONAL = slice(s.SLIP_X * (s.SIZE + 1), s.SLIP_W * (s.SIZE + 1) + 1, s.SIZE + 1)
+# From the paper's axes: forward is its second, left minus its first.
+TO_REP103 = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+# The channels that the motion model is differentiated by, and what moves them as it stands: REP-103
+# slip, offsets, and in the last two columns the track speeds (D = V_r - V_l, V_m is their mean).
+D, V_M, ZETA, EPSILON, ETA, R_X, R_Y, R_W = range(len(Channels._fields))
+SLIP_CHANNELS = ((R_Y, s.SLIP_X), (R_X, s.SLIP_Y), (R_W, s.SLIP_W))
+BASIS = np.zeros((len(Channels._fields), s.SIZE + 2))
+BASIS[[R_Y, R_X, R_W], [s.SLIP_X, s.SLIP_Y, s.SLIP_W]] = 1.0, -1.0, 1.0
+BASIS[[R_Y, R_X, R_W], s.FAST_SLIP] = np.diag([1.0, -1.0, 1.0])
+BASIS[[ZETA, EPSILON, ETA], [s.ZETA0, s.EPSILON0, s.ETA0]] = 1.0
+BASIS[[D, V_M], s.SIZE :] = (-1.0, 1.0), (0.5, 0.5)
 
 
 class TwistModel(NamedTuple):
@@ -111,18 +126,12 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         slip = (-sideways, forward, turning)
         motion, by = self.model.linearise(V_l, V_r, x[s.PARAMETERS], slip)
         twist = motion.twist
-        by_left, by_right = _by_speeds(by)
-        by_state = _by_state(by, motion, slip_share)
-        by_state["track_scale"] = (
-            left * by_left[0] + right * by_right[0],
-            left * by_left[1] + right * by_right[1],
-            left * by_left[2] + right * by_right[2],
-        )
+        by_all = TO_REP103.dot(np.array(by).T).dot(_basis(motion, left, right, slip_share))
         self._evaluated_at = at
         self._evaluated = TwistModel(
             np.array([twist.v_y, -twist.v_x, twist.w]),
-            _rep103([by_state.get(name, ZERO) for name in s.STATE_NAMES]),
-            scale * _rep103([by_left, by_right]),
+            by_all[:, : s.SIZE],
+            scale * by_all[:, s.SIZE :],
             motion,
         )
         return self._evaluated
@@ -133,29 +142,27 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         decay = math.exp(-ratio)
         share = -math.expm1(-ratio) / ratio if ratio > 0.0 else 1.0
         model = self.twist_model(left, right, share)
-        pose, by_yaw, by_motion = _step_on_se2(self.x[s.YAW], model.twist * dt)
+        pose, by_yaw, by_motion = _step_on_se2(self.x.item(s.YAW), model.twist * dt)
 
-        self.F = np.eye(s.SIZE)
-        by_state = by_motion @ model.jacobian
-        self.F[s.POSE] += by_state * dt
-        self.F[s.X, s.YAW] += by_yaw[0]
-        self.F[s.Y, s.YAW] += by_yaw[1]
-        self.F[s.SLIP, s.SLIP] *= decay
+        by_state = by_motion.dot(model.jacobian)
+        self.F = F = IDENTITY.copy()
+        F[s.POSE] += by_state * dt
+        F[s.POSITION, s.YAW] += by_yaw
+        F.ravel()[SLIP_DIAGONAL] = decay
 
-        # Random walks, and what they do to the pose on the way.
-        power = noise.walk**2
-        self.Q = np.diag(power * dt)
-        walked = by_state * power
-        self.Q[s.POSE] += walked * (dt**2 / 2.0)
-        self.Q[:, s.POSE] += walked.T * (dt**2 / 2.0)
-        self.Q[s.POSE, s.POSE] += walked @ by_state.T * (dt**3 / 3.0)
+        # Random walks, the slip, and what they do to the pose on the way.
+        walk, slip = noise.walk**2, noise.slip_sigma**2
         integral, cross, final = _gauss_markov_noise(dt, noise.time_constant, decay)
-        power = noise.slip_sigma**2
-        self.Q[s.POSE, s.POSE] += (by_motion * (power * integral)) @ by_motion.T
-        pose_slip = by_motion * (power * cross)
-        self.Q[s.POSE, s.SLIP] += pose_slip
-        self.Q[s.SLIP, s.POSE] += pose_slip.T
-        self.Q[s.SLIP, s.SLIP] += np.diag(power * final)
+        walked, slipped = by_state * walk, by_motion * slip
+        with_pose = walked * (dt**2 / 2.0)
+        with_pose[:, s.SLIP] += slipped * cross
+        self.Q = Q = np.zeros((s.SIZE, s.SIZE))
+        Q[s.POSE] = with_pose
+        Q[:, s.POSE] = with_pose.T
+        Q[s.POSE, s.POSE] = walked.dot(by_state.T) * (dt**3 / 3.0)
+        Q[s.POSE, s.POSE] += (slipped * integral).dot(by_motion.T)
+        Q.ravel()[DIAGONAL] += walk * dt
+        Q.ravel()[SLIP_DIAGONAL] += slip * final
 
         self._next_x = self.x.copy()
         self._next_x[s.POSE] += pose
@@ -186,12 +193,15 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             row: (SIZE,) Jacobian of the prediction.
             variance: of the measurement.
         """
-        return Innovation(residual, float(row @ self.P @ row) + variance)
+        return Innovation(residual, float(row.dot(self.P.dot(row))) + variance)
 
     def update_scalar(
         self, residual: float, row: Floats, variance: float, *, kept: tuple[int, ...] = ()
     ) -> None:
         """Joseph update with one scalar measurement (Simon, Optimal State Estimation, eq. 5.19).
+
+        With S the variance of the innovation and c = P row, that is P - k c' - c k' + S k k' for any
+        gain k, and here h = c - S k / 2.
 
         Args:
             residual: measured less predicted.
@@ -200,14 +210,14 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             kept: states that are not to be moved, whatever their correlations say; the covariance
                 takes that into account (Schmidt-Kalman; the Joseph form holds for any gain).
         """
-        cross = self.P @ row
-        gain = cross / (row @ cross + variance)
-        if kept:
-            gain[list(kept)] = 0.0
+        cross = self.P.dot(row)
+        expected = float(row.dot(cross)) + variance
+        gain = cross / expected
+        for index in kept:
+            gain[index] = 0.0
         self.x = self.x + gain * residual
-        reduced = self.P - np.outer(gain, cross)
-        P = reduced - np.outer(reduced @ row, gain) + np.outer(gain * variance, gain)
-        self.P = 0.5 * (P + P.T)
+        half = gain[:, None] * (cross - (0.5 * expected) * gain)
+        self.P = self.P - (half + half.T)
 
     def keep_inside_bounds(self) -> None:
         """Project the parameters back where ICRs can be: eta0 >= 1 and x_ICRl < 0 < x_ICRr.
@@ -223,7 +233,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 (half, 1.0, BOUND_MARGIN),
                 (half, -1.0, BOUND_MARGIN),
             ):
-                short = bound - (by_eta * self.x[s.ETA0] + by_epsilon * self.x[s.EPSILON0])
+                eta, epsilon = self.x.item(s.ETA0), self.x.item(s.EPSILON0)
+                short = bound - (by_eta * eta + by_epsilon * epsilon)
                 if short <= ROUNDING:
                     continue
                 cross = by_eta * self.P[:, s.ETA0] + by_epsilon * self.P[:, s.EPSILON0]
@@ -235,51 +246,19 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 break
 
 
-Triple = tuple[float, float, float]
-ZERO: Triple = (0.0, 0.0, 0.0)
-
-
-def _rep103(columns: list[Triple]) -> Floats:
-    """Matrix (3, n) of the REP-103 twist from columns in the paper's (v_x, v_y, w)."""
-    return np.array(
-        [
-            [v_y for _, v_y, _ in columns],
-            [-v_x for v_x, _, _ in columns],
-            [w for _, _, w in columns],
-        ]
-    )
-
-
-def _times(factor: float, column: Triple) -> Triple:
-    return factor * column[0], factor * column[1], factor * column[2]
-
-
-def _by_speeds(by: Channels) -> tuple[Triple, Triple]:
-    """Derivatives of the twist by V_l and V_r: D = V_r - V_l, and V_m is their mean."""
-    pairs = list(zip(by.D, by.V_m, strict=True))
-    left, right = ([0.5 * m + sign * d for d, m in pairs] for sign in (-1.0, 1.0))
-    return (left[0], left[1], left[2]), (right[0], right[1], right[2])
-
-
-def _by_state(by: Channels, motion: Motion, slip_share: float) -> dict[str, Triple]:
-    """Derivatives of the twist by those states that it depends on, but for the track scale."""
-    forward, sideways, turning = by.r_y, _times(-1.0, by.r_x), by.r_w
+def _basis(motion: Motion, left: float, right: float, slip_share: float) -> Floats:
+    """(8, SIZE + 2) what each state, and the speed of each track, moves the channels by."""
     gains = motion.regressors
-    return {
-        "slip_x": _times(slip_share, forward),
-        "slip_y": _times(slip_share, sideways),
-        "slip_w": _times(slip_share, turning),
-        "zeta0": by.zeta,
-        "zeta1": _times(gains.zeta1, by.zeta),
-        "epsilon0": by.epsilon,
-        "epsilon1": _times(gains.epsilon1, by.epsilon),
-        "eta0": by.eta,
-        "eta1": _times(gains.eta1, by.eta),
-        "eta2": _times(gains.eta2, by.eta),
-        "fast_slip_x": forward,
-        "fast_slip_y": sideways,
-        "fast_slip_w": turning,
-    }
+    basis = BASIS.copy()
+    for channel, slip in SLIP_CHANNELS:
+        basis[channel, slip] *= slip_share
+    basis[ZETA, s.ZETA1] = gains.zeta1
+    basis[EPSILON, s.EPSILON1] = gains.epsilon1
+    basis[ETA, s.ETA1] = gains.eta1
+    basis[ETA, s.ETA2] = gains.eta2
+    basis[D, s.TRACK_SCALE] = right - left
+    basis[V_M, s.TRACK_SCALE] = 0.5 * (left + right)
+    return basis
 
 
 def _step_on_se2(yaw: float, motion: Floats) -> tuple[Floats, Floats, Floats]:

@@ -23,26 +23,30 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Gate:
-    """The gate of one kind of measurement."""
+    """The gate of one kind of measurement.
+
+    Attributes:
+        rejected_in_a_row: how many it has rejected since it last admitted one.
+    """
 
     def __init__(self, degrees: int, settings: GateSettings) -> None:
         self._threshold = CHI_SQUARE_1E4[degrees]
         self._patience = settings.patience
-        self._rejected_in_a_row = 0
+        self.rejected_in_a_row = 0
 
     @property
     def must_reacquire(self) -> bool:
         """Whether so many were rejected before the newest that the filter must be the wrong one."""
-        return self._rejected_in_a_row > self._patience
+        return self.rejected_in_a_row > self._patience
 
     def admits(self, nis: float) -> bool:
         """Whether a measurement of this normalised innovation squared is to be used."""
         if nis <= self._threshold:
-            self._rejected_in_a_row = 0
+            self.rejected_in_a_row = 0
             return True
-        self._rejected_in_a_row += 1
+        self.rejected_in_a_row += 1
         return False
 
     def reacquired(self) -> None:
         """The filter was opened to the measurement; start counting anew."""
-        self._rejected_in_a_row = 0
+        self.rejected_in_a_row = 0

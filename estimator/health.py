@@ -1,9 +1,13 @@
-"""What became of the measurements: taken, rejected and why."""
+"""What became of the measurements, and which parameters they can show."""
 
 from __future__ import annotations
 
-from collections import Counter
+import math
 from dataclasses import dataclass, field
+
+# A deviation that moves the twist by this share of the slip's standard deviation shows after some
+# hundred correlation times of the slip: in a minute or so of such motion.
+EXCITED = 0.1
 
 
 @dataclass
@@ -15,17 +19,36 @@ class SensorHealth:
         rejected: reason -> how many did not.
         nis_sum: sum of the normalised innovations squared of those that were used.
         degrees: sum of their degrees of freedom, which `nis_sum` should be near.
+        late: how many came after newer ones and were taken in at their own stamps.
     """
 
     used: int = 0
-    rejected: Counter[str] = field(default_factory=Counter)
+    rejected: dict[str, int] = field(default_factory=dict)
     nis_sum: float = 0.0
     degrees: int = 0
+    late: int = 0
 
     @property
     def nis_per_degree(self) -> float:
         """Mean NIS per degree of freedom; 1 when the filter's uncertainty is right, NaN if unused."""
         return self.nis_sum / self.degrees if self.degrees else float("nan")
+
+    def reject(self, reason: str) -> None:
+        """Count one that did not update the filter."""
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+
+    def copy(self) -> SensorHealth:
+        """The same counts, on their own."""
+        return SensorHealth(self.used, self.rejected.copy(), self.nis_sum, self.degrees, self.late)
+
+    def add(self, other: SensorHealth) -> None:
+        """Count what the other has counted, too."""
+        self.used += other.used
+        for reason, count in other.rejected.items():
+            self.rejected[reason] = self.rejected.get(reason, 0) + count
+        self.nis_sum += other.nis_sum
+        self.degrees += other.degrees
+        self.late += other.late
 
 
 @dataclass
@@ -37,7 +60,10 @@ class Health:
 
     def sensor(self, name: str) -> SensorHealth:
         """The counts of one kind, made when first asked for."""
-        return self.sensors.setdefault(name, SensorHealth())
+        found = self.sensors.get(name)
+        if found is None:
+            found = self.sensors[name] = SensorHealth()
+        return found
 
     def rejections(self) -> dict[str, int]:
         """How many measurements were rejected, by "sensor: reason"."""
@@ -46,3 +72,40 @@ class Health:
             for name, sensor in self.sensors.items()
             for reason, count in sorted(sensor.rejected.items())
         }
+
+    def copy(self) -> Health:
+        """The same counts, on their own."""
+        sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
+        return Health(sensors, self.standstill_updates)
+
+    def add(self, other: Health) -> None:
+        """Count what the other has counted, too."""
+        for name, sensor in other.sensors.items():
+            self.sensor(name).add(sensor)
+        self.standstill_updates += other.standstill_updates
+
+
+@dataclass(frozen=True)
+class ParameterHealth:
+    """How well one of the eight parameters is known, and whether the present motion shows it.
+
+    Attributes:
+        sigma: its standard deviation now, in its own unit (docs/model.md).
+        sigma_at_start: the variant's, before anything was learnt; 0 where it does not estimate it.
+        excitation: how far a deviation by `sigma_at_start` moves the twist at the present track
+            speeds, in standard deviations of the slip of that component which it moves most [-].
+    """
+
+    sigma: float
+    sigma_at_start: float
+    excitation: float
+
+    @property
+    def share(self) -> float:
+        """`sigma` over `sigma_at_start`: 1 where nothing was learnt, NaN where it is not estimated."""
+        return self.sigma / self.sigma_at_start if self.sigma_at_start else math.nan
+
+    @property
+    def excited(self) -> bool:
+        """Whether the present motion shows the parameter: `excitation` of at least `EXCITED`."""
+        return self.excitation >= EXCITED

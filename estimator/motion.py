@@ -128,26 +128,11 @@ class InertiaMotion:
         self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
     ) -> tuple[Motion, Channels]:
         """See `MotionModel`."""
-        motion = solve(
-            V_l,
-            V_r,
-            parameters,
-            self.vehicle,
-            form=self.form,
-            slip=slip,
-            slip_in_inertia=self.slip_in_inertia,
-        )
-        by = channels(
-            V_l,
-            V_r,
-            parameters,
-            self.vehicle,
-            motion,
-            form=self.form,
-            slip=slip,
-            slip_in_inertia=self.slip_in_inertia,
-        )
-        return motion, by
+        in_inertia = slip if self.slip_in_inertia else NO_SLIP
+        evaluate = _evaluator(V_l, V_r, parameters, self.vehicle, self.form, in_inertia)
+        u = _balance(evaluate, V_r - V_l)
+        at = evaluate(u)
+        return _motion(u, at, slip), _channels(at, self.vehicle.gauge, self.slip_in_inertia)
 
 
 def solve(
@@ -176,24 +161,8 @@ def solve(
         The motion.
     """
     evaluate = _evaluator(V_l, V_r, parameters, vehicle, form, slip if slip_in_inertia else NO_SLIP)
-    u = 0.0 * (V_r - V_l)
-    settled: Any = False
-    for _ in range(NEWTON_ITERATIONS):
-        step = evaluate(u)
-        change = (step.g - u) / _at_least(1.0 - step.g_u, SMALLEST_SLOPE)
-        u = u + change
-        settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
-        if settled is True or np.all(settled):
-            break
-    else:
-        u = settled * u + (1.0 - settled) * _bisect(evaluate, V_r - V_l)
-    final = evaluate(u)
-    kinematic = final.kinematic
-    twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
-    force = final.force
-    S = final.S_u * force
-    regressors = Regressors(final.Z_u * force, S, S, force * force)
-    return Motion(twist, final.indices, u, force, regressors)
+    u = _balance(evaluate, V_r - V_l)
+    return _motion(u, evaluate(u), slip)
 
 
 def channels(
@@ -209,10 +178,35 @@ def channels(
 ) -> Channels:
     """Total derivatives of the twist at a motion that `solve` returned for the same arguments."""
     evaluate = _evaluator(V_l, V_r, parameters, vehicle, form, slip if slip_in_inertia else NO_SLIP)
-    at = evaluate(motion.u)
+    return _channels(evaluate(motion.u), vehicle.gauge, slip_in_inertia)
+
+
+def _balance(evaluate: Callable[[Number], _Evaluation], like: Number) -> Number:
+    """A zero of u - g(u), the one that Newton's iteration reaches from zero."""
+    u = 0.0 * like
+    settled: Any = False
+    for _ in range(NEWTON_ITERATIONS):
+        step = evaluate(u)
+        change = (step.g - u) / _at_least(1.0 - step.g_u, SMALLEST_SLOPE)
+        u = u + change
+        settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
+        if settled is True or (settled is not False and np.all(settled)):
+            return u
+    return settled * u + (1.0 - settled) * _bisect(evaluate, like)
+
+
+def _motion(u: Number, at: _Evaluation, slip: tuple[Number, Number, Number]) -> Motion:
+    kinematic = at.kinematic
+    twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
+    S = at.S_u * at.force
+    regressors = Regressors(at.Z_u * at.force, S, S, at.force * at.force)
+    return Motion(twist, at.indices, u, at.force, regressors)
+
+
+def _channels(at: _Evaluation, gauge: float, slip_in_inertia: bool) -> Channels:
     w = at.kinematic.w
     zeta, epsilon, eta = at.indices
-    per_D = 1.0 / (vehicle.gauge * eta)
+    per_D = 1.0 / (gauge * eta)
     # Twist by each channel at fixed u.
     by_D = (zeta * per_D, -epsilon * per_D, per_D)
     by_zeta, by_epsilon = w, -w

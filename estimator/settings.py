@@ -6,10 +6,14 @@ from typing import Literal
 
 import msgspec
 
+from estimator.errors import EstimatorError
 from estimator.gating import GateSettings
 from estimator.robot import Slip
 from estimator.standstill import StandstillSettings
 from estimator.variants import Adaptation
+
+# Working through more than this again would take longer than anyone can wait [s].
+LONGEST_HISTORY = 60.0
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -23,7 +27,9 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         adaptation: spread of the parameters, or None for the variant's own.
         hold: track speeds older than this are no longer trusted [s].
         gap_acceleration: random walk that the speeds are then taken to follow [m/s/√s].
-        late: a measurement this much older than the newest is taken as new [s]; later ones are lost.
+        history: a measurement that comes this much later than a newer one is still taken in, at its own
+            stamp, and what came after it is worked through again [s]; what is older is refused. At 0,
+            nothing older than the newest is taken.
         longest_gap: a stamp this much ahead of the newest is not believed, unless ten in a row are [s].
         use_accelerometer: whether the accelerometers update the filter.
         gates: chi-square gates.
@@ -36,8 +42,14 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     adaptation: Adaptation | None = None
     hold: float = 0.3
     gap_acceleration: float = 1.0
-    late: float = 0.02
+    history: float = 1.0
     longest_gap: float = 100.0
     use_accelerometer: bool = True
     gates: GateSettings = GateSettings()
     standstill: StandstillSettings = StandstillSettings()
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.history <= LONGEST_HISTORY:
+            raise EstimatorError(
+                f"history must be from 0 to {LONGEST_HISTORY:g} s, found {self.history!r}"
+            )

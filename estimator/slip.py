@@ -10,7 +10,7 @@ from estimator.frames import Floats
 from estimator.robot import Slip
 
 
-def slip_sigma(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> Floats:
+def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> tuple[Any, Any, Any]:
     """Standard deviation of the slip residual of v_x, v_y and w (REP-103), as `Slip` describes it.
 
     Args:
@@ -20,14 +20,16 @@ def slip_sigma(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> Floats
         effective_gauge: L eta0 [m].
 
     Returns:
-        (n, 3) or (3,) [m/s, m/s, rad/s].
+        Three (n,) or floats [m/s, m/s, rad/s].
     """
     turning, driving = abs(V_r - V_l), 0.5 * abs(V_l + V_r)
-    return np.stack(
-        [
-            slip.turning_x * turning + slip.driving_x * driving,
-            slip.turning_y * turning + slip.driving_y * driving,
-            slip.turning_w / effective_gauge * turning + slip.driving_w * driving,
-        ],
-        axis=-1,
+    return (
+        slip.turning_x * turning + slip.driving_x * driving,
+        slip.turning_y * turning + slip.driving_y * driving,
+        slip.turning_w / effective_gauge * turning + slip.driving_w * driving,
     )
+
+
+def slip_sigma(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> Floats:
+    """`slip_components` as (n, 3) or (3,)."""
+    return np.stack(slip_components(V_l, V_r, slip, effective_gauge), axis=-1)

@@ -26,6 +26,18 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     bias_margin: float = 0.03
 
 
+class StandstillMemory(msgspec.Struct, frozen=True):
+    """All that a `StandstillDetector` goes by.
+
+    Attributes:
+        stopped_since: stamp of the first track speeds that were slow enough [ns], or None.
+        readings: yaw-rate readings since then: stamp [ns], reading [rad/s].
+    """
+
+    stopped_since: int | None = None
+    readings: tuple[tuple[int, float], ...] = ()
+
+
 class StandstillDetector:
     """Watches track speeds and yaw-rate readings, and says when the robot stands."""
 
@@ -34,6 +46,15 @@ class StandstillDetector:
         self._density = gyro_noise_density
         self._stopped_since: int | None = None
         self._readings: deque[tuple[int, float]] = deque()
+
+    def memory(self) -> StandstillMemory:
+        """What it goes by now."""
+        return StandstillMemory(self._stopped_since, tuple(self._readings))
+
+    def recall(self, memory: StandstillMemory) -> None:
+        """Go by what it went by then."""
+        self._stopped_since = memory.stopped_since
+        self._readings = deque(memory.readings)
 
     def track_speeds(self, stamp: int, left: float, right: float) -> None:
         """Take notice of track speeds [m/s] at a stamp [ns]."""

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import math
 
+import msgspec
+
 from estimator.log import NANOSECOND
 
 # Time over which the change of the track speeds is averaged [s].
 ACCELERATION_AVERAGING = 0.05
 # Speeds that are not renewed are taken to die away with this time constant, once they are too old [s].
 DYING_AWAY = 2.0
+
+
+class TrackMemory(msgspec.Struct, frozen=True):
+    """All that `HeldTrackSpeeds` goes by; attributes as there."""
+
+    stamp: int | None = None
+    left: float = 0.0
+    right: float = 0.0
+    interval: float = 0.02
+    acceleration: tuple[float, float] = (0.0, 0.0)
 
 
 class HeldTrackSpeeds:
@@ -32,10 +44,18 @@ class HeldTrackSpeeds:
         self._hold = hold
         self._gap_acceleration = gap_acceleration
         self._fastest = fastest
-        self.stamp: int | None = None
-        self.left = self.right = 0.0
-        self.interval = 0.02
-        self.acceleration = (0.0, 0.0)
+        self.recall(TrackMemory())
+
+    def memory(self) -> TrackMemory:
+        """What it goes by now."""
+        return TrackMemory(self.stamp, self.left, self.right, self.interval, self.acceleration)
+
+    def recall(self, memory: TrackMemory) -> None:
+        """Go by what it went by then."""
+        self.stamp: int | None = memory.stamp
+        self.left, self.right = memory.left, memory.right
+        self.interval = memory.interval
+        self.acceleration = memory.acceleration
 
     def take(self, stamp: int, left: float, right: float) -> None:
         """Take a new sample, later than the one before."""

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from estimator import motion as motion
     from estimator.errors import EstimatorError as EstimatorError
     from estimator.errors import IcreckonError as IcreckonError
+    from estimator.health import Health as Health
+    from estimator.health import ParameterHealth as ParameterHealth
     from estimator.log import FixSeries as FixSeries
     from estimator.log import ImuSeries as ImuSeries
     from estimator.log import Log as Log
@@ -62,11 +64,13 @@ _HOMES = {
     "FixSeries": "estimator.log",
     "FixSpec": "simulation.noise",
     "HeadingFix": "estimator.measurements",
+    "Health": "estimator.health",
     "IcreckonError": "estimator.errors",
     "ImuSample": "estimator.measurements",
     "ImuSeries": "estimator.log",
     "InertialSpec": "simulation.noise",
     "Log": "estimator.log",
+    "ParameterHealth": "estimator.health",
     "Patch": "simulation.terrain",
     "Payload": "simulation.terrain",
     "PoseEstimator": "estimator.pose_estimator",

@@ -208,7 +208,7 @@ def test_online_it_keeps_what_is_right_and_finds_what_is_wrong():
     assert moved[0] == moved[7] == 0.0
     # A tread that steers worse than the file says: the gyro shows eta.
     wrong = PoseEstimator(ALPHA, "friction-online")
-    wrong._ekf.x[11] += 0.3
+    wrong._reckoning.ekf.x[11] += 0.3
     for measurement in with_imu.measurements():
         wrong.feed(measurement)
     assert abs(wrong.parameters["eta0"] - START[5]) < 0.15

@@ -1,0 +1,153 @@
+"""The last seconds of measurements, and how to work through them again when one comes late."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import msgspec
+
+from estimator.admission import Key, key_of, measurement_of, measurement_row
+from estimator.errors import EstimatorError
+from estimator.log import NANOSECOND
+from estimator.measurements import Measurement
+from estimator.memory import FilterMemory
+from estimator.reckoning import Reckoning
+
+# Before any measurement.
+BEFORE_ALL: Key = (-(2**63), -1)
+# What the filter knows is kept after each so many measurements.
+CHECKPOINT_EVERY = 4
+# No more than so many times, however fast measurements come.
+MOST_CHECKPOINTS = 4000
+
+
+class HistoryMemory(msgspec.Struct, frozen=True):
+    """All that a `History` goes by, but for the checkpoints that can be made again.
+
+    Attributes:
+        after: key of the last measurement before the history.
+        memory: what the filter knew after it.
+        measurements: those since then, in order; a row each, see `measurement_row`.
+    """
+
+    after: Key
+    memory: FilterMemory
+    measurements: tuple[tuple[Any, ...], ...]
+
+
+class Checkpoint(NamedTuple):
+    """What the filter knew after the measurement of this key and before the next."""
+
+    after: Key
+    memory: FilterMemory
+
+
+class History:
+    """Gives the filter its measurements in order, whatever order they come in.
+
+    A late measurement is put in its place, the filter is taken back to the checkpoint before it, and
+    what came since is worked through again. So the estimate is always the one of all measurements so
+    far in the order of their keys, to the last bit.
+
+    Args:
+        reckoning: the filter.
+        span: how far back a measurement can be put in its place [s].
+    """
+
+    def __init__(self, reckoning: Reckoning, span: float) -> None:
+        self._reckoning = reckoning
+        self._span = round(span / NANOSECOND)
+        self._keys: list[Key] = []
+        self._measurements: list[Measurement] = []
+        self._checkpoints = [Checkpoint(BEFORE_ALL, reckoning.memory())]
+        self._since_checkpoint = 0
+
+    def memory(self) -> HistoryMemory:
+        """What it goes by now."""
+        after, memory = self._checkpoints[0]
+        return HistoryMemory(after, memory, tuple(map(measurement_row, self._measurements)))
+
+    def recall(self, memory: HistoryMemory) -> None:
+        """Go by what it went by then; the filter must have been taken back to then, too.
+
+        Raises:
+            EstimatorError: the measurements are none, or not in order.
+        """
+        measurements = [measurement_of(row) for row in memory.measurements]
+        keys = [key_of(measurement) for measurement in measurements]
+        if any(one >= other for one, other in pairwise([memory.after, *keys])):
+            raise EstimatorError("the measurements of the history are not in order")
+        self._keys, self._measurements = keys, measurements
+        self._checkpoints = [Checkpoint(memory.after, memory.memory)]
+        if keys:
+            self._checkpoints.append(Checkpoint(keys[-1], self._reckoning.memory()))
+        self._since_checkpoint = 0
+
+    def objection(self, key: Key) -> str | None:
+        """Why a measurement of this key cannot be put in its place; None if it can."""
+        keys = self._keys
+        if not keys or key > keys[-1]:
+            return None
+        if key[0] < keys[-1][0] - self._span:
+            return "older than Settings.history"
+        if keys[bisect_left(keys, key)] == key:
+            return "duplicate stamp"
+        if key < self._checkpoints[0].after:
+            return "history is full"
+        return None
+
+    def is_late(self, key: Key) -> bool:
+        """Whether a measurement of this key comes before one that was taken already."""
+        return bool(self._keys) and key < self._keys[-1]
+
+    def take(self, key: Key, measurement: Measurement) -> bool:
+        """Take a measurement there is no objection to; whether the filter used it."""
+        if self.is_late(key):
+            return self._insert(key, measurement)
+        self._keys.append(key)
+        self._measurements.append(measurement)
+        used = self._reckoning.take(measurement)
+        self._keep_checkpoint(key)
+        self._forget()
+        return used
+
+    def _insert(self, key: Key, measurement: Measurement) -> bool:
+        place = bisect_left(self._keys, key)
+        self._keys.insert(place, key)
+        self._measurements.insert(place, measurement)
+        while self._checkpoints[-1].after > key:
+            self._checkpoints.pop()
+        after, memory = self._checkpoints[-1]
+        self._reckoning.recall(memory)
+        self._since_checkpoint = 0
+        used = False
+        for index in range(bisect_right(self._keys, after), len(self._keys)):
+            taken = self._reckoning.take(self._measurements[index])
+            if index == place:
+                used = taken
+            self._keep_checkpoint(self._keys[index])
+        return used
+
+    def _keep_checkpoint(self, key: Key) -> None:
+        self._since_checkpoint += 1
+        if self._since_checkpoint == CHECKPOINT_EVERY:
+            self._since_checkpoint = 0
+            self._checkpoints.append(Checkpoint(key, self._reckoning.memory()))
+
+    def _forget(self) -> None:
+        """Drop what no measurement can come before any more."""
+        checkpoints = self._checkpoints
+        horizon = self._keys[-1][0] - self._span
+        obsolete = 0
+        while obsolete + 1 < len(checkpoints) and (
+            checkpoints[obsolete + 1].after[0] < horizon
+            or len(checkpoints) - obsolete > MOST_CHECKPOINTS
+        ):
+            obsolete += 1
+        if obsolete:
+            del checkpoints[:obsolete]
+            passed = bisect_right(self._keys, checkpoints[0].after)
+            del self._keys[:passed]
+            del self._measurements[:passed]

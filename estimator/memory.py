@@ -1,0 +1,42 @@
+"""What the filter knows between two measurements: enough to go on from there exactly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from estimator.health import Health
+from estimator.standstill import StandstillMemory
+from estimator.track_speeds import TrackMemory
+
+
+class FilterMemory(msgspec.Struct, frozen=True):
+    """The state of a `Reckoning`; nothing in it is changed by going on.
+
+    Attributes:
+        stamp: time of the estimate [ns], or None before the first.
+        state: (SIZE,) see `estimator.state`.
+        covariance: (SIZE, SIZE).
+        step_under_way: whether the fast slip of the next step is drawn already.
+        stands: whether the robot was found standing.
+        tracks: the newest track speeds.
+        standstill: what the standstill detection goes by.
+        imu_stamp: of the newest IMU sample [ns], or None.
+        imu_interval: time between the newest two IMU samples [s].
+        rejected_in_a_row: of each gate.
+        health: counts.
+    """
+
+    stamp: int | None
+    state: np.ndarray[Any, Any]
+    covariance: np.ndarray[Any, Any]
+    step_under_way: bool
+    stands: bool
+    tracks: TrackMemory
+    standstill: StandstillMemory
+    imu_stamp: int | None
+    imu_interval: float
+    rejected_in_a_row: dict[str, int]
+    health: Health

@@ -1,0 +1,375 @@
+"""The filter fed in order: what each measurement does to it, and how it moves on between them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from estimator import state as s
+from estimator.ekf import IcrEkf, TwistModel
+from estimator.frames import Floats
+from estimator.gating import Gate
+from estimator.health import Health
+from estimator.log import NANOSECOND
+from estimator.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+    Vector3,
+)
+from estimator.memory import FilterMemory
+from estimator.process_noise import Disturbances
+from estimator.robot import Robot
+from estimator.sensor_models import (
+    STANDSTILL_SIGMA,
+    Reading,
+    SensorModels,
+    TrackChange,
+    pose_component,
+    twist_component,
+)
+from estimator.settings import Settings
+from estimator.standstill import StandstillDetector
+from estimator.track_speeds import HeldTrackSpeeds
+from estimator.variants import (
+    DEFAULT_ADAPTATION,
+    Variant,
+    initial_indices,
+    motion_model,
+    parameter_sigmas,
+    slip_of,
+)
+
+# What a twist measurement does not move: the pose, which is to be continuous.
+POSE_KEPT = (s.X, s.Y, s.YAW)
+# What the IMU does not move either: it sees the track scale only through what else is wrong with the
+# yaw rate, and would call it all scale. Fixes and body velocities show it for what it is.
+IMU_KEPT = (*POSE_KEPT, s.TRACK_SCALE)
+
+
+class Reckoning:
+    """The filter and all that it goes by; measurements must come in order and have been admitted.
+
+    Args:
+        robot: the robot.
+        variant: the filter variant.
+        settings: everything that is no property of the robot.
+        start: pose at the first track speeds: x, y [m], yaw [rad].
+        start_sigma: its standard deviations [m, m, rad].
+
+    Attributes:
+        ekf: the filter.
+        stamp: time of the estimate [ns]; None before the first track speeds or fix.
+        stands: whether the robot was found standing at the newest IMU sample.
+        health: what became of the measurements.
+        parameter_sigmas: (8,) standard deviations of the parameters at the start.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        variant: Variant,
+        settings: Settings,
+        start: tuple[float, float, float],
+        start_sigma: tuple[float, float, float],
+    ) -> None:
+        imu = robot.imu
+        adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
+        self.parameter_sigmas = parameter_sigmas(robot, variant, adaptation)
+        self.ekf = IcrEkf(
+            motion_model(robot, variant, settings.form, slip_in_inertia=settings.inertia == "imu")
+        )
+        self.ekf.x[s.POSE] = start
+        self.ekf.x[s.PARAMETERS] = initial_indices(robot, variant).as_array()
+        spread = np.zeros(s.SIZE)
+        spread[s.POSE] = start_sigma
+        spread[s.PARAMETERS] = self.parameter_sigmas
+        spread[s.GYRO_BIAS] = imu.gyro_bias_sigma
+        spread[s.ACCELEROMETER_BIAS] = imu.accelerometer_bias_sigma
+        spread[s.TRACK_SCALE] = robot.tracks.scale_sigma
+        spread[s.GYRO_SCALE] = imu.gyro_scale_sigma
+        self.ekf.P = np.diag(spread**2)
+
+        self.stamp: int | None = None
+        self.stands = False
+        self.health = Health()
+        self._settings = settings
+        self._sensors = SensorModels(robot)
+        slip = settings.slip or slip_of(robot, variant)
+        self._disturbances = Disturbances(robot, slip, self.parameter_sigmas, adaptation)
+        # Whether the fast slip of the next step is drawn, and the pose has not got there yet.
+        self._step_under_way = False
+        self._tracks = HeldTrackSpeeds(
+            settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
+        )
+        self._imu_stamp: int | None = None
+        self._imu_interval = 0.01
+        self._gates = {
+            "gyro": Gate(1, settings.gates),
+            "accelerometer": Gate(1, settings.gates),
+            "position": Gate(2, settings.gates),
+            "heading": Gate(1, settings.gates),
+            "body velocity x": Gate(1, settings.gates),
+            "body velocity y": Gate(1, settings.gates),
+        }
+        self._standstill = StandstillDetector(settings.standstill, imu.gyro_noise_density)
+
+    # --- what it knows ---------------------------------------------------------------------------
+
+    def memory(self) -> FilterMemory:
+        """All that it goes by."""
+        return FilterMemory(
+            self.stamp,
+            self.ekf.x.copy(),
+            self.ekf.P.copy(),
+            self._step_under_way,
+            self.stands,
+            self._tracks.memory(),
+            self._standstill.memory(),
+            self._imu_stamp,
+            self._imu_interval,
+            {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
+            self.health.copy(),
+        )
+
+    def recall(self, memory: FilterMemory) -> None:
+        """Go by what it went by then."""
+        self.stamp = memory.stamp
+        self.ekf.x = memory.state.copy()
+        self.ekf.P = memory.covariance.copy()
+        self._step_under_way = memory.step_under_way
+        self.stands = memory.stands
+        self._tracks.recall(memory.tracks)
+        self._standstill.recall(memory.standstill)
+        self._imu_stamp = memory.imu_stamp
+        self._imu_interval = memory.imu_interval
+        for name, count in memory.rejected_in_a_row.items():
+            self._gates[name].rejected_in_a_row = count
+        self.health = memory.health.copy()
+
+    def take_over(self, memory: FilterMemory, off: float) -> None:
+        """Take over what was learnt: parameters, biases and scales, with their covariance.
+
+        Args:
+            memory: what a filter of the same robot and variant knew.
+            off: how long ago that was [s]; the biases have walked since.
+        """
+        learnt = s.LEARNT
+        self.ekf.x[learnt] = memory.state[learnt]
+        self.ekf.P[learnt, learnt] = memory.covariance[learnt, learnt]
+        self.ekf.P += np.diag(self._disturbances.bias_walk**2 * off)
+
+    def model(self) -> TwistModel:
+        """Body velocity and its derivatives now."""
+        return self.ekf.twist_model(*self._tracks.speeds_at(self.stamp))
+
+    def slip_sigma(self) -> Vector3:
+        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s]."""
+        tracks = self._tracks
+        resting = max(abs(tracks.left), abs(tracks.right)) < self._settings.standstill.track_speed
+        pushed = (
+            resting
+            and not self.stands
+            and self.stamp is not None
+            and self._imu_is_alive(self.stamp)
+        )
+        return self._disturbances.slip_sigma(tracks, float(self.ekf.x[s.ETA0]), pushed=pushed)
+
+    # --- what it is told -------------------------------------------------------------------------
+
+    def take(self, measurement: Measurement) -> bool:
+        """Take one measurement, not older than the one before; whether it was used."""
+        match measurement:
+            case TrackSpeeds():
+                return self._take_track_speeds(measurement)
+            case ImuSample():
+                return self._take_imu(measurement)
+            case PositionFix():
+                return self._take_position(measurement)
+            case HeadingFix():
+                return self._take_heading(measurement)
+            case BodyVelocity():
+                return self._take_body_velocity(measurement)
+
+    def _take_track_speeds(self, m: TrackSpeeds) -> bool:
+        tracks = self._tracks
+        if tracks.stamp is None:
+            self.stamp = m.stamp
+        else:
+            # The old speeds have nothing to say beyond their own stamp, unless they are all there is
+            # to bridge a hole with, up to where the new ones begin to speak.
+            hole = tracks.is_hole(m.stamp)
+            until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
+            self._advance(until)
+        tracks.take(m.stamp, m.left, m.right)
+        if not self._imu_is_alive(m.stamp):
+            self._advance(m.stamp)
+        self._standstill.track_speeds(m.stamp, m.left, m.right)
+        self.health.sensor("tracks").used += 1
+        return True
+
+    def _take_imu(self, m: ImuSample) -> bool:
+        before, self._imu_stamp = self._imu_stamp, m.stamp
+        if self._tracks.stamp is None:
+            # Not a robot at rest, but one of which nothing is known yet.
+            self.health.sensor("imu").reject("before the first track speeds")
+            return False
+        if before is not None:
+            self._imu_interval = min((m.stamp - before) * NANOSECOND, self._settings.hold)
+        ekf = self.ekf
+        rate = self._sensors.yaw_rate(m)
+        bias_sigma = math.sqrt(ekf.P[s.GYRO_BIAS, s.GYRO_BIAS])
+        self.stands = self._standstill.yaw_rate(
+            m.stamp, rate, float(ekf.x[s.GYRO_BIAS]), bias_sigma
+        )
+        self._begin_step(m.stamp)
+        if self.stands:
+            self._update_standstill()
+        model, linearised_at = self.model(), ekf.x.copy()
+        change = self._track_change()
+        used = self._update(
+            "gyro",
+            self._gates["gyro"],
+            self._sensors.gyro(rate, self._imu_interval, model, ekf.x, change),
+            reopen=s.SLIP_W,
+            kept=IMU_KEPT,
+        )
+        force = m.linear_acceleration
+        if force is not None and self._settings.use_accelerometer and not self.stands:
+            self._update_accelerometer(force, model, linearised_at, change)
+        ekf.keep_inside_bounds()
+        self._advance(m.stamp)
+        return used
+
+    def _update_standstill(self) -> None:
+        """A standing robot's twist is zero."""
+        self.health.standstill_updates += 1
+        model, linearised_at = self.model(), self.ekf.x.copy()
+        for axis, sigma in enumerate(STANDSTILL_SIGMA):
+            reading = twist_component(axis, 0.0, sigma**2, model, linearised_at, self.ekf.x)
+            self.ekf.update_scalar(*reading, kept=IMU_KEPT)
+
+    def _update_accelerometer(
+        self, force: Vector3, model: TwistModel, linearised_at: Floats, change: TrackChange
+    ) -> None:
+        rough = self._disturbances.sideways_density(self.slip_sigma())
+        reading = self._sensors.accelerometer(
+            force, self._imu_interval, model, linearised_at, self.ekf.x, change, rough
+        )
+        self._update(
+            "accelerometer",
+            self._gates["accelerometer"],
+            reading,
+            reopen=s.ACCELEROMETER_BIAS,
+            kept=IMU_KEPT,
+        )
+
+    def _take_position(self, m: PositionFix) -> bool:
+        self._advance(m.stamp)
+        ekf, gate, health = self.ekf, self._gates["position"], self.health.sensor("position")
+        residual = np.array([m.x, m.y]) - ekf.x[:2]
+        spread = ekf.P[:2, :2] + m.variance * np.eye(2)
+        nis = float(residual @ np.linalg.solve(spread, residual))
+        if not gate.admits(nis):
+            if not gate.must_reacquire:
+                health.reject("gate")
+                return False
+            gate.reacquired()
+            ekf.P[:2, :2] += np.eye(2) * float(residual @ residual)
+        else:
+            health.nis_sum += nis
+            health.degrees += 2
+        health.used += 1
+        for axis, value in enumerate((m.x, m.y)):
+            ekf.update_scalar(*pose_component(axis, value, m.variance, ekf.x))
+        ekf.keep_inside_bounds()
+        return True
+
+    def _take_heading(self, m: HeadingFix) -> bool:
+        self._advance(m.stamp)
+        reading = pose_component(s.YAW, m.yaw, m.variance, self.ekf.x)
+        used = self._update("heading", self._gates["heading"], reading, reopen=s.YAW, kept=())
+        self.ekf.keep_inside_bounds()
+        return used
+
+    def _take_body_velocity(self, m: BodyVelocity) -> bool:
+        self._begin_step(m.stamp)
+        model, linearised_at = self.model(), self.ekf.x.copy()
+        used = True
+        for axis, value in enumerate((m.v_x, m.v_y)):
+            used &= self._update(
+                "body velocity",
+                self._gates[f"body velocity {'xy'[axis]}"],
+                twist_component(axis, value, m.variance, model, linearised_at, self.ekf.x),
+                reopen=s.SLIP_X + axis,
+                kept=POSE_KEPT,
+            )
+        self.ekf.keep_inside_bounds()
+        self._advance(m.stamp)
+        return used
+
+    # --- how it works ----------------------------------------------------------------------------
+
+    def _update(
+        self, sensor: str, gate: Gate, reading: Reading, *, reopen: int, kept: tuple[int, ...]
+    ) -> bool:
+        """A gated scalar update; when re-acquiring, the state `reopen` is made uncertain first."""
+        health = self.health.sensor(sensor)
+        nis = self.ekf.innovation(*reading).nis
+        if not gate.admits(nis):
+            if not gate.must_reacquire:
+                health.reject("gate")
+                return False
+            gate.reacquired()
+            self.ekf.P[reopen, reopen] += reading.residual**2
+        else:
+            health.nis_sum += nis
+            health.degrees += 1
+        self.ekf.update_scalar(*reading, kept=kept)
+        health.used += 1
+        return True
+
+    def _imu_is_alive(self, stamp: int) -> bool:
+        """Whether an IMU sample may be expected that tells how the robot moved up to this stamp."""
+        newest = self._imu_stamp
+        return newest is not None and (stamp - newest) * NANOSECOND <= self._settings.hold
+
+    def _track_change(self) -> TrackChange:
+        tracks = self._tracks
+        variance = self._disturbances.track_density(tracks) / tracks.interval
+        age = 0.0 if self.stamp is None else tracks.age(self.stamp)
+        return TrackChange(tracks.acceleration, tracks.acceleration_window, variance, age)
+
+    def _advance(self, stamp: int) -> None:
+        """Propagate to a stamp [ns]; one that is not later changes nothing."""
+        self._begin_step(stamp)
+        if self.stamp is None or self.stamp >= stamp:
+            return
+        dt = (stamp - self.stamp) * NANOSECOND
+        noise = self._disturbances.of_step(self._tracks, self.slip_sigma())
+        left, right = self._tracks.mean_speeds(self.stamp, stamp)
+        self.ekf.predict_motion(dt, left, right, noise)
+        self.stamp = stamp
+        self._step_under_way = False
+
+    def _begin_step(self, stamp: int) -> None:
+        """Draw a new fast slip for the step to a stamp [ns], unless one is under way."""
+        if self.stamp is None:
+            self.stamp = stamp
+        if stamp <= self.stamp or self._step_under_way:
+            return
+        self.ekf.x[s.FAST_SLIP] = 0.0
+        # The density is white, so it is its integral over the step that matters.
+        dt = (stamp - self.stamp) * NANOSECOND
+        density = self._disturbances.fast_slip_density(
+            self._tracks, self.model().by_speeds, self.slip_sigma(), self.stamp, stamp
+        )
+        self.ekf.renew_fast_slip(density / dt)
+        self._step_under_way = True
