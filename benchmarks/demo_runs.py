@@ -1,6 +1,6 @@
 """The demo's scenario over many seeds: drift of each variant, and paired ratios, with intervals.
 
-    python benchmarks/demo_runs.py [--runs 20] [--trajectory random]
+    python benchmarks/demo_runs.py [--runs 20] [--trajectory random] [--rolling-resistance 0]
 
 Prints a table in Markdown. Intervals are 95 % percentile bootstrap intervals over runs; a ratio is that
 of the means over the same runs.
@@ -12,6 +12,7 @@ import argparse
 import os
 from concurrent.futures import ProcessPoolExecutor
 
+import msgspec
 import numpy as np
 
 from estimator.frames import Floats
@@ -27,10 +28,13 @@ BASELINE = "constant-online"
 BOOTSTRAPS = 10_000
 
 
-def score(job: tuple[str, str, int]) -> tuple[float, float]:
+def score(job: tuple[str, float | None, str, int]) -> tuple[float, float]:
     """Drift after 30 s without fixes [%], and mean pose NEES, of one run."""
-    trajectory, variant, index = job
+    trajectory, rolling, variant, index = job
     robot = load_robot("auriga-alpha")
+    if rolling is not None:
+        soil = msgspec.structs.replace(robot.contact.soil, rolling_resistance=rolling)
+        robot = msgspec.structs.replace(robot, soil=soil)
     log = simulate(demo_scenario(SCORING_SEED, DURATION, trajectory), robot, run_index=index)
     result = run(log, robot, variant)
     if log.truth is None or log.fixes is None:
@@ -51,9 +55,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--trajectory", default="random")
+    parser.add_argument("--rolling-resistance", type=float, help="the robot file's where left out")
     arguments = parser.parse_args()
     jobs = [
-        (arguments.trajectory, variant, index)
+        (arguments.trajectory, arguments.rolling_resistance, variant, index)
         for variant in VARIANTS
         for index in range(arguments.runs)
     ]
