@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from estimator.contact import Body, Contact, ground
+from estimator.contact import Body, Contact, ground, vertical_loads
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import GRAVITY
 from estimator.robot import Robot
@@ -61,12 +61,14 @@ class Drive(NamedTuple):
         twists: (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes.
         transfer: (n, 2) force at the centre of mass that the loads answer to, right and forward [N].
         slopes: (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²].
+        tipping: (n,) where the weight and that force point outside the contact.
         steps: integration steps taken, rejected ones included.
     """
 
     twists: Floats
     transfer: Floats
     slopes: Floats
+    tipping: NDArray[np.bool_]
     steps: int
 
 
@@ -103,8 +105,8 @@ class FrictionTruth:
         """The motion; see `TruthModel.run`.
 
         Raises:
-            SimulationError: the vehicle cannot stand on its contact (with its payload), or the
-                integration fails.
+            SimulationError: the vehicle cannot stand on its contact (with its payload), tips over,
+                or the integration fails.
         """
         true_contact = draw_contact(robot, self.spread, rng)
         step = 1.0 / rate
@@ -120,6 +122,11 @@ class FrictionTruth:
             payloads=self.payloads,
             tolerance=self.tolerance,
         )
+        if driven.tipping.any():
+            raise SimulationError(
+                f"the vehicle tips over {driven.tipping.argmax() * step:.2f} s after the start, which "
+                "this truth cannot follow: lower the slope, the speed, or the centre of mass"
+            )
         v_x, v_y = paper_to_rep103(driven.twists[:, 0], driven.twists[:, 1])
         twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1)
         unit = gauss_markov(len(times), step, TRUE_SLIP.time_constant, rng)
@@ -167,6 +174,7 @@ def drive(
 
     count = len(speeds)
     states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
+    tipping = np.zeros(count, dtype=bool)
     position, steps = np.zeros(2), 0
     if start is not None:
         states[0] = start
@@ -174,7 +182,7 @@ def drive(
         on = [load for load in payloads if load.time[0] < (first + 0.5) * step < load.time[1]]
         body, inertia = loaded(contact.body, yaw_inertia, on)
         try:
-            packed = ground(Contact(contact.soil, contact.geometry, body))
+            loaded_contact = Contact(contact.soil, contact.geometry, body)
         except ValueError as error:
             raise SimulationError(f"the vehicle cannot stand with its payload: {error}") from error
         absolute = np.array(
@@ -182,7 +190,11 @@ def drive(
         )
         part = slice(first, last + 1)
         taken = integrate(
-            Vehicle(packed, np.asarray(np.linalg.inv(mass_matrix(body, inertia)), float), load_lag),
+            Vehicle(
+                ground(loaded_contact),
+                np.asarray(np.linalg.inv(mass_matrix(body, inertia)), float),
+                load_lag,
+            ),
             rows,
             first * step,
             step,
@@ -199,7 +211,8 @@ def drive(
                 "the integration step became too small"
             )
         steps += taken
-    return Drive(states[:, :3], states[:, 3:5], slopes, steps)
+        tipping[part] = vertical_loads(loaded_contact, *states[part, 3:5].T).tipping
+    return Drive(states[:, :3], states[:, 3:5], slopes, tipping, steps)
 
 
 PaperState = tuple[float, float, float, float, float, float]
