@@ -7,7 +7,7 @@ and with the payload of the scenario. In steady motion it is where `estimator.st
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -20,7 +20,6 @@ from estimator.contact import Body, Contact, ground, vertical_loads
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import GRAVITY
 from estimator.robot import Robot
-from estimator.slip import slip_sigma
 from simulation.errors import SimulationError
 from simulation.terrain import Patch, Payload, loaded, patch_rows
 from simulation.trajectories import Command
@@ -29,9 +28,8 @@ from simulation.truth import (
     SAME_TIME,
     TRUE_SLIP,
     TrueMotion,
-    gauss_markov,
-    integrals,
-    integrate_twists,
+    slip_residual,
+    true_motion,
 )
 
 Floats = NDArray[np.float64]
@@ -129,15 +127,12 @@ class FrictionTruth:
             )
         v_x, v_y = paper_to_rep103(driven.twists[:, 0], driven.twists[:, 1])
         twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1)
-        unit = gauss_markov(len(times), step, TRUE_SLIP.time_constant, rng)
         effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
-        size = slip_sigma(speeds[:, 0], speeds[:, 1], TRUE_SLIP, effective_gauge)
-        twists += self.slip_noise * size * unit
-        distances = np.zeros_like(speeds)
-        distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
-        poses = integrate_twists(twists, step)
-        gravity = gravity_in_body(driven.slopes, poses[:, 2]) if driven.slopes.any() else None
-        return TrueMotion(rate, poses, twists, speeds, distances, None, self.name, gravity)
+        twists += self.slip_noise * slip_residual(speeds, TRUE_SLIP, effective_gauge, step, rng)
+        motion = true_motion(rate, twists, speeds, self.name)
+        if not driven.slopes.any():
+            return motion
+        return replace(motion, gravity=gravity_in_body(driven.slopes, motion.poses[:, 2]))
 
 
 def drive(

@@ -17,7 +17,6 @@ from estimator.frames import paper_to_rep103
 from estimator.kinematics import direct, indices_at_signed_inertia, signed_inertia
 from estimator.motion import VehicleConstants, solve
 from estimator.robot import Indices, Robot, Slip
-from estimator.slip import slip_sigma
 from simulation.errors import SimulationError
 from simulation.trajectories import Command
 from simulation.truth import (
@@ -25,9 +24,8 @@ from simulation.truth import (
     SAME_TIME,
     TRUE_SLIP,
     TrueMotion,
-    gauss_markov,
-    integrals,
-    integrate_twists,
+    slip_residual,
+    true_motion,
 )
 
 Floats = NDArray[np.float64]
@@ -64,20 +62,15 @@ class KinematicTruth:
     ) -> TrueMotion:
         """The motion; see `TruthModel.run`, and `draw_parameters` for what is raised."""
         parameters = draw_parameters(robot, self.spread, rng)
-        step = 1.0 / rate
         times: Floats = np.arange(int(np.ceil((duration - SAME_TIME) * rate)) + 1) / rate
         speeds = command(times)
         vehicle = _vehicle(robot)
         solved = solve(speeds[:, 0], speeds[:, 1], parameters.as_array(), vehicle).twist
         v_x, v_y = paper_to_rep103(solved.v_x, solved.v_y)
-        unit = gauss_markov(len(times), step, self.slip.time_constant, rng)
         effective_gauge = robot.vehicle.track_gauge * parameters.eta0
-        size = slip_sigma(speeds[:, 0], speeds[:, 1], self.slip, effective_gauge)
-        twists = np.stack([v_x, v_y, solved.w], axis=-1) + self.slip_noise * size * unit
-        distances = np.zeros_like(speeds)
-        distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
-        poses = integrate_twists(twists, step)
-        return TrueMotion(rate, poses, twists, speeds, distances, parameters, self.name)
+        slip = slip_residual(speeds, self.slip, effective_gauge, 1.0 / rate, rng)
+        twists = np.stack([v_x, v_y, solved.w], axis=-1) + self.slip_noise * slip
+        return true_motion(rate, twists, speeds, self.name, parameters)
 
 
 def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:

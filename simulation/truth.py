@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from estimator.frames import compose
 from estimator.robot import Indices, Robot, Slip
+from estimator.slip import slip_sigma
 from simulation.trajectories import Command
 
 Floats = NDArray[np.float64]
@@ -153,6 +154,37 @@ class TruthModel(Protocol):
             rng: draws what the robot file does not know, and slip.
             rate: grid points per second [Hz].
         """
+
+
+def true_motion(
+    rate: float,
+    twists: Floats,
+    speeds: Floats,
+    source: str,
+    parameters: Indices | None = None,
+) -> TrueMotion:
+    """The motion of twists (m, 3) and track speeds (m, 2) at an even rate [Hz], from the origin."""
+    step = 1.0 / rate
+    distances = np.zeros_like(speeds)
+    distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
+    poses = integrate_twists(twists, step)
+    return TrueMotion(rate, poses, twists, speeds, distances, parameters, source)
+
+
+def slip_residual(
+    speeds: Floats, slip: Slip, effective_gauge: float, step: float, rng: Generator
+) -> Floats:
+    """What no model explains of the twist (m, 3): Gauss-Markov processes as large as `Slip` says.
+
+    Args:
+        speeds: (m, 2) track speeds [m/s].
+        slip: size and correlation time.
+        effective_gauge: L eta0 [m].
+        step: between samples [s].
+        rng: draws it.
+    """
+    unit = gauss_markov(len(speeds), step, slip.time_constant, rng)
+    return slip_sigma(speeds[:, 0], speeds[:, 1], slip, effective_gauge) * unit
 
 
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
