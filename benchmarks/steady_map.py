@@ -17,16 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from estimator.contact import Body, Contact, Soil, equally_spaced, steady_balance
+from estimator.contact import steady_balance
 from estimator.kinematics import PaperTwist
+from estimator.robot import load_robot
 from estimator.steady import CONVERGED, TYPICAL_ETA, solve_steady, track_speed_grid
 
-GAUGE = 0.42
-AURIGA = Contact(
-    Soil(friction=0.9, rolling_resistance=0.074),
-    equally_spaced(GAUGE, half_length=0.39, count=5),
-    Body(mass=258.0, x_CM=-0.015, y_CM=0.04, z_CM=0.79),
-)
+AURIGA = load_robot("auriga-alpha").contact
+GAUGE = AURIGA.geometry.gauge
 METHODS = ("hybr", "lm")
 
 

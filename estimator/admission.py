@@ -20,6 +20,7 @@ from estimator.measurements import (
     TrackSpeeds,
     Vector3,
 )
+from estimator.relative_motion import Mark
 
 # The streams by what they consist of, in the order in which measurements of equal stamps are taken;
 # `Log.measurements` has the same.
@@ -30,8 +31,12 @@ STREAMS: dict[type[Measurement], str] = {
     HeadingFix: "heading",
     BodyVelocity: "body velocity",
 }
-RANKS = {kind: rank for rank, kind in enumerate(STREAMS)}
-# The place of a measurement in the one order in which they are taken: its stamp [ns], and its rank.
+# What is worked through in order: measurements, and marks behind them.
+Event = Measurement | Mark
+EVENTS: dict[type[Event], str] = dict(STREAMS.items())
+EVENTS[Mark] = "mark"
+RANKS = {kind: rank for rank, kind in enumerate(EVENTS)}
+# The place of an event in the one order in which they are taken: its stamp [ns], and its rank.
 Key = tuple[int, int]
 # So many samples in a row must agree before a clock that jumped ahead is believed.
 CLOCK_WITNESSES = 10
@@ -39,9 +44,9 @@ CLOCK_WITNESSES = 10
 ABSURD_SPEED = 10.0
 
 
-def key_of(measurement: Measurement) -> Key:
-    """The place of a measurement in the order in which they are taken."""
-    return measurement.stamp, RANKS[type(measurement)]
+def key_of(event: Event) -> Key:
+    """The place of an event in the order in which they are taken."""
+    return event.stamp, RANKS[type(event)]
 
 
 def as_plain(measurement: Measurement) -> Measurement:
@@ -77,23 +82,24 @@ def as_plain(measurement: Measurement) -> Measurement:
         ) from None
 
 
-def measurement_row(measurement: Measurement) -> tuple[Any, ...]:
-    """A measurement as its stream's name and its attributes in order."""
-    return (STREAMS[type(measurement)], *astuple(measurement))
+def event_row(event: Event) -> tuple[Any, ...]:
+    """An event as its stream's name and its attributes in order."""
+    return (EVENTS[type(event)], *astuple(event))
 
 
-def measurement_of(row: tuple[Any, ...]) -> Measurement:
-    """The measurement that `measurement_row` made the row of.
+def event_of(row: tuple[Any, ...]) -> Event:
+    """The event that `event_row` made the row of.
 
     Raises:
         EstimatorError: it is no such row.
     """
-    for kind, stream in STREAMS.items():
+    for kind, stream in EVENTS.items():
         if row and stream == row[0]:
             try:
-                return as_plain(kind(*row[1:]))
+                event = kind(*row[1:])
             except TypeError:
                 break
+            return event if isinstance(event, Mark) else as_plain(event)
     raise EstimatorError(f"no measurement: {row!r}")
 
 

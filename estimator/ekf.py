@@ -21,6 +21,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from estimator import state as s
 from estimator.frames import Floats, arc_factors
 from estimator.motion import Channels, Motion, MotionModel
+from estimator.relative_motion import Marks
 
 # How much of eta0 is kept away from the bounds x_ICRl < 0 < x_ICRr and eta0 >= 1.
 BOUND_MARGIN = 1e-3
@@ -93,10 +94,14 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
     Args:
         model: the index model in these kinematics.
+
+    Attributes:
+        marks: the motion since each mark, None where there is none; it changes nothing else.
     """
 
     def __init__(self, model: MotionModel) -> None:
         super().__init__(dim_x=s.SIZE, dim_z=1)
+        self.marks: Marks | None = None
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
         self.model = model
@@ -142,7 +147,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         decay = math.exp(-ratio)
         share = -math.expm1(-ratio) / ratio if ratio > 0.0 else 1.0
         model = self.twist_model(left, right, share)
-        pose, by_yaw, by_motion = _step_on_se2(self.x.item(s.YAW), model.twist * dt)
+        pose, by_yaw, by_motion = step_on_se2(self.x.item(s.YAW), model.twist * dt)
 
         by_state = by_motion.dot(model.jacobian)
         self.F = F = IDENTITY.copy()
@@ -167,6 +172,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self._next_x = self.x.copy()
         self._next_x[s.POSE] += pose
         self._next_x[s.SLIP] *= decay
+        if self.marks is not None:
+            self.marks = self.marks.moved(self.x.item(s.YAW), pose, by_state * dt, self.P, F, Q)
         self.predict()
         self.P = 0.5 * (self.P + self.P.T)
 
@@ -184,6 +191,13 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P[s.FAST_SLIP, :] = 0.0
         self.P[:, s.FAST_SLIP] = 0.0
         self.P[s.FAST_SLIP, s.FAST_SLIP] = covariance
+        if self.marks is not None:
+            self.marks = self.marks.renewed()
+
+    def reopen(self, *states: int, variance: float) -> None:
+        """Make states more uncertain, each by a variance and independently of all else."""
+        for index in states:
+            self.P[index, index] += variance
 
     def innovation(self, residual: float, row: Floats, variance: float) -> Innovation:
         """The innovation of a scalar measurement, not yet used.
@@ -215,6 +229,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         gain = cross / expected
         for index in kept:
             gain[index] = 0.0
+        if self.marks is not None:
+            self.marks = self.marks.updated(residual, row, cross, gain, expected, kept=s.X in kept)
         self.x = self.x + gain * residual
         half = gain[:, None] * (cross - (0.5 * expected) * gain)
         self.P = self.P - (half + half.T)
@@ -241,6 +257,9 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 spread = float(by_eta * cross[s.ETA0] + by_epsilon * cross[s.EPSILON0])
                 if spread > 0.0:
                     self.x = self.x + cross * (short / spread)
+                    if self.marks is not None:
+                        direction = by_eta * IDENTITY[s.ETA0] + by_epsilon * IDENTITY[s.EPSILON0]
+                        self.marks = self.marks.projected(direction, short / spread)
                     moved = True
             if not moved:
                 break
@@ -261,7 +280,7 @@ def _basis(motion: Motion, left: float, right: float, slip_share: float) -> Floa
     return basis
 
 
-def _step_on_se2(yaw: float, motion: Floats) -> tuple[Floats, Floats, Floats]:
+def step_on_se2(yaw: float, motion: Floats) -> tuple[Floats, Floats, Floats]:
     """Increment of the pose by a body motion, its derivative by yaw (2,) and by the motion (3, 3)."""
     dx, dy, angle = motion.tolist()
     a, b = arc_factors(angle)

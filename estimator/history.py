@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from estimator.admission import Key, key_of, measurement_of, measurement_row
+from estimator.admission import Event, Key, event_of, event_row, key_of
 from estimator.errors import EstimatorError
 from estimator.log import NANOSECOND
-from estimator.measurements import Measurement
 from estimator.memory import FilterMemory
 from estimator.reckoning import Reckoning
+from estimator.relative_motion import Mark
 
 # Before any measurement.
 BEFORE_ALL: Key = (-(2**63), -1)
@@ -29,7 +29,7 @@ class HistoryMemory(msgspec.Struct, frozen=True):
     Attributes:
         after: key of the last measurement before the history.
         memory: what the filter knew after it.
-        measurements: those since then, in order; a row each, see `measurement_row`.
+        measurements: those since then, marks among them, in order; a row each, see `event_row`.
     """
 
     after: Key
@@ -60,14 +60,14 @@ class History:
         self._reckoning = reckoning
         self._span = round(span / NANOSECOND)
         self._keys: list[Key] = []
-        self._measurements: list[Measurement] = []
+        self._events: list[Event] = []
         self._checkpoints = [Checkpoint(BEFORE_ALL, reckoning.memory())]
         self._since_checkpoint = 0
 
     def memory(self) -> HistoryMemory:
         """What it goes by now."""
         after, memory = self._checkpoints[0]
-        return HistoryMemory(after, memory, tuple(map(measurement_row, self._measurements)))
+        return HistoryMemory(after, memory, tuple(map(event_row, self._events)))
 
     def recall(self, memory: HistoryMemory) -> None:
         """Go by what it went by then; the filter must have been taken back to then, too.
@@ -75,18 +75,18 @@ class History:
         Raises:
             EstimatorError: the measurements are none, or not in order.
         """
-        measurements = [measurement_of(row) for row in memory.measurements]
-        keys = [key_of(measurement) for measurement in measurements]
+        events = [event_of(row) for row in memory.measurements]
+        keys = [key_of(event) for event in events]
         if any(one >= other for one, other in pairwise([memory.after, *keys])):
             raise EstimatorError("the measurements of the history are not in order")
-        self._keys, self._measurements = keys, measurements
+        self._keys, self._events = keys, events
         self._checkpoints = [Checkpoint(memory.after, memory.memory)]
         if keys:
             self._checkpoints.append(Checkpoint(keys[-1], self._reckoning.memory()))
         self._since_checkpoint = 0
 
     def objection(self, key: Key) -> str | None:
-        """Why a measurement of this key cannot be put in its place; None if it can."""
+        """Why an event of this key cannot be put in its place; None if it can."""
         keys = self._keys
         if not keys or key > keys[-1]:
             return None
@@ -98,25 +98,42 @@ class History:
             return "history is full"
         return None
 
+    def starts_after(self, key: Key) -> bool:
+        """Whether no measurement has ever come before this key."""
+        return self._checkpoints[0].after == BEFORE_ALL and key < self._keys[0]
+
     def is_late(self, key: Key) -> bool:
-        """Whether a measurement of this key comes before one that was taken already."""
+        """Whether an event of this key comes before one that was taken already."""
         return bool(self._keys) and key < self._keys[-1]
 
-    def take(self, key: Key, measurement: Measurement) -> bool:
-        """Take a measurement there is no objection to; whether the filter used it."""
+    def take(self, key: Key, event: Event) -> bool:
+        """Take an event there is no objection to; whether the filter used it."""
         if self.is_late(key):
-            return self._insert(key, measurement)
+            return self._insert(key, event)
         self._keys.append(key)
-        self._measurements.append(measurement)
-        used = self._reckoning.take(measurement)
+        self._events.append(event)
+        used = self._reckoning.take(event)
         self._keep_checkpoint(key)
         self._forget()
         return used
 
-    def _insert(self, key: Key, measurement: Measurement) -> bool:
+    def forget_mark(self, mark: Mark) -> None:
+        """Drop a mark, wherever it is kept."""
+        self._reckoning.ekf.marks = self._reckoning.marks.without(mark.stamp)
+        key = key_of(mark)
+        place = bisect_left(self._keys, key)
+        if place < len(self._keys) and self._keys[place] == key:
+            del self._keys[place], self._events[place]
+        for index, (after, memory) in enumerate(self._checkpoints):
+            if memory.marks is not None:
+                left = memory.marks.without(mark.stamp)
+                without = msgspec.structs.replace(memory, marks=left)
+                self._checkpoints[index] = Checkpoint(after, without)
+
+    def _insert(self, key: Key, event: Event) -> bool:
         place = bisect_left(self._keys, key)
         self._keys.insert(place, key)
-        self._measurements.insert(place, measurement)
+        self._events.insert(place, event)
         while self._checkpoints[-1].after > key:
             self._checkpoints.pop()
         after, memory = self._checkpoints[-1]
@@ -124,7 +141,7 @@ class History:
         self._since_checkpoint = 0
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
-            taken = self._reckoning.take(self._measurements[index])
+            taken = self._reckoning.take(self._events[index])
             if index == place:
                 used = taken
             self._keep_checkpoint(self._keys[index])
@@ -150,4 +167,4 @@ class History:
             del checkpoints[:obsolete]
             passed = bisect_right(self._keys, checkpoints[0].after)
             del self._keys[:passed]
-            del self._measurements[:passed]
+            del self._events[:passed]

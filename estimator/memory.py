@@ -7,7 +7,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from estimator import state as s
 from estimator.health import Health
+from estimator.relative_motion import Marks
 from estimator.standstill import StandstillMemory
 from estimator.track_speeds import TrackMemory
 
@@ -27,6 +29,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
         imu_interval: time between the newest two IMU samples [s].
         rejected_in_a_row: of each gate.
         health: counts.
+        marks: the motion since each mark, None where there is none.
     """
 
     stamp: int | None
@@ -40,3 +43,8 @@ class FilterMemory(msgspec.Struct, frozen=True):
     imu_interval: float
     rejected_in_a_row: dict[str, int]
     health: Health
+    marks: Marks | None = None
+
+    def __post_init__(self) -> None:
+        if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):
+            raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")

@@ -14,8 +14,10 @@ from estimator.frames import Floats, paper_to_rep103
 from estimator.health import Health, ParameterHealth
 from estimator.history import History
 from estimator.kinematics import IndexValues, icrs_from_indices
+from estimator.log import NANOSECOND
 from estimator.measurements import Measurement
 from estimator.reckoning import Reckoning
+from estimator.relative_motion import MOST_MARKS, Mark, RelativeMotion
 from estimator.robot import Robot
 from estimator.saved import SavedEstimator, read_saved, robot_constants, write_saved
 from estimator.settings import Settings
@@ -226,6 +228,77 @@ class PoseEstimator:
         if history.is_late(key):
             self._arrivals.sensor(stream).late += 1
         return history.take(key, measurement)
+
+    # --- how far it has come ----------------------------------------------------------------------
+
+    @property
+    def marks(self) -> tuple[int, ...]:
+        """Stamps of the marks that are kept [ns]."""
+        return self._reckoning.marks.stamps
+
+    def mark(self, stamp: int | None = None) -> int:
+        """Remember where the robot is, for `relative_motion`; the estimate is not changed by it.
+
+        A mark is taken in at its own stamp, as late as a measurement may be; older measurements that
+        come after it still count. Between two steps of the filter the twist is taken as constant.
+
+        Args:
+            stamp: time [ns], or None for that of the estimate.
+
+        Returns:
+            The stamp, by which the mark is known. There is one mark at a stamp: the second changes
+            nothing.
+
+        Raises:
+            EstimatorError: nothing was fed yet, the stamp is older than the history or further ahead
+                of the estimate than `Settings.hold`, or `MOST_MARKS` are kept already.
+        """
+        now = self.stamp
+        if now is None:
+            raise EstimatorError("nothing can be marked before the first measurement")
+        mark = Mark(now if stamp is None else int(stamp))
+        if mark.stamp in self.marks:
+            return mark.stamp
+        key = key_of(mark)
+        ahead = (mark.stamp - now) * NANOSECOND
+        reason = self._history.objection(key)
+        if self._history.starts_after(key):
+            reason = "before the first measurement"
+        elif len(self.marks) >= MOST_MARKS:
+            reason = f"{MOST_MARKS} are kept already; forget those that are no longer asked for"
+        elif ahead > self.settings.hold:
+            reason = f"{ahead:.3f} s ahead of the estimate; feed what was measured until then"
+        if reason is not None:
+            raise EstimatorError(f"no mark can be set at {mark.stamp}: {reason}")
+        self._history.take(key, mark)
+        return mark.stamp
+
+    def relative_motion(self, from_stamp: int, to_stamp: int | None = None) -> RelativeMotion:
+        """How far the robot has moved from one mark to another, or to now.
+
+        What the two poses share, drift and all, is not in its covariance; what fixes since then say
+        about the motion is.
+
+        Args:
+            from_stamp: of a mark [ns].
+            to_stamp: of another, or None for the time of the estimate.
+
+        Raises:
+            EstimatorError: there is no such mark.
+        """
+        return self._reckoning.marks.between(from_stamp, to_stamp, self.stamp or 0)
+
+    def forget(self, stamp: int) -> None:
+        """Drop a mark that is no longer asked for; each costs time in every step.
+
+        Args:
+            stamp: of the mark [ns].
+
+        Raises:
+            EstimatorError: there is no such mark.
+        """
+        self._reckoning.marks.place(stamp)
+        self._history.forget_mark(Mark(stamp))
 
     # --- how it outlives a program ----------------------------------------------------------------
 

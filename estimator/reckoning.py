@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from estimator import state as s
-from estimator.ekf import IcrEkf, TwistModel
+from estimator.ekf import IcrEkf, TwistModel, step_on_se2
 from estimator.frames import Floats
 from estimator.gating import Gate
 from estimator.health import Health
@@ -23,6 +23,7 @@ from estimator.measurements import (
 )
 from estimator.memory import FilterMemory
 from estimator.process_noise import Disturbances
+from estimator.relative_motion import Mark, Marks
 from estimator.robot import Robot
 from estimator.sensor_models import (
     STANDSTILL_SIGMA,
@@ -137,6 +138,7 @@ class Reckoning:
             self._imu_interval,
             {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
             self.health.copy(),
+            self.ekf.marks,
         )
 
     def recall(self, memory: FilterMemory) -> None:
@@ -144,6 +146,7 @@ class Reckoning:
         self.stamp = memory.stamp
         self.ekf.x = memory.state.copy()
         self.ekf.P = memory.covariance.copy()
+        self.ekf.marks = memory.marks
         self._step_under_way = memory.step_under_way
         self.stands = memory.stands
         self._tracks.recall(memory.tracks)
@@ -153,6 +156,11 @@ class Reckoning:
         for name, count in memory.rejected_in_a_row.items():
             self._gates[name].rejected_in_a_row = count
         self.health = memory.health.copy()
+
+    @property
+    def marks(self) -> Marks:
+        """The motion since each mark."""
+        return self.ekf.marks or Marks.none()
 
     def take_over(self, memory: FilterMemory, off: float) -> None:
         """Take over what was learnt: parameters, biases and scales, with their covariance.
@@ -168,7 +176,12 @@ class Reckoning:
 
     def model(self) -> TwistModel:
         """Body velocity and its derivatives now."""
-        return self.ekf.twist_model(*self._tracks.speeds_at(self.stamp))
+        return self.ekf.twist_model(*self.track_speeds)
+
+    @property
+    def track_speeds(self) -> tuple[float, float]:
+        """Speeds of the left and the right track that it goes by now [m/s]."""
+        return self._tracks.speeds_at(self.stamp)
 
     def slip_sigma(self) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s]."""
@@ -184,8 +197,8 @@ class Reckoning:
 
     # --- what it is told -------------------------------------------------------------------------
 
-    def take(self, measurement: Measurement) -> bool:
-        """Take one measurement, not older than the one before; whether it was used."""
+    def take(self, measurement: Measurement | Mark) -> bool:
+        """Take one measurement or mark, not older than the one before; whether it was used."""
         match measurement:
             case TrackSpeeds():
                 return self._take_track_speeds(measurement)
@@ -197,6 +210,8 @@ class Reckoning:
                 return self._take_heading(measurement)
             case BodyVelocity():
                 return self._take_body_velocity(measurement)
+            case Mark():
+                return self._take_mark(measurement)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         tracks = self._tracks
@@ -282,7 +297,7 @@ class Reckoning:
                 health.reject("gate")
                 return False
             gate.reacquired()
-            ekf.P[:2, :2] += np.eye(2) * float(residual @ residual)
+            ekf.reopen(s.X, s.Y, variance=float(residual @ residual))
         else:
             health.nis_sum += nis
             health.degrees += 2
@@ -315,6 +330,16 @@ class Reckoning:
         self._advance(m.stamp)
         return used
 
+    def _take_mark(self, m: Mark) -> bool:
+        # The estimate stands at the newest step before the mark; from there on the robot has moved
+        # as it did in that step, as far as is known, and the next step will say the rest.
+        elapsed = 0.0 if self.stamp is None else (self.stamp - m.stamp) * NANOSECOND
+        model = self.model()
+        motion, _, by_motion = step_on_se2(0.0, model.twist * elapsed)
+        by_state = by_motion @ model.jacobian * elapsed
+        self.ekf.marks = self.marks.begun(m.stamp, motion, by_state, self.ekf.P)
+        return True
+
     # --- how it works ----------------------------------------------------------------------------
 
     def _update(
@@ -328,7 +353,7 @@ class Reckoning:
                 health.reject("gate")
                 return False
             gate.reacquired()
-            self.ekf.P[reopen, reopen] += reading.residual**2
+            self.ekf.reopen(reopen, variance=reading.residual**2)
         else:
             health.nis_sum += nis
             health.degrees += 1

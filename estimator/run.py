@@ -13,7 +13,7 @@ from estimator.frames import Floats
 from estimator.health import Health
 from estimator.log import Log, Stamps
 from estimator.measurements import TrackSpeeds
-from estimator.pose_estimator import PoseEstimator
+from estimator.pose_estimator import PoseEstimator, Snapshot
 from estimator.robot import Robot
 from estimator.settings import Settings
 from estimator.trajectory import Trajectory
@@ -27,7 +27,7 @@ class Run:
     """One variant's run over a log, sampled after each pair of track speeds.
 
     Attributes:
-        variant: name of the filter variant.
+        variant: name of the filter variant; with "-smoothed" behind it, of a run that was smoothed.
         trajectory: poses and twists with covariances.
         indices: (n, 3) zeta [m], epsilon [m], eta [-] of the motion at that time.
         states: (n, SIZE) the filter's state, see `estimator.state`.
@@ -72,51 +72,77 @@ def run(
     Raises:
         EstimatorError: no such variant, or a log without track speeds.
     """
+    estimator = PoseEstimator(
+        robot, variant, settings=settings, start=start, start_sigma=start_sigma
+    )
+    return work_through(log, estimator, progress)
+
+
+def work_through(
+    log: Log,
+    estimator: PoseEstimator,
+    progress: Callable[[int], None] | None = None,
+    *,
+    at_row: Callable[[], None] | None = None,
+) -> Run:
+    """Feed a log to a new estimator, and write down what it says.
+
+    Args:
+        log: the measurements; its truth is not looked at.
+        estimator: a new one.
+        progress: called now and then with the stamp [ns] that was reached.
+        at_row: called after each row that is written down.
+
+    Raises:
+        EstimatorError: a log without track speeds.
+    """
     if not len(log.tracks.stamps):
         raise EstimatorError(
             f"log {log.name!r} holds no track speeds: there is nothing to reckon with"
         )
-    estimator = PoseEstimator(
-        robot, variant, settings=settings, start=start, start_sigma=start_sigma
-    )
-    recorder = _Recorder(len(log.tracks.stamps))
+    rows = Rows(len(log.tracks.stamps))
+    count, written = 0, None
+
+    def write_row() -> None:
+        nonlocal count, written
+        rows.put(count, estimator.snapshot())
+        count, written = count + 1, estimator.stamp
+        if at_row is not None:
+            at_row()
+
     due, newest = False, log.start
-    for count, measurement in enumerate(log.measurements()):
-        if due and measurement.stamp > newest and estimator.stamp != recorder.newest:
-            recorder.record(estimator)
+    for number, measurement in enumerate(log.measurements()):
+        if due and measurement.stamp > newest and estimator.stamp != written:
+            write_row()
             due = False
         newest = measurement.stamp
         used = estimator.feed(measurement)
         due |= used and isinstance(measurement, TrackSpeeds)
-        if progress is not None and count % PROGRESS_EVERY == 0:
+        if progress is not None and number % PROGRESS_EVERY == 0:
             progress(measurement.stamp)
-    if due and estimator.stamp != recorder.newest:
-        recorder.record(estimator)
-    return recorder.finish(variant, estimator.health)
+    if due and estimator.stamp != written:
+        write_row()
+    return rows.finish(count, estimator.variant.name, estimator.health)
 
 
-class _Recorder:
-    """Rows of a run, filled one at a time."""
+class Rows:
+    """Rows of a run, filled one at a time.
 
-    def __init__(self, rows: int) -> None:
-        self._count = 0
-        self._stamps = np.zeros(rows, dtype=np.int64)
-        self._indices = np.zeros((rows, 3))
-        self._states = np.zeros((rows, s.SIZE))
-        self._sigmas = np.zeros((rows, s.SIZE))
-        self._pose_covariances = np.zeros((rows, 3, 3))
-        self._twists = np.zeros((rows, 3))
-        self._twist_covariances = np.zeros((rows, 3, 3))
+    Args:
+        most: so many at most.
+    """
 
-    @property
-    def newest(self) -> int | None:
-        """Stamp of the newest row [ns]."""
-        return int(self._stamps[self._count - 1]) if self._count else None
+    def __init__(self, most: int) -> None:
+        self._stamps = np.zeros(most, dtype=np.int64)
+        self._indices = np.zeros((most, 3))
+        self._states = np.zeros((most, s.SIZE))
+        self._sigmas = np.zeros((most, s.SIZE))
+        self._pose_covariances = np.zeros((most, 3, 3))
+        self._twists = np.zeros((most, 3))
+        self._twist_covariances = np.zeros((most, 3, 3))
 
-    def record(self, estimator: PoseEstimator) -> None:
-        """Take down the estimate of now."""
-        row, self._count = self._count, self._count + 1
-        estimate = estimator.snapshot()
+    def put(self, row: int, estimate: Snapshot) -> None:
+        """Write down an estimate in a row."""
         self._stamps[row] = estimate.stamp
         self._states[row] = estimate.state
         self._sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
@@ -125,9 +151,9 @@ class _Recorder:
         self._twist_covariances[row] = estimate.twist_covariance
         self._indices[row] = estimate.indices
 
-    def finish(self, variant: str, health: Health) -> Run:
-        """The run, as far as it was filled."""
-        kept = slice(0, self._count)
+    def finish(self, count: int, variant: str, health: Health) -> Run:
+        """The run of the first `count` rows."""
+        kept = slice(0, count)
         trajectory = Trajectory(
             self._stamps[kept],
             self._states[kept, s.POSE],

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from estimator.measurements import PositionFix as PositionFix
     from estimator.measurements import TrackSpeeds as TrackSpeeds
     from estimator.pose_estimator import PoseEstimator as PoseEstimator
+    from estimator.relative_motion import RelativeMotion as RelativeMotion
     from estimator.robot import Robot as Robot
     from estimator.robot import load_robot as load_robot
     from estimator.robot import robot_names as robot_names
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from estimator.scores import pose_nees as pose_nees
     from estimator.scores import velocity_errors as velocity_errors
     from estimator.settings import Settings as Settings
+    from estimator.smoother import Smoothing as Smoothing
+    from estimator.smoother import smooth as smooth
     from estimator.trajectory import Trajectory as Trajectory
     from estimator.variants import VARIANTS as VARIANTS
     from replay.bag_writer import write_log as write_log
@@ -76,12 +79,14 @@ _HOMES = {
     "PoseEstimator": "estimator.pose_estimator",
     "PoseSeries": "estimator.log",
     "PositionFix": "estimator.measurements",
+    "RelativeMotion": "estimator.relative_motion",
     "ReplayError": "replay.errors",
     "Robot": "estimator.robot",
     "Run": "estimator.run",
     "Scenario": "simulation.scenario",
     "Settings": "estimator.settings",
     "SimulationError": "simulation.errors",
+    "Smoothing": "estimator.smoother",
     "TrackSpeedSeries": "estimator.log",
     "TrackSpeeds": "estimator.measurements",
     "Trajectory": "estimator.trajectory",
@@ -99,6 +104,7 @@ _HOMES = {
     "robot_names": "estimator.robot",
     "run": "estimator.run",
     "simulate": "simulation.scenario",
+    "smooth": "estimator.smoother",
     "summarise": "replay.results",
     "velocity_errors": "estimator.scores",
     "write_log": "replay.bag_writer",

@@ -13,6 +13,7 @@ from icreckon import __version__
 app = typer.Typer(
     help="Dead reckoning for tracked and skid-steer robots whose ICRs move with inertia.",
     no_args_is_help=True,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -23,7 +24,9 @@ Out = Annotated[
     Path | None, typer.Option(help="Folder for the results (default: a new one, named on the way).")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is at --out.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what icreckon wrote to --out before.")
+]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 Duration = Annotated[float, typer.Option(help="Length of the run in seconds.")]
 TRAJECTORIES = "straight, spin, circle, arcs, figure-eight, slalom, random, aggressive, stop-and-go"
@@ -67,7 +70,10 @@ def demo(
     overwrite: Overwrite = False,
     workers: Workers = None,
 ) -> None:
-    """Simulate Auriga-alpha, write a bag, read it back, and compare the filter variants on it."""
+    """Simulate a bag, read it back, and compare the variants.
+
+    The robot is Auriga-alpha.
+    """
     from icreckon.commands.demo import run_demo
 
     run_demo(
@@ -118,7 +124,7 @@ def simulate(
         typer.Option(
             "--set",
             help="Any key of a scenario file, as gyro.noise_density=0.001 or "
-            "trajectory_options.speed=0.4; repeatable.",
+            "trajectory_options.speed=0.4; repeatable. Wins over the other options.",
         ),
     ] = None,
     truth: Annotated[
@@ -207,6 +213,14 @@ def replay(
     inertia: Annotated[
         str, typer.Option(help="Force of inertia from: tracks, or imu (slip included).")
     ] = "tracks",
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth",
+            help="Smooth each run, too: every pose from all measurements, those after it included; "
+            "as variants NAME-smoothed.",
+        ),
+    ] = False,
     out: Out = None,
     json: Json = False,
     overwrite: Overwrite = False,
@@ -222,6 +236,7 @@ def replay(
         fixes=fixes,
         form=form,
         inertia=inertia,
+        smooth=smooth,
         out=out,
         as_json=json,
         overwrite=overwrite,
@@ -237,7 +252,7 @@ def inspect(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace what is at --write.")
+        bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
     ] = False,
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
@@ -256,12 +271,14 @@ def paper(
             "(minutes), instead of the best that is known.",
         ),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of that search.")] = 0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of that search (default: 0).")
+    ] = None,
     out: Out = None,
     json: Json = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Reproduce the paper from friction: its numbers, its Table II, its figures."""
+    """Reproduce the paper: its numbers, its Table II, its figures."""
     from icreckon.commands.paper import run_paper
 
     run_paper(identify=identify, seed=seed, out=out, as_json=json, overwrite=overwrite)

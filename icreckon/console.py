@@ -70,7 +70,7 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
     from replay.report import FIGURE_FILE, RESULTS_FILE
 
     folder = wanted if wanted is not None else _first_free(default)
-    with written_beside(folder, overwrite=overwrite, marker=RESULTS_FILE) as new:
+    with written_beside(folder, overwrite=overwrite, marker=RESULTS_FILE, starts=()) as new:
         new.mkdir()
         yield new
     messages().print(f"results in {folder}/, the picture is {folder / FIGURE_FILE}", markup=False)

@@ -7,8 +7,9 @@ from contextlib import contextmanager
 from functools import partial
 from heapq import merge
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
@@ -29,7 +30,7 @@ from estimator.robot import Robot
 from estimator.trajectory import Trajectory
 from replay.decoding import NANOSECONDS
 from replay.errors import ReplayError
-from replay.outputs import written_beside
+from replay.outputs import check_replaceable, written_beside
 from replay.streams import (
     ABSENT,
     IMU,
@@ -40,13 +41,15 @@ from replay.streams import (
     STRING,
     TWIST,
 )
-from replay.topics import TopicMap, TrackTopic, topic_map
+from replay.topics import MAPPING_TOPIC, TopicMap, TrackTopic, topic_map, writable_topics
 
 Format = Literal["mcap", "sqlite3", "ros1"]
-T = TypeVar("T")
 
 PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
+
+MAGICS = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V2.0\n")
+"""First bytes of the files that may be replaced by a bag."""
 
 LARGEST_STAMP = 2**31 * NANOSECONDS
 """Both ROS 1 and ROS 2 keep the seconds of a stamp in 32 bits."""
@@ -79,6 +82,9 @@ def write_log(
 ) -> Path:
     """Write a log as a bag, on the topics of the robot's mapping.
 
+    Streams that the robot's file does not map, or maps in a way that cannot be written, go to
+    `replay.topics.DEFAULT_TOPICS`, and the bag then holds its mapping, by which it is read.
+
     `read_log` with the same robot gives back what was written: stamps exact, track speeds up to
     the rounding of sprocket_radius, yaw up to that of the quaternion.
 
@@ -94,12 +100,31 @@ def write_log(
         The path that was written.
 
     Raises:
-        ReplayError: the mapping has no topic for a stream of the log or no joint names, stamps that
-            ROS cannot hold, something is there already, or the file system refuses.
+        ReplayError: a bad mapping, stamps that ROS cannot hold, something is there already, or the
+            file system refuses.
     """
-    topics = topic_map(robot, f"robot {robot.name!r}")
-    outboxes = _log_outboxes(log, topics, robot)
+    own = topic_map(robot, f"robot {robot.name!r}")
+    topics = writable_topics(own)
+    outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
+    if topics != own:
+        outboxes.append(_mapping(log, topics))
     return _write(Path(path), format, outboxes, overwrite=overwrite)
+
+
+def check_place(
+    path: Path,
+    format: Format,  # noqa: A002
+    robot: Robot,
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Refuse before a long run what `write_log` would refuse after it; arguments as there.
+
+    Raises:
+        ReplayError: a bad mapping, or something is there already that may not be replaced.
+    """
+    topic_map(robot, f"robot {robot.name!r}")
+    check_replaceable(_bag_path(path, format), overwrite=overwrite, starts=MAGICS)
 
 
 def write_odometry(
@@ -134,38 +159,36 @@ def write_odometry(
     return _write(path, "mcap", outboxes, overwrite=overwrite)
 
 
-def _log_outboxes(log: Log, topics: TopicMap, robot: Robot) -> list[_Outbox]:
+def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[_Outbox]:
+    """What to send; `topics` names all streams (see `writable_topics`)."""
     outboxes = []
-    radius = robot.vehicle.sprocket_radius
-
-    def mapped(entry: T | None, stream: str, key: str) -> T:
-        if entry is None:
-            raise ReplayError(
-                f"robot {robot.name!r} names no topic for the {stream} of log {log.name!r}; "
-                f"add {key} to its file"
-            )
-        return entry
-
-    if len(log.tracks.stamps):
-        tracks = mapped(topics.tracks, "track speeds", "[log.tracks]")
+    tracks, truth = topics.tracks, topics.truth
+    if tracks and len(log.tracks.stamps):
         outboxes.append(_joint_states(tracks.topic, log.tracks, tracks, radius))
-    if log.imu is not None:
-        outboxes.append(_imu(mapped(topics.imu, "IMU", "[log.imu]").topic, log.imu))
-    if log.fixes is not None:
-        outboxes.append(_fixes(mapped(topics.fixes, "fixes", "[log.fixes]").topic, log.fixes))
-    if log.truth is not None:
-        truth = mapped(topics.truth, "truth", "[log.truth]")
+    if topics.imu and log.imu is not None:
+        outboxes.append(_imu(topics.imu.topic, log.imu))
+    if topics.fixes and log.fixes is not None:
+        outboxes.append(_fixes(topics.fixes.topic, log.fixes))
+    if truth and log.truth is not None:
         outboxes.append(_poses(truth.topic, log.truth.poses))
         if truth.source_topic:
             outboxes.append(_text(truth.source_topic, log.truth.poses.stamps[:1], log.truth.source))
-        if log.truth.twists is not None:
-            topic = mapped(truth.twist, "true twist", "twist in [log.truth]")
-            outboxes.append(_twists(topic, log.truth.twists))
-        if log.truth.tracks is not None:
-            topic = mapped(truth.tracks, "true track speeds", "tracks in [log.truth]")
-            tracks = mapped(topics.tracks, "track speeds", "[log.tracks]")
-            outboxes.append(_joint_states(topic, log.truth.tracks, tracks, radius))
+        if truth.twist and log.truth.twists is not None:
+            outboxes.append(_twists(truth.twist, log.truth.twists))
+        if tracks and truth.tracks and log.truth.tracks is not None:
+            outboxes.append(_joint_states(truth.tracks, log.truth.tracks, tracks, radius))
     return outboxes
+
+
+def _mapping(log: Log, topics: TopicMap) -> _Outbox:
+    """The mapping of those streams that the log has."""
+    used = TopicMap(
+        topics.tracks,
+        topics.imu if log.imu is not None else None,
+        topics.fixes if log.fixes is not None else None,
+        topics.truth if log.truth is not None else None,
+    )
+    return _text(MAPPING_TOPIC, np.array([log.start]), msgspec.json.encode(used).decode())
 
 
 def _text(topic: str, stamps: Stamps, text: str) -> _Outbox:
@@ -175,11 +198,6 @@ def _text(topic: str, stamps: Stamps, text: str) -> _Outbox:
 def _joint_states(
     topic: str, tracks: TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
 ) -> _Outbox:
-    if not mapped.left:
-        raise ReplayError(
-            f"topic {mapped.topic!r}: track speeds are written as JointState, which needs the "
-            "joint names left and right in [log.tracks]"
-        )
     names = [*mapped.left, *mapped.right]
     sides = [0] * len(mapped.left) + [1] * len(mapped.right)
     # rosbags serialises contiguous rows only.
@@ -342,17 +360,26 @@ class _Messages:
 def _write(path: Path, kind: Format, outboxes: list[_Outbox], *, overwrite: bool) -> Path:
     for outbox in outboxes:
         _check_stamps(outbox)
+    path = _bag_path(path, kind)
     if kind == "ros1":
-        path = path if path.suffix == ".bag" else path.with_name(f"{path.name}.bag")
         opened = _ros1_writer
     else:
         opened = partial(_ros2_writer, plugin=PLUGINS[kind], bare=path.suffix == SUFFIXES[kind])
     try:
-        with written_beside(path, overwrite=overwrite) as new, opened(new) as (writer, messages):
+        with (
+            written_beside(path, overwrite=overwrite, starts=MAGICS) as new,
+            opened(new) as (writer, messages),
+        ):
             _send(outboxes, writer, messages)
     except (OSError, rosbag1.WriterError, rosbag2.WriterError) as problem:
         raise ReplayError(f"{path}: cannot be written: {problem}") from problem
     return path
+
+
+def _bag_path(path: Path, kind: Format) -> Path:
+    if kind != "ros1" or path.suffix == ".bag":
+        return path
+    return path.with_name(f"{path.name}.bag")
 
 
 def _send(outboxes: list[_Outbox], writer: Any, messages: _Messages) -> None:

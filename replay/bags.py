@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,7 +39,14 @@ from replay.streams import (
     track_readers,
     twist_row,
 )
-from replay.topics import FixTopic, TopicMap, TrackTopic, TruthTopic, topic_map
+from replay.topics import (
+    MAPPING_TOPIC,
+    FixTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+    topic_map,
+)
 
 NO_HEADING_VARIANCE = 1e3
 """Yaw variance [rad²] from which on a fix is taken to have no heading."""
@@ -52,9 +60,9 @@ def read_log(path: Path | str, robot: Robot, *, topics: TopicMap | None = None) 
     was lost.
 
     Args:
-        path: the bag.
+        path: the bag. If it holds its own mapping (see `write_log`), that is used and noted.
         robot: the robot, for its topic mapping and its sprocket radius and gauge.
-        topics: a mapping to use instead of the robot file's.
+        topics: a mapping to use instead of the robot file's and the bag's.
 
     Returns:
         The log, named after the file. Where the mapping has no track speeds, they are empty.
@@ -66,7 +74,14 @@ def read_log(path: Path | str, robot: Robot, *, topics: TopicMap | None = None) 
     """
     path = Path(path)
     mapping = topics if topics is not None else topic_map(robot, f"robot {robot.name!r}")
-    return over_bag(path, lambda bag: _Reading(path, robot, mapping, bag).log())
+
+    def work(bag: Bag) -> Log:
+        reading = _Reading(path, robot, mapping, bag)
+        if topics is None:
+            reading.use_own_mapping()
+        return reading.log()
+
+    return over_bag(path, work)
 
 
 @dataclass
@@ -77,6 +92,22 @@ class _Reading:
     bag: Bag
     dropped: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+
+    def use_own_mapping(self) -> None:
+        """Take the mapping that the bag holds, if it holds one, in place of the robot file's."""
+        if all(channel.topic != MAPPING_TOPIC for channel in self.bag.counts):
+            return
+        text = self._first_text(MAPPING_TOPIC)
+        if text is None:
+            return
+        try:
+            self.topics = msgspec.json.decode(text, type=TopicMap)
+        except msgspec.DecodeError as problem:
+            self.notes.append(f"topic {MAPPING_TOPIC!r} cannot be read: {problem}")
+        else:
+            self.notes.append(
+                f"topics as the bag itself names them ({MAPPING_TOPIC}), not as the robot file does"
+            )
 
     def log(self) -> Log:
         streams = self._gather()
@@ -253,14 +284,21 @@ class _Reading:
     def _truth_source(self, mapped: TruthTopic) -> str:
         """What the truth is: as the bag says, as the mapping says, or else its topic."""
         if mapped.source_topic:
-            for record in self.bag.messages([mapped.source_topic]):
-                if record.channel.msgtype != STRING:
-                    break
-                try:
-                    return str(decoder(record.channel, str(self.path))(record.data).data)
-                except Exception as problem:
-                    self.notes.append(f"topic {mapped.source_topic!r} cannot be read: {problem}")
+            text = self._first_text(mapped.source_topic)
+            if text is not None:
+                return text
         return mapped.source or mapped.topic
+
+    def _first_text(self, topic: str) -> str | None:
+        """The first std_msgs/String on a topic that can be read, or None."""
+        for record in self.bag.messages([topic]):
+            if record.channel.msgtype != STRING:
+                break
+            try:
+                return str(decoder(record.channel, str(self.path))(record.data).data)
+            except Exception as problem:
+                self.notes.append(f"topic {topic!r} cannot be read: {problem}")
+        return None
 
     def _twists(self, stream: Stream) -> TwistSeries | None:
         stamps, rows = stream.arrays()

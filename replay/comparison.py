@@ -14,6 +14,7 @@ from estimator.robot import Robot
 from estimator.run import Run, run
 from estimator.scores import interpolate_poses
 from estimator.settings import Settings
+from estimator.smoother import smooth as smooth_run
 from estimator.variants import VARIANTS, find_variant, motion_model
 from replay.fixes import LogPart, with_fixes_within
 from replay.truth_alignment import TruthAlignment, align_truth
@@ -34,7 +35,8 @@ class Comparison:
 
     Attributes:
         log: what was run, with the fixes that were used and the truth as it was scored.
-        runs: by name of the variant, in the order asked for.
+        runs: by name of the variant, in the order asked for; then the smoothed ones, if asked for, as
+            "inertia-online-smoothed".
         alignment: what was taken out of a logged truth; None for a simulated one, or none.
     """
 
@@ -50,6 +52,7 @@ def compare(
     *,
     settings: Settings | None = None,
     fixes: LogPart | None = None,
+    smooth: bool = False,
     workers: int = 1,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -66,6 +69,7 @@ def compare(
         settings: of the pose estimator.
         fixes: part of the log in which fixes are used, see `replay.fixes`; None for all that the log
             has as such.
+        smooth: whether each run is smoothed, too, see `estimator.smoother`.
         workers: processes to spread the variants over; 1 runs them here.
         executor: anything with that interface to run the variants on instead, such as
             `dask.distributed.Client(address).get_executor()` (extra `cluster`).
@@ -89,14 +93,16 @@ def compare(
     if log.truth is not None:
         start = _pose_at(log.truth, log.start)
         sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
-    task = _Task(log, robot, settings, start, sigma)
+    task = _Task(log, robot, settings, start, sigma, smooth)
     if executor is not None:
         runs = _on_executor(task, variants, executor, progress)
     elif workers > 1 and len(variants) > 1:
         runs = _in_processes(task, variants, workers, progress)
     else:
         runs = _here(task, variants, progress)
-    return Comparison(log, {one.variant: one for one in runs}, alignment)
+    # First all that were filtered, then all that were smoothed.
+    kinds = zip(*runs, strict=True)
+    return Comparison(log, {one.variant: one for kind in kinds for one in kind}, alignment)
 
 
 def _pose_at(truth: Truth, stamp: int) -> tuple[float, float, float]:
@@ -111,11 +117,13 @@ class _Task:
     settings: Settings | None
     start: tuple[float, float, float]
     start_sigma: tuple[float, float, float]
+    smooth: bool
 
-    def run(self, variant: str, progress: Progress) -> Run:
+    def run(self, variant: str, progress: Progress) -> tuple[Run, ...]:
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
+        runner = smooth_run if self.smooth else run
         # The truth is not the filter's business.
-        return run(
+        found = runner(
             replace(self.log, truth=None),
             self.robot,
             variant,
@@ -124,9 +132,10 @@ class _Task:
             start_sigma=self.start_sigma,
             progress=lambda stamp: progress((stamp - begin) / length),
         )
+        return (found,) if isinstance(found, Run) else found
 
 
-def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[Run]:
+def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[tuple[Run, ...]]:
     def share_of(index: int) -> Progress:
         def report(done: float) -> None:
             if progress is not None:
@@ -137,13 +146,13 @@ def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> li
     return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
 
 
-def _run_quietly(task: _Task, variant: str) -> Run:
+def _run_quietly(task: _Task, variant: str) -> tuple[Run, ...]:
     return task.run(variant, lambda _: None)
 
 
 def _on_executor(
     task: _Task, variants: Sequence[str], executor: Executor, progress: Progress | None
-) -> list[Run]:
+) -> list[tuple[Run, ...]]:
     futures = [executor.submit(_run_quietly, task, variant) for variant in variants]
     runs = []
     for future in futures:
@@ -164,7 +173,7 @@ class _Worker:
         cls.task, cls.slots = task, slots
 
     @classmethod
-    def work(cls, index: int, variant: str) -> Run:
+    def work(cls, index: int, variant: str) -> tuple[Run, ...]:
         def report(done: float) -> None:
             cls.slots[index] = done
 
@@ -173,7 +182,7 @@ class _Worker:
 
 def _in_processes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
-) -> list[Run]:
+) -> list[tuple[Run, ...]]:
     context = multiprocessing.get_context("spawn")
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
     count = min(workers, len(variants))

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from estimator.smoother import SMOOTHED
 from replay.results import Results
 
 # Okabe and Ito's colours, which people with any colour vision can tell apart, and for the last a dark
@@ -26,6 +27,9 @@ COLOURS = {
 TRUTH_COLOUR = "black"
 # The variants whose uncertainty and indices are drawn.
 SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
+# Axes show at least so much, also of a robot that never moved [m, deg].
+LEAST_POSITION_ERROR = 1e-3
+LEAST_YAW_ERROR = 0.01
 
 
 def write_figure(path: Path, results: Results) -> None:
@@ -83,7 +87,13 @@ def _numbers(values: list[float | None]) -> Any:
 
 
 def _colour(name: str) -> str:
-    return COLOURS.get(name, "#009E73")
+    return COLOURS.get(name.removesuffix(SMOOTHED), "#009E73")
+
+
+def _style(name: str, *, bold: bool) -> str:
+    if name.endswith(SMOOTHED):
+        return ":"
+    return "-" if bold else "--"
 
 
 def _draw_paths(axes: Axes, results: Results) -> None:
@@ -111,7 +121,7 @@ def _draw_paths(axes: Axes, results: Results) -> None:
             one["y_m"],
             color=_colour(name),
             lw=1.6 if bold else 0.9,
-            ls="-" if bold else "--",
+            ls=_style(name, bold=bold),
             label=name,
         )
         axes.plot(one["x_m"][-1], one["y_m"][-1], "s", color=_colour(name), ms=6)
@@ -137,7 +147,12 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     for name, one in series["variants"].items():
         bold = name in detailed
         axes.plot(
-            time, one["position_error_m"], color=_colour(name), lw=1.6 if bold else 0.8, label=name
+            time,
+            one["position_error_m"],
+            color=_colour(name),
+            lw=1.6 if bold else 0.8,
+            ls=_style(name, bold=True),
+            label=name,
         )
     for name in detailed:
         bound = 3.0 * _numbers(series["variants"][name]["position_sigma_m"])
@@ -148,7 +163,7 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     top = max(float(np.nanmax(_numbers(one["position_error_m"]))) for one in shown)
     bound = max(3.0 * float(np.nanmax(_numbers(one["position_sigma_m"]))) for one in shown)
     # Bounds may run away in a hole of the log; the picture is of the errors.
-    axes.set_ylim(0.0, 1.15 * max(top, min(bound, 2.5 * top)))
+    axes.set_ylim(0.0, max(1.15 * max(top, min(bound, 2.5 * top)), LEAST_POSITION_ERROR))
     axes.set_ylabel("position error [m]")
     axes.legend(loc="upper left", ncols=2, fontsize=8)
 
@@ -166,7 +181,7 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
         axes.fill_between(time, -bound, bound, color=_colour(name), alpha=0.13, lw=0)
         top = max(top, float(np.nanmax(np.abs(error))))
         widest = max(widest, float(np.nanmax(bound)))
-    limit = 1.15 * max(top, min(widest, 5.0 * top))
+    limit = max(1.15 * max(top, min(widest, 5.0 * top)), LEAST_YAW_ERROR)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel("yaw error [deg]")
 

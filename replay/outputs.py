@@ -13,7 +13,11 @@ from replay.errors import ReplayError
 
 @contextmanager
 def written_beside(
-    path: Path, *, overwrite: bool = False, marker: str = "metadata.yaml"
+    path: Path,
+    *,
+    overwrite: bool = False,
+    marker: str = "metadata.yaml",
+    starts: tuple[bytes, ...] | None = None,
 ) -> Iterator[Path]:
     """A temporary path to write a file or a folder to, moved to `path` when the block ends well.
 
@@ -25,6 +29,8 @@ def written_beside(
         overwrite: whether what is there may be replaced.
         marker: a file that a folder must hold (or be empty) for it to be replaced, so that a
             mistyped path cannot wipe out anything else.
+        starts: first bytes, of which a file must have one (or be empty) for it to be replaced; None
+            for any file.
 
     Yields:
         The path to write to; nothing is there yet.
@@ -32,7 +38,7 @@ def written_beside(
     Raises:
         ReplayError: something is there and may not be replaced, or the file system refuses.
     """
-    _check_replaceable(path, overwrite, marker)
+    check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
@@ -41,7 +47,7 @@ def written_beside(
     try:
         new = scratch / path.name
         yield new
-        _check_replaceable(path, overwrite, marker)
+        check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
         _move(new, path, scratch / "replaced")
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
@@ -62,7 +68,14 @@ def _move(new: Path, path: Path, aside: Path) -> None:
         raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
 
 
-def _check_replaceable(path: Path, overwrite: bool, marker: str) -> None:
+def check_replaceable(
+    path: Path,
+    *,
+    overwrite: bool = False,
+    marker: str = "metadata.yaml",
+    starts: tuple[bytes, ...] | None = None,
+) -> None:
+    """Refuse to replace what must stay; arguments and errors as for `written_beside`."""
     if not path.exists():
         return
     if not overwrite:
@@ -72,3 +85,16 @@ def _check_replaceable(path: Path, overwrite: bool, marker: str) -> None:
             f"{path} is a folder without {marker}, so not one that icreckon wrote; "
             "it is not replaced, give another path"
         )
+    if path.is_file() and starts is not None and not _starts_so(path, starts):
+        raise ReplayError(
+            f"{path} is a file that icreckon did not write; it is not replaced, give another path"
+        )
+
+
+def _starts_so(path: Path, starts: tuple[bytes, ...]) -> bool:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(max(map(len, starts), default=1))
+    except OSError as problem:
+        raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
+    return not begin or begin.startswith(starts)

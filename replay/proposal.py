@@ -11,6 +11,7 @@ from estimator.log import Log
 from replay.mounting import Mounting
 from replay.topics import TopicMap
 
+FIRST_WORDS = "# Proposed by inspecting"
 FILL_IN = "# not in the log: fill in"
 
 
@@ -27,7 +28,7 @@ def robot_file_text(
         clocks_differ: whether header stamps of the topics come from clocks that are far apart.
     """
     lines = [
-        f"# Proposed by inspecting {path.name}: check every line.",
+        f"{FIRST_WORDS} {path.name}: check every line.",
         f"name = {_text(path.stem)}",
         "format = 1",
         "",

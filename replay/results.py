@@ -33,6 +33,7 @@ from estimator.scores import (
     velocity_errors,
     without_fixes,
 )
+from estimator.smoother import SMOOTHED
 from replay.comparison import Comparison
 
 FORMAT = 1
@@ -69,7 +70,7 @@ def summarise(
     """
     log = comparison.log
     scored = _scored_intervals(log)
-    reference = list(comparison.runs)[-1]
+    reference = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
     variants = {
         name: _clean(
             _scores(one, log, scored)

@@ -8,6 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from estimator.smoother import SMOOTHED
 from replay.results import Results
 
 # Heading, key, digits.
@@ -76,7 +77,8 @@ def _footnotes(results: Results) -> list[str]:
             )
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"]]
-    rejected = {name: one["rejected"] for name, one in results["variants"].items()}
+    filtered = _filtered(results["variants"])
+    rejected = {name: one["rejected"] for name, one in filtered.items()}
     for name, reasons in rejected.items():
         told = ", ".join(f"{count} x {what}" for what, count in reasons.items())
         if told:
@@ -84,11 +86,16 @@ def _footnotes(results: Results) -> list[str]:
     return lines
 
 
+def _filtered(variants: dict[str, Any]) -> dict[str, Any]:
+    """Those that do not know what comes."""
+    return {name: one for name, one in variants.items() if not name.endswith(SMOOTHED)}
+
+
 def _best(variants: dict[str, Any], keys: list[str]) -> dict[str, str]:
-    """The variant with the lowest value of each score; NEES has no lowest that is best."""
-    best = {}
+    """The filter with the lowest value of each score; NEES has no lowest that is best."""
+    best, filtered = {}, _filtered(variants)
     for key in keys:
-        known = {name: one[key] for name, one in variants.items() if one.get(key) is not None}
+        known = {name: one[key] for name, one in filtered.items() if one.get(key) is not None}
         if known and not key.startswith("nees"):
             best[key] = min(known, key=lambda name: float(known[name]))
     return best

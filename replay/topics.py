@@ -1,4 +1,8 @@
-"""The topic mapping: which topic of a bag is which stream, the `[log]` table of a robot file."""
+"""The topic mapping: which topic of a bag is which stream.
+
+It is the `[log]` table of a robot file. Where that cannot say all that a bag is written with, the bag
+itself holds its mapping, as JSON on `MAPPING_TOPIC`.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,11 @@ from estimator.robot import Robot
 from replay.errors import ReplayError
 
 Clock = Literal["header", "recording"]
+
+
+def _require_positive(name: str, value: float | None) -> None:
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be a positive number, found {value!r}")
 
 
 class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -104,6 +113,42 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("truth.tracks needs the joints left and right of tracks")
 
 
+# Where bags that are written keep what the robot's file does not say.
+DEFAULT_TRACKS = TrackTopic("/joint_states", ("left_track_joint",), ("right_track_joint",))
+DEFAULT_TRUTH = TruthTopic(
+    "/ground_truth/pose",
+    twist="/ground_truth/twist",
+    tracks="/ground_truth/joint_states",
+    source_topic="/ground_truth/source",
+)
+DEFAULT_TOPICS = TopicMap(
+    DEFAULT_TRACKS, ImuTopic("/imu/data_raw"), FixTopic("/fix/pose"), DEFAULT_TRUTH
+)
+MAPPING_TOPIC = "/icreckon/topics"
+
+
+def writable_topics(own: TopicMap) -> TopicMap:
+    """A mapping on which every stream can be written.
+
+    Args:
+        own: the robot file's mapping.
+
+    Returns:
+        The same, with `DEFAULT_TOPICS` for what it does not name and for track speeds without joint
+        names, which are written as JointState; `DEFAULT_TOPICS` altogether where two streams would
+        come to share a topic.
+    """
+    tracks = own.tracks if own.tracks is not None and own.tracks.left else DEFAULT_TRACKS
+    said = {} if own.truth is None else msgspec.structs.asdict(own.truth)
+    truth = msgspec.structs.replace(
+        DEFAULT_TRUTH, **{key: value for key, value in said.items() if value is not None}
+    )
+    full = TopicMap(tracks, own.imu or DEFAULT_TOPICS.imu, own.fixes or DEFAULT_TOPICS.fixes, truth)
+    names = [stream.topic for stream in (full.tracks, full.imu, full.fixes, truth) if stream]
+    names += [name for name in (truth.twist, truth.tracks, truth.source_topic) if name]
+    return full if len(set(names)) == len(names) else DEFAULT_TOPICS
+
+
 def topic_map(robot: Robot, source: str) -> TopicMap:
     """The `[log]` table of a robot file, checked.
 
@@ -115,8 +160,3 @@ def topic_map(robot: Robot, source: str) -> TopicMap:
         ReplayError: a misspelt key, a wrong type or a bad value.
     """
     return convert(robot.log, TopicMap, f"{source}: [log]", ReplayError)
-
-
-def _require_positive(name: str, value: float | None) -> None:
-    if value is not None and not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be a positive number, found {value!r}")

@@ -32,7 +32,6 @@ from simulation.recorded import Recorded, recorded_command
 EDGE_LOSS = 0.3125
 
 Share = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
-PositiveShare = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 Probability = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -78,7 +77,7 @@ def figure_eight(
     _rng: Generator,
     *,
     speed: Share = 0.5,
-    turn: PositiveShare = 0.25,
+    turn: Share = 0.25,
 ) -> Blends:
     """Full circles, left and right in turn, as long as `eta0` of the robot file makes them full.
 
@@ -86,14 +85,15 @@ def figure_eight(
         duration: seconds to fill.
         robot: gives max_track_speed, the gauge and eta0.
         speed: mean speed as a share of max_track_speed.
-        turn: half the difference of the tracks as a share of max_track_speed.
+        turn: half the difference of the tracks as a share of max_track_speed, not zero; right first
+            if negative.
     """
     top = robot.vehicle.max_track_speed
-    mean, half = speed * top, turn * top
+    mean, half = speed * top, abs(turn) * top
     lobe = np.pi * robot.vehicle.track_gauge * robot.indices.eta0 / half
     edge = blend_length(2.0 * half)
     lobe += EDGE_LOSS * edge
-    events, start, side = [], STANDSTILL, 1.0
+    events, start, side = [], STANDSTILL, 1.0 if turn > 0.0 else -1.0
     while True:
         events.append((start, mean - side * half, mean + side * half))
         ramp = blend_length(abs(mean) + half) if start == STANDSTILL else edge

@@ -179,7 +179,10 @@ def drive(
         try:
             loaded_contact = Contact(contact.soil, contact.geometry, body)
         except ValueError as error:
-            raise SimulationError(f"the vehicle cannot stand with its payload: {error}") from error
+            raise SimulationError(
+                f"the vehicle cannot stand with its payload: the centre of mass, {body.y_CM:.3f} m "
+                f"forward and {-body.x_CM:.3f} m left, lies outside the contact"
+            ) from error
         absolute = np.array(
             [SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW], dtype=float
         )

@@ -16,6 +16,7 @@ from estimator.errors import nearest_hint
 from estimator.robot import Robot
 from simulation.encoders import DROPOUT_READINGS, EncoderErrors
 from simulation.errors import SimulationError
+from simulation.field_types import settle_types
 from simulation.fixes import FixErrors
 from simulation.inertial import InertialErrors
 
@@ -37,7 +38,8 @@ POSITIVE = ("dropout_duration", "bias_instability_time", "range")
 
 
 def _check(spec: msgspec.Struct) -> None:
-    """Refuse a figure that is negative, infinite or NaN, or zero where that makes no sense."""
+    """Refuse a wrong type, a figure that is negative, infinite or NaN, or zero without sense."""
+    settle_types(spec)
     for name in spec.__struct_fields__:
         value = getattr(spec, name)
         if value is None or isinstance(value, str):

@@ -17,6 +17,8 @@ from simulation.errors import SimulationError
 from simulation.sampling import Floats
 
 COLUMNS = ("t", "left", "right")
+# A recording longer than this has its times in another unit than seconds [s].
+LONGEST = 1e6
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,8 @@ def recorded_command(series: TrackSpeedSeries, factor: float) -> Recorded:
         factor: on its speeds [-].
 
     Raises:
-        SimulationError: fewer than two samples, a number that is not finite, or times that do not
-            rise.
+        SimulationError: fewer than two samples, a number that is not finite, times that do not rise,
+            or a span of them beyond all reason.
     """
     _check_samples(
         np.asarray(series.stamps * NANOSECOND), series.speeds, "the recorded track speeds"
@@ -85,25 +87,31 @@ def read_recording(path: Path) -> TrackSpeedSeries:
             columns are passed over.
 
     Raises:
-        SimulationError: no such file, no text, a missing column, a cell that is no finite number,
-            times that do not rise, or fewer than two samples.
+        SimulationError: no such file, no text, a missing or repeated column, a cell that is no finite
+            number, times that do not rise or are not in seconds, or fewer than two samples.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file) if row]
     except FileNotFoundError:
         raise SimulationError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise SimulationError(f"{path}: is a folder; give the CSV file itself") from None
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         raise SimulationError(f"{path}: cannot be read as CSV: {problem}") from None
     if not rows:
         raise SimulationError(f"{path}: is empty; it needs the columns {', '.join(COLUMNS)}")
     names = [name.strip() for name in rows[0]]
+    if len(names) == 1 and ";" in names[0]:
+        raise SimulationError(f"{path}: has semicolons between its columns; write commas")
     for column in COLUMNS:
         if column not in names:
             raise SimulationError(
                 f"{path}: no column {column!r} in its first line; found "
                 f"{', '.join(map(repr, names))}{nearest_hint(column, names)}"
             )
+        if names.count(column) > 1:
+            raise SimulationError(f"{path}: has {names.count(column)} columns {column!r}; keep one")
     places = [names.index(column) for column in COLUMNS]
     table = np.array(
         [_numbers(row, places, f"{path}: row {number}") for number, row in enumerate(rows[1:], 1)]
@@ -129,6 +137,11 @@ def _check_samples(times: Floats, speeds: Floats, source: str) -> None:
     bad = ~(np.isfinite(times) & np.isfinite(speeds).all(axis=1))
     if bad.any():
         raise SimulationError(f"{source}: a number of row {bad.argmax() + 1} is not finite")
+    if np.ptp(times) > LONGEST:
+        raise SimulationError(
+            f"{source}: t spans {np.ptp(times):.3g} s, {np.ptp(times) / 86400.0:.3g} days; is it in "
+            "seconds?"
+        )
     stays = np.diff(times) < NANOSECOND
     if stays.any():
         at = int(stays.argmax())

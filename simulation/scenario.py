@@ -15,6 +15,7 @@ from estimator.log import Log, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
 from estimator.robot import Indices, Robot
 from simulation.encoders import read_tracks
 from simulation.errors import SimulationError
+from simulation.field_types import settle_types
 from simulation.fixes import read_fixes
 from simulation.inertial import read_imu
 from simulation.noise import (
@@ -30,7 +31,12 @@ from simulation.noise import (
 from simulation.recorded import read_recording
 from simulation.sampling import Floats, sample_times, to_stamps
 from simulation.terrain import Patch, Payload
-from simulation.trajectories import check_trajectory, make_trajectory
+from simulation.trajectories import (
+    check_trajectory,
+    make_trajectory,
+    trajectory_names,
+    trajectory_options,
+)
 from simulation.truth import DEFAULT_SPREAD, TrueMotion, TruthModel
 from simulation.truths import make_truth
 
@@ -38,8 +44,16 @@ from simulation.truths import make_truth
 # two for each IMU sample where HIGHEST_GRID allows.
 LOWEST_GRID = 200.0
 HIGHEST_GRID = 1000.0
-# More samples of one sensor than this are taken for a slip of the pen.
-MOST_SAMPLES = 2e7
+# What is beyond these is taken for a slip of the pen: no such sensor samples as often [Hz]; and so
+# many samples of one sensor, or points of the true motion, take minutes and gigabytes.
+HIGHEST_RATE = 1e4
+MOST_SAMPLES = 5e6
+# A track or index that is off by more than its own size is another robot.
+LARGEST_SPREAD = 1.0
+# NumPy takes larger ones, TOML and most other programs do not.
+LARGEST_SEED = 2**63 - 1
+TRAJECTORY_FILE = "trajectory_file"
+RATES = ("track_rate", "imu_rate", "truth_rate", "fix_rate")
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -72,7 +86,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         fixes: figures that replace those of the preset.
 
     Raises:
-        SimulationError: an unknown name, or a number that makes no sense.
+        SimulationError: a wrong type, an unknown name, or a number that makes no sense.
     """
 
     trajectory: str = "random"
@@ -99,21 +113,22 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     fixes: FixSpec = FixSpec()
 
     def __post_init__(self) -> None:
+        settle_types(self)
         check_trajectory(self.trajectory, self.trajectory_options, self.trajectory_file)
         self.make_truth()
         noise_preset(self.noise)
         for name in ("duration", "track_rate", "imu_rate", "truth_rate"):
             self._require(name, positive=True)
-        for name in ("truth_spread", "slip_noise", "track_lag", "fix_rate", "seed"):
+        for name in ("truth_spread", "slip_noise", "track_lag", "fix_rate"):
             if getattr(self, name) is not None:
                 self._require(name, positive=False)
-        for name in ("track_rate", "imu_rate", "truth_rate", "fix_rate"):
-            samples = getattr(self, name) * self.duration
-            if samples > MOST_SAMPLES:
-                raise SimulationError(
-                    f"{name} = {getattr(self, name)!r} Hz over {self.duration!r} s makes {samples:.0g} "
-                    f"samples, more than {MOST_SAMPLES:.0g}; lower the rate or the duration"
-                )
+        if self.truth_spread > LARGEST_SPREAD:
+            raise SimulationError(
+                f"truth_spread is relative (0.15 is 15 %) and must be at most {LARGEST_SPREAD:g}, "
+                f"found {self.truth_spread!r}"
+            )
+        _check_whole("seed", self.seed)
+        self._check_samples()
         for start, end in self.outages:
             if not start < end:
                 raise SimulationError(
@@ -135,6 +150,23 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             patches=self.patches,
             payloads=self.payloads,
         )
+
+    def _check_samples(self) -> None:
+        rates = [(f"{name} = {getattr(self, name)!r} Hz", getattr(self, name)) for name in RATES]
+        for told, rate in rates:
+            if rate > HIGHEST_RATE:
+                raise SimulationError(
+                    f"{told} is more than any such sensor has; give at most {HIGHEST_RATE:.0f} Hz"
+                )
+        grid = grid_rate(self.imu_rate)
+        rates.append((f"the true motion at {grid:.0f} Hz (of imu_rate = {self.imu_rate!r})", grid))
+        for told, rate in rates:
+            samples = rate * self.duration
+            if samples > MOST_SAMPLES:
+                raise SimulationError(
+                    f"{told} over {self.duration!r} s makes {samples:.2g} samples, more than "
+                    f"{MOST_SAMPLES:.2g}; lower the rate or the duration"
+                )
 
     def _require(self, name: str, *, positive: bool) -> None:
         value = getattr(self, name)
@@ -179,7 +211,13 @@ class Streams(NamedTuple):
 
 
 def random_streams(seed: int, run_index: int = 0) -> Streams:
-    """The random streams of a run, from the study's seed and the run's index and nothing else."""
+    """The random streams of a run, from the study's seed and the run's index and nothing else.
+
+    Raises:
+        SimulationError: one of the two is no whole number from 0 to `LARGEST_SEED`.
+    """
+    _check_whole("seed", seed)
+    _check_whole("run_index", run_index)
     children = SeedSequence([seed, run_index]).spawn(len(Streams._fields))
     return Streams(*(np.random.default_rng(child) for child in children))
 
@@ -203,7 +241,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
-    """A scenario with some of its keys changed; another trajectory drops the options of the old one.
+    """A scenario with some of its keys changed; another trajectory drops its `lost_options`.
 
     Args:
         scenario: what to start from.
@@ -214,9 +252,21 @@ def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) ->
         SimulationError: a misspelt key, a wrong type or a bad value.
     """
     data: dict[str, Any] = msgspec.to_builtins(scenario)
-    if changes.get("trajectory", scenario.trajectory) != scenario.trajectory:
-        data |= {"trajectory_options": {}, "trajectory_file": None}
+    lost = lost_options(scenario, changes)
+    options = scenario.trajectory_options
+    data["trajectory_options"] = {name: options[name] for name in options if name not in lost}
+    if TRAJECTORY_FILE in lost:
+        data[TRAJECTORY_FILE] = None
     return convert(_merged(data, changes), Scenario, source, SimulationError)
+
+
+def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
+    """What `change_scenario` drops: options that another trajectory has not, and trajectory_file."""
+    old, new = scenario.trajectory, changes.get("trajectory", scenario.trajectory)
+    if new == old or new not in trajectory_names():
+        return []
+    lost = [name for name in scenario.trajectory_options if name not in trajectory_options(new)]
+    return lost if scenario.trajectory_file is None else [*lost, TRAJECTORY_FILE]
 
 
 def simulate(
@@ -239,7 +289,7 @@ def simulate(
 
     Raises:
         SimulationError: speeds beyond the robot's max_track_speed, a trajectory_file that cannot be
-            read, or what the truth refuses.
+            read, no `Robot`, a bad run_index, or what the truth refuses.
     """
     return run_scenario(scenario, robot, run_index=run_index, recording=recording).log
 
@@ -252,6 +302,8 @@ def run_scenario(
     recording: TrackSpeedSeries | None = None,
 ) -> Simulation:
     """A simulated run, with what no sensor shows; arguments and errors as for `simulate`."""
+    if not isinstance(robot, Robot):
+        raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
     streams = random_streams(scenario.seed, run_index)
     duration = scenario.duration
     if scenario.trajectory_file is not None:
@@ -317,6 +369,13 @@ def grid_rate(imu_rate: float) -> float:
     wanted = max(2.0 * imu_rate, LOWEST_GRID)
     points = np.ceil(wanted / imu_rate)
     return float(imu_rate * max(1.0, min(points, np.floor(HIGHEST_GRID / imu_rate))))
+
+
+def _check_whole(name: str, value: int) -> None:
+    if not (isinstance(value, int | np.integer) and 0 <= value <= LARGEST_SEED):
+        raise SimulationError(
+            f"{name} must be a whole number from 0 to {LARGEST_SEED}, found {value!r}"
+        )
 
 
 def _merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from estimator.contact import Body
 from estimator.frames import rep103_to_paper
 from estimator.kinematics import GRAVITY
 from simulation.errors import SimulationError
+from simulation.field_types import settle_types
 
 Floats = NDArray[np.float64]
 
@@ -33,11 +34,13 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         onset: time over which it begins and ends [s].
         friction: coefficient of friction, across and along the track [-].
         rolling_resistance: [-].
-        slope_deg: steepness of the plane [deg].
-        uphill_deg: direction in which it rises, in odom, 0 for x and 90 for y [deg].
+        slope_deg: steepness of the plane [deg]; with it comes its direction.
+        uphill_deg: direction in which it rises, in odom, 0 for x and 90 for y [deg]; only with
+            slope_deg, and 0 where left out.
 
     Raises:
-        SimulationError: a number that makes no sense.
+        SimulationError: a wrong type, a number that makes no sense, uphill_deg without slope_deg, or
+            nothing that differs.
     """
 
     x: tuple[float, float] = EVERYWHERE
@@ -48,9 +51,10 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     friction: float | None = None
     rolling_resistance: float | None = None
     slope_deg: float | None = None
-    uphill_deg: float = 0.0
+    uphill_deg: float | None = None
 
     def __post_init__(self) -> None:
+        settle_types(self)
         for name in ("x", "y", "time"):
             low, high = getattr(self, name)
             if not low < high:
@@ -68,13 +72,23 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             raise SimulationError(
                 f"friction of a patch must be a positive number, found {self.friction!r}"
             )
-        if self.slope_deg is not None and not abs(self.slope_deg) <= STEEPEST:
+        if self.slope_deg is not None and not 0.0 <= self.slope_deg <= STEEPEST:
             raise SimulationError(
-                f"slope_deg of a patch must lie within {STEEPEST:g} degrees, found {self.slope_deg!r}"
+                f"slope_deg of a patch must lie between 0 and {STEEPEST:g} degrees, found "
+                f"{self.slope_deg!r}; uphill_deg says in which direction it rises"
             )
-        if not np.isfinite(self.uphill_deg):
+        if self.uphill_deg is not None:
+            if not np.isfinite(self.uphill_deg):
+                raise SimulationError(
+                    f"uphill_deg of a patch must be a finite number, found {self.uphill_deg!r}"
+                )
+            if self.slope_deg is None:
+                raise SimulationError(
+                    f"a patch has uphill_deg = {self.uphill_deg!r} but no slope_deg; give both"
+                )
+        if self.friction is None and self.rolling_resistance is None and self.slope_deg is None:
             raise SimulationError(
-                f"uphill_deg of a patch must be a finite number, found {self.uphill_deg!r}"
+                "a patch changes nothing; give it friction, rolling_resistance or slope_deg"
             )
 
 
@@ -87,7 +101,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         position: x forward, y left, z up of its centre of mass in base_link [m].
 
     Raises:
-        SimulationError: a number that makes no sense.
+        SimulationError: a wrong type, or a number that makes no sense.
     """
 
     time: tuple[float, float]
@@ -95,6 +109,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     position: tuple[float, float, float] = (0.0, 0.0, 0.3)
 
     def __post_init__(self) -> None:
+        settle_types(self)
         if not self.time[0] < self.time[1]:
             raise SimulationError(
                 "time of a payload must rise from its first to its second value, "
@@ -121,7 +136,7 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
         downhill = (nothing, nothing)
         if patch.slope_deg is not None:
             size = -GRAVITY * np.sin(np.radians(patch.slope_deg))
-            uphill = np.radians(patch.uphill_deg)
+            uphill = np.radians(patch.uphill_deg or 0.0)
             downhill = (float(size * np.cos(uphill)), float(size * np.sin(uphill)))
         rows.append(
             (

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Protocol, get_type_hints
+from typing import Any, Protocol, get_type_hints
 
 import msgspec
 import numpy as np
@@ -67,6 +67,8 @@ TRAJECTORIES: dict[str, Maker] = {
     "aggressive": aggressive,
     "stop-and-go": stop_and_go,
 }
+# Options of which the first must not be more than the second.
+ORDERED = {"arcs": ("tightest", "widest"), "slalom": ("lowest", "highest")}
 
 
 def trajectory_names() -> list[str]:
@@ -96,7 +98,8 @@ def check_trajectory(
 
     Raises:
         SimulationError: no trajectory has that name, or this one has no such option (says which is
-            nearest); a value that is not allowed; a recording for a trajectory that takes none.
+            nearest); a value that is not allowed, alone or beside the others; a recording for a
+            trajectory that takes none.
     """
     if name not in trajectory_names():
         raise SimulationError(
@@ -123,6 +126,7 @@ def check_trajectory(
             raise SimulationError(
                 f"option {option!r} of trajectory {name!r} must be finite, found {value!r}"
             )
+    _check_together(name, {**trajectory_options(name), **options})
 
 
 def make_trajectory(
@@ -164,6 +168,26 @@ def make_trajectory(
             f"{top!r} m/s of {robot.name!r}; lower {' or '.join(_speed_options(name))}"
         )
     return command
+
+
+def _check_together(name: str, options: Mapping[str, Any]) -> None:
+    """Refuse options that contradict each other."""
+    if name in ORDERED:
+        low, high = ORDERED[name]
+        if options[low] > options[high]:
+            raise SimulationError(
+                f"trajectory {name!r}: {low} = {options[low]!r} is more than {high} = "
+                f"{options[high]!r}; give both, the smaller one as {low}"
+            )
+    if name == "random" and options["reverse"] + options["stop"] > 1.0:
+        raise SimulationError(
+            "trajectory 'random': reverse and stop are shares of all manoeuvres, together at most 1, "
+            f"found {options['reverse']!r} and {options['stop']!r}"
+        )
+    if name == "figure-eight" and options["turn"] == 0.0:
+        raise SimulationError(
+            "option 'turn' of trajectory 'figure-eight' cannot be 0.0: no circle would close"
+        )
 
 
 def _maker(name: str) -> Maker:

@@ -52,6 +52,6 @@ def make_truth(
     unknown = [key for key in given if key not in TRUTHS[name].__dataclass_fields__]
     if unknown:
         raise SimulationError(
-            f"the {name} truth has no {' and no '.join(unknown)}; use truth = 'friction'"
+            f"the {name} truth knows no {' or '.join(unknown)}; use truth = 'friction'"
         )
     return TRUTHS[name](spread=spread, **given)

@@ -1,21 +1,33 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from msgspec.structs import replace as replace_fields
 
 from conftest import make_log
 from estimator.frames import wrap_angle
 from estimator.log import ImuSeries, Log, PoseSeries
-from estimator.robot import Robot, Vehicle
+from estimator.robot import Robot, Vehicle, load_robot
 from estimator.trajectory import Trajectory
-from replay.bag_writer import write_log, write_odometry
+from replay.bag_writer import check_place, write_log, write_odometry
 from replay.bags import read_log
 from replay.errors import ReplayError
+from replay.topics import (
+    DEFAULT_TOPICS,
+    FixTopic,
+    ImuTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+    topic_map,
+    writable_topics,
+)
 
 FORMATS = ["mcap", "sqlite3", "ros1"]
 
@@ -137,10 +149,66 @@ def _late(log: Log):
     return stamps, log.truth.poses.poses
 
 
-def test_a_stream_without_a_topic_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("name", ["jackal", "marmotte", "warthog", "wetexplorer"])
+def test_any_robot_s_log_comes_back_as_it_was_written(tmp_path: Path, form, name) -> None:
+    robot, log = load_robot(name), make_log(1.0)
+    found = read_log(write_log(log, tmp_path / "bag", form, robot), robot)
+    assert_same(found, log, robot.vehicle.sprocket_radius)
+    assert found.truth.source == log.truth.source
+    assert found.notes == (
+        "topics as the bag itself names them (/icreckon/topics), not as the robot file does",
+    )
+
+
+def test_a_mapping_in_the_bag_names_only_what_the_log_has(tmp_path: Path) -> None:
     robot = Robot("bare", Vehicle(1.0, 1.0, 0.1))
-    with pytest.raises(ReplayError, match=r"add \[log.tracks\]"):
-        write_log(make_log(1.0), tmp_path / "bag", "mcap", robot)
+    log = replace(make_log(1.0), fixes=None, truth=None)
+    path = write_log(log, tmp_path / "bag", "mcap", robot)
+    assert len(read_log(path, robot).notes) == 1
+    explicit = read_log(path, robot, topics=DEFAULT_TOPICS)
+    np.testing.assert_array_equal(explicit.imu.stamps, log.imu.stamps)
+    assert not [note for note in explicit.notes if "/icreckon/topics" in note.split(";")[0]]
+
+
+def test_what_a_robot_file_does_not_map_goes_where_auriga_alpha_has_it(robot: Robot) -> None:
+    assert topic_map(robot, "file") == DEFAULT_TOPICS == writable_topics(TopicMap())
+    own = TopicMap(
+        TrackTopic("/odom", gauge=0.5),
+        ImuTopic("/imu/data", time="recording"),
+        FixTopic("/gps"),
+        TruthTopic("/lidar", source="lidar map"),
+    )
+    full = writable_topics(own)
+    assert (full.imu, full.fixes, full.tracks) == (own.imu, own.fixes, DEFAULT_TOPICS.tracks)
+    assert full.truth == replace_fields(DEFAULT_TOPICS.truth, topic="/lidar", source="lidar map")
+    # Two streams on one topic could not be told apart.
+    assert writable_topics(TopicMap(imu=ImuTopic("/joint_states"))) == DEFAULT_TOPICS
+
+
+def test_a_file_that_is_no_bag_is_never_replaced(tmp_path: Path, robot: Robot) -> None:
+    precious = tmp_path / "afile"
+    precious.write_text("a\n")
+    for write in (check_place, partial(write_log, make_log(1.0))):
+        with pytest.raises(ReplayError, match="that icreckon did not write; it is not replaced"):
+            write(precious, "mcap", robot, overwrite=True)
+    assert precious.read_text() == "a\n"
+    for form, name in (("mcap", "one.mcap"), ("sqlite3", "one.db3"), ("ros1", "one.bag")):
+        path = tmp_path / name
+        path.touch()
+        for seconds in (1.0, 2.0):
+            write_log(make_log(seconds), path, form, robot, overwrite=True)
+            assert len(read_log(path, robot).tracks.stamps) == 50 * seconds
+
+
+def test_what_cannot_be_written_is_refused_beforehand(tmp_path: Path, robot: Robot) -> None:
+    check_place(tmp_path / "run", "ros1", robot)
+    write_log(make_log(1.0), tmp_path / "run", "ros1", robot)
+    with pytest.raises(ReplayError, match=r"run\.bag exists already; give --overwrite"):
+        check_place(tmp_path / "run", "ros1", robot)
+    bad = Robot("bad", Vehicle(1.0, 1.0, 0.1), log={"tracks": {"topik": "/js"}})
+    with pytest.raises(ReplayError, match="did you mean 'topic'"):
+        check_place(tmp_path / "other", "mcap", bad)
 
 
 def test_messages_lie_in_the_order_of_their_stamps(tmp_path: Path, robot: Robot) -> None:

@@ -1,6 +1,8 @@
 """The command line from end to end, in processes of their own."""
 
 import json
+import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -191,6 +193,60 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
     same(made("recorded", *drive), simulate(recorded, robot))
 
 
+def test_another_trajectory_keeps_the_options_that_it_has_too(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text(
+        'trajectory = "slalom"\n[trajectory_options]\nspeed = 0.4\nhighest = 0.2\n'
+    )
+    words = ("--scenario", "run.toml", "--trajectory", "circle", "--duration", 10)
+    done = icreckon("simulate", "--out", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "dropped, as trajectory 'circle' has no such: highest" in done.stderr
+    log = read_log(tmp_path / "run", load_robot("auriga-alpha"))
+    assert log.truth is not None
+    assert log.truth.tracks is not None
+    assert log.truth.tracks.speeds[-1].mean() == pytest.approx(0.4, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["jackal", "wetexplorer"])
+def test_simulate_says_how_to_replay_and_that_works_for_any_robot(
+    name: str, tmp_path: Path
+) -> None:
+    words = ("--out", "my run", "--robot", name, "--duration", 20)
+    done = icreckon("simulate", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    command = done.stderr.strip().splitlines()[-1].partition("; next: icreckon ")[2]
+    assert command == f"replay 'my run' --robot {name}"
+    more = ("--variants", "constant-online", "--json", "--workers", 1)
+    replayed = icreckon(*shlex.split(command), *more, cwd=tmp_path)
+    assert replayed.returncode == 0, replayed.stderr
+    results = json.loads(replayed.stdout)
+    assert results["truth"]["source"] == "friction"
+    assert results["log"]["fixes"] == 21
+
+
+def test_a_standstill_is_drawn_without_a_warning(tmp_path: Path) -> None:
+    words = ("--duration", 2, "--fix-rate", 0, "--noise", "perfect", "--trajectory", "straight")
+    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    words = ("--robot", "auriga-alpha", "--workers", 1)
+    done = icreckon("replay", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+
+
+def test_help_cuts_nothing_at_80_columns(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "from icreckon.cli import main; main()", "simulate", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+        env=os.environ | {"COLUMNS": "80"},
+    )
+    assert "gyro.noise_density=0.001" in done.stdout
+    assert "--fix-heading-sigma" in done.stdout
+    assert "…" not in done.stdout
+
+
 def same(log: Log, other: Log) -> None:
     """Two logs agree, but for what a bag rounds."""
     assert log.imu is not None
@@ -254,6 +310,22 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     assert "no such file" in fails(*into_run, "--scenario", "missing.toml", cwd=tmp_path)
     assert "trajectory_file" in fails(*into_run, "--trajectory", "recorded", cwd=tmp_path)
     assert "as 100:300" in fails(*into_run, "--outage", "x", cwd=tmp_path)
+    (tmp_path / "short.toml").write_text("outages = [[100, 200]]\n")
+    words = ("--scenario", "short.toml", "--duration", 50)
+    assert "command line over short.toml: an outage" in fails(*into_run, *words, cwd=tmp_path)
+    big = 99999999999999999999999
+    assert "seed must be a whole number" in fails(*into_run, "--seed", big, cwd=tmp_path)
+    assert "recorded" not in fails("demo", "--trajectory", "foo", cwd=tmp_path)
+    assert "no trajectory of a demo" in fails("demo", "--trajectory", "recorded", cwd=tmp_path)
+    assert "give --identify" in fails("paper", "--seed", 3, cwd=tmp_path)
+    (tmp_path / "afile").write_text("a\n")
+    for words in (
+        ("simulate", "--out", "afile"),
+        ("demo", "--out", "afile"),
+        ("inspect", "run", "--write", "afile"),
+    ):
+        assert "did not write" in fails(*words, "--overwrite", cwd=tmp_path)
+    assert (tmp_path / "afile").read_text() == "a\n"
     assert "duration" in fails(*into_run, "--duration", "-1", cwd=tmp_path)
     assert "'auriga-alpha'" in fails(*into_run, "--robot", "auriga", cwd=tmp_path)
     words = (*into_run, "--duration", 10)

@@ -2,6 +2,7 @@
 
 import io
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -15,7 +16,7 @@ from estimator.variants import VARIANTS as ALL_VARIANTS
 from replay.comparison import Comparison, compare
 from replay.figures import COLOURS
 from replay.results import summarise
-from replay.tables import results_table
+from replay.tables import _best, results_table
 from simulation.scenario import Scenario, simulate
 
 VARIANTS = ["constant-fixed", "inertia-online"]
@@ -77,3 +78,29 @@ def test_by_default_all_variants_are_compared(robot: Robot) -> None:
     assert "…" not in printed
     assert set(COLOURS) == set(ALL_VARIANTS)
     assert len(set(COLOURS.values())) == len(COLOURS)
+
+
+def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(robot: Robot) -> None:
+    log = simulate(Scenario(duration=25.0, seed=4, outages=((8.0, 24.0),)), robot)
+    plain = compare(log, robot, VARIANTS)
+    comparison = compare(log, robot, VARIANTS, smooth=True)
+    smoothed = [f"{name}-smoothed" for name in VARIANTS]
+    assert list(comparison.runs) == [*VARIANTS, *smoothed]
+    same(plain, Comparison(log, {name: comparison.runs[name] for name in VARIANTS}, None))
+    results = summarise(comparison, robot, command="test", configuration={})
+    scores, before = results["variants"], summarise(plain, robot, command="test", configuration={})
+    assert {name: scores[name] for name in VARIANTS} == before["variants"]
+    assert (
+        scores["inertia-online-smoothed"]["rmse_v_y_m_s"] < scores["inertia-online"]["rmse_v_y_m_s"]
+    )
+    blind = Comparison(replace(log, truth=None), comparison.runs, None)
+    results = summarise(blind, robot, command="test", configuration={})
+    assert results["reference_variant"] == VARIANTS[-1]
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_the_best_of_the_table_is_one_that_does_not_know_what_comes(wanted: bool) -> None:
+    rows = {"a": {"x": 2.0}, "b": {"x": 3.0}, "b-smoothed": {"x": 1.0}}
+    if wanted:
+        del rows["b-smoothed"]
+    assert _best(rows, ["x"]) == {"x": "a"}

@@ -228,7 +228,7 @@ def test_an_array_that_the_driver_uses_again_does_not_change_the_past():
 def kept(estimator):
     """How many measurements and how many checkpoints are kept."""
     memory = estimator._history
-    return len(memory._measurements), len(memory._checkpoints)
+    return len(memory._events), len(memory._checkpoints)
 
 
 def test_the_history_is_bounded_by_its_time():

@@ -16,6 +16,7 @@ from simulation.scenario import (
     change_scenario,
     grid_rate,
     load_scenario,
+    lost_options,
     random_streams,
     run_scenario,
     simulate,
@@ -190,7 +191,22 @@ def test_outages_take_fixes_away():
         ({"fix_rate": -0.1}, "fix_rate must be zero or a positive number"),
         ({"fix_rate": float("inf")}, "fix_rate must be zero or a positive number"),
         ({"truth_spread": -0.1}, "truth_spread must be"),
-        ({"seed": -1}, "seed must be"),
+        ({"truth_spread": 1.5}, "truth_spread is relative .* at most 1, found 1.5"),
+        ({"seed": -1}, "seed must be a whole number from 0"),
+        ({"seed": 2**63}, "seed must be a whole number from 0 to 9223372036854775807"),
+        ({"truth_rate": 1e6, "duration": 1.0}, "truth_rate = 1000000.0 Hz is more than any such"),
+        ({"imu_rate": 1e5, "duration": 1.0}, "imu_rate = 100000.0 Hz is more than any such"),
+        ({"track_rate": 1e4, "duration": 600.0}, "track_rate = 10000.0 Hz over 600.0 s makes 6e"),
+        (
+            {"duration": 3e4},
+            "the true motion at 200 Hz .* makes 6e[+]06 samples, more than 5e[+]06",
+        ),
+        ({"duration": "20"}, "duration of a Scenario: Expected `float`, got `str`"),
+        ({"imu_rate": "a"}, "imu_rate of a Scenario: Expected `float`, got `str`"),
+        ({"seed": 1.5}, "seed of a Scenario: Expected `int`, got `float`"),
+        ({"patches": Patch(friction=0.5)}, "patches of a Scenario: Expected `array`, got `Patch`"),
+        ({"outages": (1, 2)}, "outages of a Scenario: Expected `array`, got `int`"),
+        ({"gyro": {"range": "a"}}, "gyro of a Scenario: Expected `float | null`, got `str`"),
         ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
         ({"outages": ((5.0, 400.0),)}, "an outage must lie within the run of 300.0 s"),
         ({"outages": ((-1.0, 4.0),)}, "an outage must lie within the run"),
@@ -201,6 +217,41 @@ def test_bad_scenarios_are_refused_in_one_line(values, message):
     with pytest.raises(SimulationError, match=message) as caught:
         Scenario(**values)
     assert "\n" not in str(caught.value)
+
+
+def test_long_runs_at_usual_rates_are_allowed():
+    Scenario(duration=3600.0, imu_rate=1000.0, track_rate=1000.0)
+    Scenario(duration=6 * 3600.0)
+
+
+def test_plain_data_takes_the_types_of_its_fields(tmp_path):
+    given = Scenario(
+        trajectory="recorded",
+        trajectory_file=tmp_path / "drive.csv",
+        duration=np.int64(20),
+        seed=np.int64(7),
+        outages=[[1, np.float64(2.5)]],
+        patches=[Patch(x=np.array([0, 1]), friction=np.float32(0.5))],
+    )
+    assert given == Scenario(
+        trajectory="recorded",
+        trajectory_file=str(tmp_path / "drive.csv"),
+        duration=20.0,
+        seed=7,
+        outages=((1.0, 2.5),),
+        patches=(Patch(x=(0.0, 1.0), friction=0.5),),
+    )
+    assert change_scenario(given, {}, "test") == given
+    with pytest.raises(SimulationError, match=r"sigma of a FixSpec: Expected `float \| null`"):
+        FixSpec(sigma="a")
+
+
+def test_what_is_no_robot_or_no_run_is_refused():
+    with pytest.raises(SimulationError, match=r"load it with load_robot\('auriga-alpha'\)"):
+        simulate(SHORT, "auriga-alpha")
+    for index in (-1, 0.5, 2**63):
+        with pytest.raises(SimulationError, match="run_index must be a whole number from 0"):
+            simulate(SHORT, ALPHA, run_index=index)
 
 
 def written(tmp_path, text):
@@ -256,6 +307,9 @@ def test_a_scenario_is_read_from_a_file(tmp_path):
         ("duration = -1", "duration must be a positive number, found -1.0"),
         ("trajectory = 'spin'\n[trajectory_options]\nsped = 1", "did you mean 'speed'?"),
         ("[trajectory_options]\nhold = 'x'", "Expected `float`, got `str` - at `$.trajectory_opt"),
+        ("[[patches]]", "a patch changes nothing"),
+        ("[[patches]]\nuphill_deg = 90", "has uphill_deg = 90.0 but no slope_deg"),
+        ("seed = 99999999999999999999999", "seed must be a whole number from 0"),
         ("outages = [[1, 2, 3]]", "Expected `array` of length 2"),
         ("duration 3", "not a valid TOML file"),
     ],
@@ -288,6 +342,16 @@ def test_changes_go_over_a_scenario_key_by_key():
     assert change_scenario(base, {}, "test") == base
     other = change_scenario(base, {"trajectory": "random"}, "test")
     assert other == Scenario(gyro=InertialSpec(range=3.0))
+    # Options that the other trajectory has, too, stay.
+    change = {"trajectory": "slalom", "trajectory_options": {"highest": 0.2}}
+    assert lost_options(base, change) == []
+    assert change_scenario(base, change, "test").trajectory_options == {"turn": 0.1, "highest": 0.2}
+    assert lost_options(base, {"trajectory": "random"}) == ["turn"]
+    drive = Scenario(
+        trajectory="recorded", trajectory_file="a.csv", trajectory_options={"factor": 0.5}
+    )
+    assert lost_options(drive, {"trajectory": "random"}) == ["factor", "trajectory_file"]
+    assert change_scenario(drive, {"trajectory": "random"}, "test") == Scenario()
     with pytest.raises(SimulationError, match=r"test: unknown key 'bias' in \[gyro\]"):
         change_scenario(base, {"gyro": {"bias": 1.0}}, "test")
 
@@ -383,11 +447,11 @@ def test_a_payload_and_a_patch_change_the_motion_from_when_they_come():
 
 
 def test_the_kinematic_truth_refuses_what_it_does_not_know():
-    with pytest.raises(SimulationError, match="kinematic truth has no patches and no payloads"):
+    with pytest.raises(SimulationError, match="kinematic truth knows no patches or payloads"):
         Scenario(
             truth="kinematic",
             patches=(Patch(friction=0.5),),
             payloads=(Payload(time=(0.0, 1.0), mass=1.0),),
         )
-    with pytest.raises(SimulationError, match="kinematic truth has no track_lag"):
+    with pytest.raises(SimulationError, match="kinematic truth knows no track_lag"):
         Scenario(truth="kinematic", track_lag=0.1)

@@ -73,6 +73,16 @@ def option_values(name):
     return st.fixed_dictionaries({}, optional=values)
 
 
+def contradictory(name, options):
+    both = trajectory_options(name) | options
+    return (
+        (name == "arcs" and both["tightest"] > both["widest"])
+        or (name == "slalom" and both["lowest"] > both["highest"])
+        or (name == "random" and both["reverse"] + both["stop"] > 1.0)
+        or (name == "figure-eight" and both["turn"] == 0.0)
+    )
+
+
 @settings(deadline=None, max_examples=300)
 @given(st.data())
 def test_whatever_the_options_limits_are_kept_or_the_trajectory_is_refused(data):
@@ -85,7 +95,9 @@ def test_whatever_the_options_limits_are_kept_or_the_trajectory_is_refused(data)
         command = make_trajectory(name, duration, ALPHA, rng, options)
     except SimulationError as error:
         refusal = str(error)
-    if command is None:
+    if contradictory(name, options):
+        assert command is None
+    elif command is None:
         assert "more than max_track_speed = 1.0 m/s of 'auriga-alpha'" in refusal
         assert abs(options.get("speed", 0.6)) + abs(options.get("turn", 0.3)) > 1.0
     else:
@@ -95,12 +107,12 @@ def test_whatever_the_options_limits_are_kept_or_the_trajectory_is_refused(data)
 @pytest.mark.parametrize(
     ("name", "options", "top"),
     [
-        ("slalom", {"lowest": 2.0, "highest": 0.1}, 1.0),
+        ("slalom", {"lowest": 2.0, "highest": 2.0}, 1.0),
         ("slalom", {"speed": -0.7, "turn": -0.3}, 1.0),
-        ("figure-eight", {"speed": -0.7, "turn": 0.3}, 4.0),
+        ("figure-eight", {"speed": -0.7, "turn": -0.3}, 4.0),
         ("stop-and-go", {"speed": -0.8, "turn": 0.2, "drive": 0.0, "rest": 0.0}, 1.0),
         ("arcs", {"speed": -1.0, "tightest": 0.01, "widest": 0.02, "hold": 0.0}, 2.0),
-        ("random", {"hold": 0.0, "reverse": 1.0, "stop": 1.0}, 1.0),
+        ("random", {"hold": 0.0, "reverse": 0.5, "stop": 0.5}, 1.0),
     ],
 )
 def test_extreme_options_keep_the_limits(name, options, top):
@@ -160,6 +172,15 @@ def test_figure_eight_turns_full_circles_for_constant_indices():
     assert len(lobes) >= 4
     assert np.abs(lobes) == pytest.approx(2.0 * np.pi, rel=1e-3)
     assert (np.sign(lobes[1:]) == -np.sign(lobes[:-1])).all()
+
+
+def test_a_negative_turn_mirrors_the_figure_eight():
+    times = np.arange(0.0, 100.0, 0.1)
+    rng = np.random.default_rng(0)
+    left = figure_eight(100.0, ALPHA, rng, turn=0.2)(times)
+    right = figure_eight(100.0, ALPHA, rng, turn=-0.2)(times)
+    assert np.array_equal(right, left[:, ::-1])
+    assert (left[(times > 5.0) & (times < 10.0)] @ [-1.0, 1.0] > 0.0).all()
 
 
 def radius(speeds):
@@ -227,7 +248,10 @@ def test_options_are_those_of_the_maker():
         ("slalom", {"hihgest": 1.0}, "'slalom' has no option 'hihgest'; did you mean 'highest'"),
         ("spin", {"turn": 0.1}, "'spin' has no option 'turn'; "),
         ("circle", {"speed": 1.5}, "option 'speed' of trajectory 'circle' cannot be 1.5: "),
-        ("figure-eight", {"turn": 0.0}, "cannot be 0.0: Expected `float` > 0.0"),
+        ("figure-eight", {"turn": 0.0}, "'figure-eight' cannot be 0.0: no circle"),
+        ("arcs", {"tightest": 5.0, "widest": 2.0}, "tightest = 5.0 is more than widest = 2.0"),
+        ("slalom", {"highest": 0.01}, "lowest = 0.05 is more than highest = 0.01; give both"),
+        ("random", {"reverse": 0.7, "stop": 0.4}, "together at most 1, found 0.7 and 0.4"),
         ("random", {"hold": -1.0}, "cannot be -1.0: Expected `float` >= 0.0"),
         ("random", {"hold": float("inf")}, "'hold' of trajectory 'random' must be finite"),
         ("aggressive", {"hold": float("nan")}, "'hold' of trajectory 'aggressive'"),
@@ -320,7 +344,8 @@ def test_a_recording_is_read_from_csv(tmp_path):
     [
         ("", "is empty; it needs the columns t, left, right"),
         ("time,left,right\n0,0,0\n", "no column 't' in its first line; found 'time', 'left'"),
-        ("t;left;right\n0;0;0\n", "found 't;left;right'"),
+        ("t;left;right\n0;0;0\n", "has semicolons between its columns; write commas"),
+        ("t,left,left,right\n0,0,0,0\n", "has 2 columns 'left'; keep one"),
         ("t,left,rigth\n0,0,0\n", "no column 'right'"),
         ("t,left,right\n", "needs at least 2 samples, found 0"),
         ("t,left,right\n0,0,0\n", "needs at least 2 samples, found 1"),
@@ -328,6 +353,10 @@ def test_a_recording_is_read_from_csv(tmp_path):
         ("t,left,right\n0,0,0\n1,0,fast\n", "row 2: could not convert string to float: 'fast'"),
         ("t,left,right\n0,0,0\n1,nan,0\n", "a number of row 2 is not finite"),
         ("t,left,right\n0,0,0\ninf,0,0\n", "a number of row 2 is not finite"),
+        (
+            "t,left,right\n1700000000000000000,0,0\n1700000100000000000,0,0\n",
+            "t spans 1e+11 s, 1.16e+06 days; is it in seconds?",
+        ),
         ("t,left,right\n0,0,0\n1,0,0\n1,0,0\n", "found 1 s and then 1 s in row 3; sort"),
         ("t,left,right\n0,0,0\n2,0,0\n1,0,0\n", "t must rise from row to row, found 2 s"),
     ],
@@ -349,7 +378,7 @@ def test_recordings_that_are_no_text_or_not_there(tmp_path):
     path.write_bytes(b"t,left,right\n\xff\xfe,0,0\n")
     with pytest.raises(SimulationError, match="cannot be read as CSV"):
         read_recording(path)
-    with pytest.raises(SimulationError, match="cannot be read as CSV"):
+    with pytest.raises(SimulationError, match="is a folder; give the CSV file itself"):
         read_recording(tmp_path)
 
 

@@ -29,6 +29,7 @@ def compare_and_report(
     variants: list[str] | None = None,
     settings: Settings | None = None,
     fixes: LogPart | None = None,
+    smooth: bool = False,
     seed: int | None = None,
     as_json: bool = False,
     workers: int | None = None,
@@ -44,6 +45,7 @@ def compare_and_report(
             variants or DEFAULT_VARIANTS,
             settings=settings,
             fixes=fixes,
+            smooth=smooth,
             workers=worker_count(workers),
             progress=report_progress,
         )

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import msgspec
 
+from estimator.errors import nearest_hint
 from estimator.robot import load_robot
 from icreckon.commands.comparing import compare_and_report
 from icreckon.console import messages, results_folder
 from replay.bag_writer import write_log
 from replay.bags import read_log
+from simulation.errors import SimulationError
 from simulation.scenario import Scenario, simulate
+from simulation.trajectories import TRAJECTORIES
 
 ROBOT = "auriga-alpha"
 DEFAULT_FOLDER = "icreckon-demo"
@@ -33,6 +36,10 @@ def run_demo(
     workers: int | None,
 ) -> None:
     """See `icreckon demo --help`."""
+    if trajectory not in TRAJECTORIES:
+        raise SimulationError(
+            f"no trajectory of a demo: {trajectory!r}{nearest_hint(trajectory, list(TRAJECTORIES))}"
+        )
     robot = load_robot(ROBOT)
     scenario = demo_scenario(seed, duration, trajectory)
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:

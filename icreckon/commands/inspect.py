@@ -12,18 +12,22 @@ from rich.text import Text
 
 from icreckon.console import messages, results
 from replay.inspection import Inspection, TopicReport, inspect
-from replay.outputs import written_beside
+from replay.outputs import check_replaceable, written_beside
+from replay.proposal import FIRST_WORDS
 
 
 def run_inspect(*, path: Path, write: Path | None, as_json: bool, overwrite: bool) -> None:
     """See `icreckon inspect --help`."""
+    starts = (FIRST_WORDS.encode(),)
+    if write is not None:
+        check_replaceable(write, overwrite=overwrite, starts=starts)
     found = inspect(path)
     if as_json:
         typer.echo(json.dumps(_as_plain(found), indent=1))
     else:
         _show(found, with_file=write is None)
     if write is not None:
-        with written_beside(write, overwrite=overwrite) as new:
+        with written_beside(write, overwrite=overwrite, starts=starts) as new:
             new.write_text(found.proposed_robot_file, encoding="utf-8")
         messages().print(
             f"proposed robot file in {write}; complete the lines marked «fill in», then: "

@@ -18,6 +18,7 @@ from icreckon.console import messages, progress, results, results_folder
 from replay.report import FIGURE_FILE, RESULTS_FILE
 from replay.results import FORMAT, Results, write_results
 from simulation.dynamic_map import VelocityErrors
+from simulation.errors import SimulationError
 from simulation.paper_contact import PaperContact, as_toml, load_paper_contact
 from simulation.paper_figures import write_figures
 from simulation.publication import published_errors
@@ -36,9 +37,12 @@ LEVELS = (5.0, 10.0, 20.0)
 
 
 def run_paper(
-    *, identify: bool, seed: int, out: Path | None, as_json: bool, overwrite: bool
+    *, identify: bool, seed: int | None, out: Path | None, as_json: bool, overwrite: bool
 ) -> None:
     """See `icreckon paper --help`."""
+    if seed is not None and not identify:
+        raise SimulationError("--seed is that of the search; give --identify, too, or leave it out")
+    seed = seed or 0
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         guess, found = load_paper_contact(), None
         if identify:

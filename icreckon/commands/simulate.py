@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from pathlib import Path
 from typing import Any, cast
@@ -9,9 +10,15 @@ from typing import Any, cast
 from estimator.errors import nearest_hint
 from estimator.robot import load_robot
 from icreckon.console import messages
-from replay.bag_writer import Format, write_log
+from replay.bag_writer import Format, check_place, write_log
 from simulation.errors import SimulationError
-from simulation.scenario import Scenario, change_scenario, load_scenario, simulate
+from simulation.scenario import (
+    Scenario,
+    change_scenario,
+    load_scenario,
+    lost_options,
+    simulate,
+)
 
 FORMATS = ("mcap", "sqlite3", "ros1")
 
@@ -33,16 +40,29 @@ def run_simulate(
         raise SimulationError(
             f"no bag format {bag_format!r}{nearest_hint(bag_format, list(FORMATS))}"
         )
+    kind = cast("Format", bag_format)
     loaded = load_robot(robot)
+    check_place(out, kind, loaded, overwrite=overwrite)
     changes = _asked_for(options) | {"fixes": _asked_for(fixes)}
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
     scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
+    source = "command line" if scenario_file is None else f"command line over {scenario_file}"
     for change in [changes, *(_setting(text) for text in settings)]:
-        scenario = change_scenario(scenario, change, "command line")
+        lost = lost_options(scenario, change)
+        scenario = change_scenario(scenario, change, source)
+        if lost:
+            _say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
     log = simulate(scenario, loaded)
-    path = write_log(log, out, cast("Format", bag_format), loaded, overwrite=overwrite)
-    messages().print(f"{log.duration:.0f} s of {loaded.name} in {path}", markup=False)
+    path = write_log(log, out, kind, loaded, overwrite=overwrite)
+    _say(
+        f"{log.duration:.0f} s of {loaded.name} in {path}; next: "
+        f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}"
+    )
+
+
+def _say(text: str) -> None:
+    messages().print(text, markup=False, soft_wrap=True)
 
 
 def _asked_for(options: dict[str, Any]) -> dict[str, Any]:
