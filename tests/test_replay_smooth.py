@@ -12,7 +12,15 @@ from test_cli import icreckon
 def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> None:
     words = ("--duration", 30, "--outage", "8:26", "--trajectory", "slalom", "--seed", 3)
     assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
-    words = ("--robot", "auriga-alpha", "--variants", "inertia-online", "--smooth", "--out", "found")
+    words = (
+        "--robot",
+        "auriga-alpha",
+        "--variants",
+        "inertia-online",
+        "--smooth",
+        "--out",
+        "found",
+    )
     done = icreckon("replay", "run", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert " inertia-online-smoothed " in done.stdout
