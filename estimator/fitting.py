@@ -47,8 +47,10 @@ class KnownMotion:
         """The samples in which the robot turns.
 
         Raises:
-            EstimatorError: they are too few to fit anything.
+            EstimatorError: they are too few to fit anything, or not all numbers are finite.
         """
+        if not np.isfinite(np.stack([self.V_l, self.V_r, *self.twist])).all():
+            raise EstimatorError("the known motion holds NaN or infinite values; leave those out")
         difference = np.abs(self.V_r - self.V_l)
         top = max(float(np.abs(self.V_l).max()), float(np.abs(self.V_r).max()))
         at = difference > TURNING * top

@@ -90,6 +90,13 @@ def test_straight_driving_shows_nothing(robot):
             fit(robot, motion)
 
 
+def test_values_that_are_no_numbers_are_refused(robot, track_speeds):
+    V_l, V_r = track_speeds
+    twist = PaperTwist(np.full_like(V_l, np.nan), V_l, V_r)
+    with pytest.raises(EstimatorError, match="NaN or infinite"):
+        fit_friction(robot, KnownMotion(V_l, V_r, twist))
+
+
 def test_a_motion_against_its_tracks_is_refused(robot, track_speeds):
     V_l, V_r = track_speeds
     backward = PaperTwist(0.0 * V_l, 0.5 * (V_l + V_r), (V_l - V_r) / 1.2)
