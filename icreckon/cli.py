@@ -226,7 +226,10 @@ def replay(
     overwrite: Overwrite = False,
     workers: Workers = None,
 ) -> None:
-    """Run the filter variants over a log, and score them where the log has a ground truth."""
+    """Run all filter variants over a log, and score them.
+
+    Where the log has a ground truth they are scored against it, otherwise compared with one another.
+    """
     from icreckon.commands.replay import run_replay
 
     run_replay(
