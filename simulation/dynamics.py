@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from estimator.contact import Body, Contact, ground, vertical_loads
+from estimator.contact import Body, Contact, ground
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import GRAVITY
 from estimator.robot import Robot
@@ -25,9 +25,9 @@ from simulation.terrain import Patch, Payload, loaded, patch_rows
 from simulation.trajectories import Command
 from simulation.truth import (
     DEFAULT_SPREAD,
-    SAME_TIME,
     TRUE_SLIP,
     TrueMotion,
+    grid_times,
     slip_residual,
     true_motion,
 )
@@ -59,7 +59,7 @@ class Drive(NamedTuple):
         twists: (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes.
         transfer: (n, 2) force at the centre of mass that the loads answer to, right and forward [N].
         slopes: (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²].
-        tipping: (n,) where the weight and that force point outside the contact.
+        tipping: (n,) where what presses and that force point outside the contact; not told of the last.
         steps: integration steps taken, rejected ones included.
     """
 
@@ -108,8 +108,7 @@ class FrictionTruth:
         """
         true_contact = draw_contact(robot, self.spread, rng)
         step = 1.0 / rate
-        times: Floats = np.arange(int(np.ceil((duration - SAME_TIME) * rate)) + 1) / rate
-        speeds, rates = follow(command(times), step, self.track_lag)
+        speeds, rates = follow(command(grid_times(duration, rate)), step, self.track_lag)
         driven = drive(
             true_contact,
             robot.yaw_inertia,
@@ -202,6 +201,7 @@ def drive(
             position,
             states[part],
             slopes[part],
+            tipping[part],
         )
         if taken < 0:
             raise SimulationError(
@@ -209,7 +209,6 @@ def drive(
                 "the integration step became too small"
             )
         steps += taken
-        tipping[part] = vertical_loads(loaded_contact, *states[part, 3:5].T).tipping
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping, steps)
 
 

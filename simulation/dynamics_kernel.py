@@ -32,6 +32,7 @@ from simulation.terrain_kernel import look_up
 Floats = NDArray[np.float64]
 
 SIZE = 6
+STAGES = 6
 # Coefficients of RODAS, in the form that needs no products with the Jacobian.
 GAMMA = 0.25
 A = np.array(
@@ -116,6 +117,7 @@ def integrate(
     position: Floats,
     states: Floats,
     slopes: Floats,
+    tipping: NDArray[np.bool_],
 ) -> int:
     """March from grid point to grid point; the ground is looked up at each of them.
 
@@ -130,6 +132,7 @@ def integrate(
         position: (2,) x, y in odom at the first grid point [m], for looking up the ground; overwritten.
         states: (n, 6), the first row given, the others overwritten.
         slopes: (n, 2) overwritten with the acceleration of gravity along the slope in odom [m/s²].
+        tipping: (n,) overwritten, but for the last, with whether the vehicle tips there.
 
     Returns:
         Number of steps taken, rejected ones included; or minus the index of the grid point that was
@@ -140,14 +143,9 @@ def integrate(
     values, jacobian = np.empty(3), np.empty((3, COLUMNS))
     by_state, by_time = np.empty((SIZE, SIZE)), np.empty(SIZE)
     matrix, pivots = np.empty((SIZE, SIZE)), np.empty(SIZE, dtype=np.int64)
-    stages = np.empty((SIZE, SIZE))
-    rate, at, base_friction, base_rolling = (
-        np.empty(SIZE),
-        np.empty(SIZE),
-        vehicle.ground.friction.copy(),
-        vehicle.ground.rolling_resistance.copy(),
-    )
+    stages, rate, at = np.empty((STAGES, SIZE)), np.empty(SIZE), np.empty(SIZE)
     ground = vehicle.ground
+    base_friction, base_rolling = ground.friction.copy(), ground.rolling_resistance.copy()
     h, taken = step, 0
     for k in range(len(speeds)):
         look_up(
@@ -164,7 +162,7 @@ def integrate(
         )
         if k + 1 == len(speeds):
             break
-        pressing = _pressing(vehicle.ground, slopes[k])
+        pressing = _pressing(ground, slopes[k])
         y = states[k + 1]
         y[:] = states[k]
         done = 0.0
@@ -172,52 +170,47 @@ def integrate(
             h = min(h, (1.0 - done) * step)
             if h > 0.999 * (1.0 - done) * step:
                 h = (1.0 - done) * step
-            left, right, left_rate, right_rate = _speeds_at(speeds, speed_rates, k, step, done)
-            _rates(
-                vehicle,
-                pressing,
-                slopes[k],
-                y,
-                left,
-                right,
-                loads,
-                by_right,
-                by_forward,
-                values,
-                jacobian,
-                rate,
-            )
-            _slopes(
-                vehicle, pressing, slopes[k], y, left_rate, right_rate, jacobian, by_state, by_time
-            )
-            for row in range(SIZE):
-                for column in range(SIZE):
-                    matrix[row, column] = -by_state[row, column]
-                matrix[row, row] += 1.0 / (GAMMA * h)
-            _factor(matrix, pivots)
-            for stage in range(SIZE):
-                if stage > 0:
-                    for row in range(SIZE):
-                        at[row] = y[row]
-                        for before in range(stage):
-                            at[row] += A[stage, before] * stages[before, row]
-                    left, right, _, _ = _speeds_at(
-                        speeds, speed_rates, k, step, done + STAGE_TIMES[stage] * h / step
-                    )
-                    _rates(
+            for stage in range(STAGES):
+                for row in range(SIZE):
+                    at[row] = y[row]
+                    for before in range(stage):
+                        at[row] += A[stage, before] * stages[before, row]
+                left, right, left_rate, right_rate = _speeds_at(
+                    speeds, speed_rates, k, step, done + STAGE_TIMES[stage] * h / step
+                )
+                tips = _rates(
+                    vehicle,
+                    pressing,
+                    slopes[k],
+                    at,
+                    left,
+                    right,
+                    loads,
+                    by_right,
+                    by_forward,
+                    values,
+                    jacobian,
+                    rate,
+                )
+                if stage == 0:
+                    if done == 0.0:
+                        tipping[k] = tips
+                    _slopes(
                         vehicle,
                         pressing,
                         slopes[k],
-                        at,
-                        left,
-                        right,
-                        loads,
-                        by_right,
-                        by_forward,
-                        values,
+                        y,
+                        left_rate,
+                        right_rate,
                         jacobian,
-                        rate,
+                        by_state,
+                        by_time,
                     )
+                    for row in range(SIZE):
+                        for column in range(SIZE):
+                            matrix[row, column] = -by_state[row, column]
+                        matrix[row, row] += 1.0 / (GAMMA * h)
+                    _factor(matrix, pivots)
                 for row in range(SIZE):
                     total = rate[row] + h * OF_TIME[stage] * by_time[row]
                     for before in range(stage):
@@ -226,11 +219,11 @@ def integrate(
                 _substitute(matrix, pivots, stages[stage])
             error = 0.0
             for row in range(SIZE):
-                at[row] += stages[SIZE - 1, row]
+                at[row] += stages[STAGES - 1, row]
                 scale = tolerance.absolute[row] + tolerance.relative * max(
                     abs(y[row]), abs(at[row])
                 )
-                error += (stages[SIZE - 1, row] / scale) ** 2
+                error += (stages[STAGES - 1, row] / scale) ** 2
             error = np.sqrt(error / SIZE)
             taken += 1
             used = h
@@ -265,12 +258,15 @@ def _rates(
     values: Floats,
     jacobian: Floats,
     rate: Floats,
-) -> None:
-    """Rates (6,) of the state; leaves the derivatives of the ground's forces in `jacobian`."""
+) -> bool:
+    """Rates (6,) of the state; leaves the derivatives of the ground's forces in `jacobian`.
+
+    Returns whether the vehicle tips.
+    """
     v_x, v_y, w = y[0], y[1], y[2]
     values[:] = 0.0
     jacobian[:] = 0.0
-    point_loads(pressing, y[3], y[4], loads, by_right, by_forward)
+    tips = point_loads(pressing, y[3], y[4], loads, by_right, by_forward)
     add_track_forces(pressing, v_x, v_y, w, V_l, V_r, loads, by_right, by_forward, values, jacobian)
     rate[3] = (-values[0] - y[3]) / vehicle.load_lag
     rate[4] = (-values[1] - y[4]) / vehicle.load_lag
@@ -284,6 +280,7 @@ def _rates(
     for row in range(3):
         inverse = vehicle.inverse_mass[row]
         rate[row] = inverse[0] * f_x + inverse[1] * f_y + inverse[2] * moment
+    return tips
 
 
 @compiled

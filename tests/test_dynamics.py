@@ -311,6 +311,17 @@ def test_a_vehicle_that_tips_over_is_said_so():
     run(FrictionTruth(spread=0.0, patches=(Patch(slope_deg=10.0, uphill_deg=90.0),)))
 
 
+def test_on_a_slope_the_vehicle_tips_about_the_weight_that_is_left():
+    # With the whole weight the force along the slope would still point 2 mm inside the contact.
+    robot = load_robot("auriga-alpha")
+    angle, z, x = np.radians(14.8), robot.contact.body.z_CM, -robot.contact.body.x_CM
+    assert x + z * np.sin(angle) < 0.21 - 2e-3 < 0.21 + 2e-3 < x + z * np.tan(angle)
+    for slope_deg, tips in ((14.2, False), (14.8, True)):
+        hill = Patch(slope_deg=slope_deg, uphill_deg=-90.0)
+        driven = drive(robot.contact, 20.0, *constant(0.0, 0.0, 5.0), STEP, patches=(hill,))
+        assert driven.tipping.any() == tips
+
+
 def test_a_drawn_contact_differs_from_the_file_by_its_spread():
     robot = load_robot("auriga-alpha")
     assert draw_contact(robot, 0.0, np.random.default_rng(1)) == robot.contact
