@@ -381,10 +381,12 @@ def _columns(*parts: Any) -> Any:
 
 
 def _zeros(motion: Any) -> tuple[Any, Any]:
-    """Zero balances (n, 3) and derivatives (n, 3, 7) of the same type as the motion."""
+    """Zero balances (n, 3) and derivatives (n, 3, COLUMNS) of the same type as the motion."""
+    from estimator.contact_kernel import COLUMNS
+
     return (
         np.zeros((len(motion), 3), dtype=motion.dtype),
-        np.zeros((len(motion), 3, 7), dtype=motion.dtype),
+        np.zeros((len(motion), 3, COLUMNS), dtype=motion.dtype),
     )
 
 

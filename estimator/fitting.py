@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from estimator.contact import Soil
 from estimator.errors import EstimatorError
 from estimator.kinematics import GRAVITY, PaperTwist
-from estimator.motion import VehicleConstants, solve
+from estimator.motion import solve
 from estimator.robot import ConstantIcr, Indices, Robot
 from estimator.steady import solve_steady
+from estimator.variants import TYPICAL_FORCE
 
 Floats = NDArray[np.float64]
 
@@ -25,8 +26,6 @@ Floats = NDArray[np.float64]
 FEWEST = 20
 # A sample turns where the tracks differ by this share of the largest speed.
 TURNING = 0.01
-# The gains of the inertia-based model are fitted as what they contribute at this share of the weight.
-TYPICAL_FORCE = 0.07
 
 
 @dataclass(frozen=True)
@@ -106,15 +105,13 @@ def fit_inertia(robot: Robot, motion: KnownMotion) -> Robot:
     from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
     known = motion.turning()
-    vehicle = VehicleConstants(
-        robot.vehicle.track_gauge, robot.vehicle.mass, *robot.centre_of_mass_paper
-    )
+    # The gains are fitted as what they contribute at a typical force of inertia.
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
     units = np.array([1.0, 1.0, force, 1.0, force, 1.0, force, force**2])
 
     def residuals(scaled: Floats) -> Floats:
         parameters = np.concatenate([[robot.indices.H], scaled]) / units
-        found = solve(known.V_l, known.V_r, parameters, vehicle).twist
+        found = solve(known.V_l, known.V_r, parameters, robot.constants).twist
         return _difference(found, known.twist, robot)
 
     start = (robot.indices.as_array() * units)[1:]

@@ -17,6 +17,7 @@ from estimator.config import convert, read_toml
 from estimator.contact import Body, Contact, Soil, equally_spaced
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats, rep103_to_paper, rpy_to_matrix
+from estimator.motion import VehicleConstants
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
@@ -282,6 +283,12 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         x_forward, y_left, _ = self.vehicle.centre_of_mass
         x_cm, y_cm = rep103_to_paper(x_forward, y_left)
         return float(x_cm), float(y_cm)
+
+    @cached_property
+    def constants(self) -> VehicleConstants:
+        """What the motion models need of mass and geometry, in the paper's axes."""
+        vehicle = self.vehicle
+        return VehicleConstants(vehicle.track_gauge, vehicle.mass, *self.centre_of_mass_paper)
 
     @cached_property
     def contact(self) -> Contact:

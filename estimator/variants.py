@@ -19,8 +19,11 @@ from estimator.frames import Floats
 from estimator.friction_map import FrictionMap, friction_map
 from estimator.friction_motion import FrictionMotion
 from estimator.kinematics import GRAVITY
-from estimator.motion import Form, InertiaMotion, MotionModel, VehicleConstants
+from estimator.motion import Form, InertiaMotion, MotionModel
 from estimator.robot import Indices, Robot, Slip
+
+# Shares of the weight: the largest lateral force of inertia in the paper's simulations.
+TYPICAL_FORCE = 0.07
 
 Model = Literal["differential", "constant", "inertia", "friction"]
 
@@ -166,12 +169,9 @@ def motion_model(
     Raises:
         EstimatorError: a friction variant's robot has no stationary motions on its ground.
     """
-    vehicle = VehicleConstants(
-        robot.vehicle.track_gauge, robot.vehicle.mass, *robot.centre_of_mass_paper
-    )
     if variant.model == "friction":
-        return FrictionMotion(vehicle, _friction_map(robot))
-    return InertiaMotion(vehicle, form, slip_in_inertia)
+        return FrictionMotion(robot.constants, _friction_map(robot))
+    return InertiaMotion(robot.constants, form, slip_in_inertia)
 
 
 def _friction_map(robot: Robot) -> FrictionMap:
@@ -198,7 +198,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if not variant.online:
         return np.zeros(8)
     is_share = variant.model == "friction"
-    force = 1.0 if is_share else 0.07 * robot.vehicle.mass * GRAVITY
+    force = 1.0 if is_share else TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
     sigmas = np.array(
         [
             0.0,

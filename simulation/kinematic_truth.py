@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import direct, indices_at_signed_inertia, signed_inertia
-from estimator.motion import VehicleConstants, solve
+from estimator.motion import solve
 from estimator.robot import Indices, Robot, Slip
 from simulation.errors import SimulationError
 from simulation.trajectories import Command
 from simulation.truth import (
     DEFAULT_SPREAD,
-    SAME_TIME,
     TRUE_SLIP,
     TrueMotion,
+    grid_times,
     slip_residual,
     true_motion,
 )
@@ -62,9 +62,8 @@ class KinematicTruth:
     ) -> TrueMotion:
         """The motion; see `TruthModel.run`, and `draw_parameters` for what is raised."""
         parameters = draw_parameters(robot, self.spread, rng)
-        times: Floats = np.arange(int(np.ceil((duration - SAME_TIME) * rate)) + 1) / rate
-        speeds = command(times)
-        vehicle = _vehicle(robot)
+        speeds = command(grid_times(duration, rate))
+        vehicle = robot.constants
         solved = solve(speeds[:, 0], speeds[:, 1], parameters.as_array(), vehicle).twist
         v_x, v_y = paper_to_rep103(solved.v_x, solved.v_y)
         effective_gauge = robot.vehicle.track_gauge * parameters.eta0
@@ -110,7 +109,7 @@ def has_single_motion(indices: Indices, robot: Robot) -> bool:
         indices: the parameters.
         robot: gives mass, geometry and speed range.
     """
-    vehicle, top = _vehicle(robot), robot.vehicle.max_track_speed
+    vehicle, top = robot.constants, robot.vehicle.max_track_speed
     grid = np.linspace(-top, top, SPEED_GRID)
     V_l, V_r = (speed.ravel() for speed in np.meshgrid(grid, grid))
     # The other half is these motions backward in time, with the same force of inertia.
@@ -123,9 +122,3 @@ def has_single_motion(indices: Indices, robot: Robot) -> bool:
     twist = direct(V_l, V_r, values, vehicle.gauge)
     above = force > signed_inertia(twist, vehicle.mass, vehicle.x_CM)[0]
     return bool((np.count_nonzero(np.diff(above, axis=1), axis=1) == 1).all())
-
-
-def _vehicle(robot: Robot) -> VehicleConstants:
-    return VehicleConstants(
-        robot.vehicle.track_gauge, robot.vehicle.mass, *robot.centre_of_mass_paper
-    )

@@ -156,6 +156,11 @@ class TruthModel(Protocol):
         """
 
 
+def grid_times(duration: float, rate: float) -> Floats:
+    """Times (m,) [s] of the grid points that cover a duration [s] at a rate [Hz]."""
+    return np.arange(int(np.ceil((duration - SAME_TIME) * rate)) + 1) / rate
+
+
 def true_motion(
     rate: float,
     twists: Floats,
