@@ -16,6 +16,7 @@ from estimator.friction_map import FrictionMap
 from estimator.robot import load_robot, robot_names
 from estimator.steady import solve_steady
 
+SLIGHT = 1e-6
 UNITS = (("v_x", "mm/s"), ("v_y", "mm/s"), ("w", "mrad/s"))
 
 
@@ -47,6 +48,11 @@ def main() -> None:
             f"{name}: made in {made:.2f} s, read in {1e6 * read:.1f} µs; eta at a crawl "
             f"{table.reference.eta:.3f}, in the robot file {robot.constant_indices.eta0:.3f}"
         )
+        left, right = (
+            table.at(top / 2.0 - turn, top / 2.0 + turn).indices.epsilon
+            for turn in (SLIGHT, -SLIGHT)
+        )
+        print(f"  epsilon straight ahead: {left:.3f} m turning left, {right:.3f} m turning right")
         for row, (part, unit) in enumerate(UNITS):
             share = np.sqrt(np.mean(error[row] ** 2) / np.mean(expected[row] ** 2))
             worst = int(error[row].argmax())

@@ -17,15 +17,18 @@ from estimator import state as s
 from estimator.log import Log
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Robot, load_robot
+from estimator.settings import Settings
 from estimator.variants import VARIANTS
 from simulation.scenario import Scenario, simulate
 
 RATE, DURATION = 50.0, 60.0
 
 
-def filter_microseconds(log: Log, robot: Robot, variant: str) -> float:
+def filter_microseconds(
+    log: Log, robot: Robot, variant: str, settings: Settings | None = None
+) -> float:
     """Mean time of a step [µs] over a log whose track speeds and IMU are in step."""
-    estimator = PoseEstimator(robot, variant)
+    estimator = PoseEstimator(robot, variant, settings=settings)
     measurements = list(log.measurements())
     begin = time.perf_counter()
     for measurement in measurements:
@@ -62,6 +65,11 @@ def main() -> None:
     for variant in VARIANTS:
         ours = min(filter_microseconds(log, robot, variant) for _ in range(arguments.repeat))
         print(f"{variant:20s} {ours:6.0f} µs, {ours / plain:.2f} of the plain EKF", flush=True)
+    bare = min(
+        filter_microseconds(log, robot, variant, Settings(history=0.0))
+        for _ in range(arguments.repeat)
+    )
+    print(f"{variant}, no history: {bare:.0f} µs, {bare / ours:.2f} of that with it")
 
 
 if __name__ == "__main__":

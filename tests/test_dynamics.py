@@ -184,6 +184,14 @@ def test_a_vehicle_stands_on_a_gentle_slope():
     np.testing.assert_allclose(driven.slopes, [[-GRAVITY * np.sin(np.radians(10.0)), 0.0]] * 1001)
 
 
+def test_a_parked_vehicle_creeps_as_the_regularised_friction_says():
+    hill = Patch(slope_deg=10.0, uphill_deg=180.0)
+    driven = drive(CENTRED, INERTIA, *constant(0.0, 0.0, 2.0), STEP, patches=(hill,))
+    used = np.tan(np.radians(10.0)) / CENTRED.soil.friction
+    creep = CENTRED.soil.regularising_speed * used / np.sqrt(1.0 - used**2)
+    assert driven.twists[-1, 1] == pytest.approx(creep, rel=1e-3)
+
+
 def test_gravity_turns_in_body_axes():
     slopes = np.tile([-1.0, 0.0], (3, 1))
     found = gravity_in_body(slopes, np.array([0.0, 0.5 * np.pi, np.pi]))
