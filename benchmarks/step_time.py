@@ -2,12 +2,18 @@
 
 A step is a track-speed sample and an IMU sample (gyro and accelerometer), fed from a simulated drive.
 The plain EKF does the same algebra (a prediction and two scalar updates with as many states) without any
-motion model, gate or bookkeeping.
+motion model, gate or bookkeeping. It and both engines of the filter are timed in turn, and the best of
+several runs counts: what else the machine does makes a run longer, never shorter. With --cold, it also
+tells how long the compiled engine takes when it is used for the first time, and in a later process.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
+import sys
+import tempfile
 import time
 
 import numpy as np
@@ -22,6 +28,22 @@ from estimator.variants import VARIANTS
 from simulation.scenario import Scenario, simulate
 
 RATE, DURATION = 50.0, 60.0
+ENGINES = ("plain", "compiled")
+# Makes an estimator and feeds it one sample of each kind: prints the time that this takes [s].
+FIRST_STEPS = """
+import time
+import icreckon
+robot = icreckon.load_robot("auriga-alpha")
+icreckon.PoseEstimator(robot, settings=icreckon.Settings(engine="plain"))
+begin = time.perf_counter()
+estimator = icreckon.PoseEstimator(robot)
+for stamp in (0, 20_000_000, 40_000_000):
+    estimator.feed(icreckon.TrackSpeeds(stamp, 0.1, 0.3))
+    estimator.feed(icreckon.ImuSample(stamp, (0.0, 0.0, 0.1), (0.0, 0.0, 9.81)))
+    estimator.feed(icreckon.PositionFix(stamp, 0.0, 0.0, 0.01))
+estimator.twist
+print(time.perf_counter() - begin)
+"""
 
 
 def filter_microseconds(
@@ -51,25 +73,46 @@ def plain_microseconds(steps: int) -> float:
     return 1e6 * (time.perf_counter() - begin) / steps
 
 
+def first_seconds(cache: str) -> float:
+    """Time that the compiled engine takes in a new process, with what is kept in a folder [s]."""
+    done = subprocess.run(  # noqa: S603 - our own text
+        [sys.executable, "-c", FIRST_STEPS],
+        env={**os.environ, "NUMBA_CACHE_DIR": cache},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return float(done.stdout)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--repeat", type=int, default=5, help="best of so many runs")
+    parser.add_argument("--cold", action="store_true", help="also the time of the first use")
     arguments = parser.parse_args()
     robot = load_robot("auriga-alpha")
     log = simulate(
         Scenario(duration=DURATION, track_rate=RATE, imu_rate=RATE, fix_rate=0.0, seed=1), robot
     )
-    plain = min(plain_microseconds(3000) for _ in range(arguments.repeat))
-    print(f"{'filterpy, plain EKF':20s} {plain:6.0f} µs")
-    for variant in VARIANTS:
-        ours = min(filter_microseconds(log, robot, variant) for _ in range(arguments.repeat))
-        print(f"{variant:20s} {ours:6.0f} µs, {ours / plain:.2f} of the plain EKF", flush=True)
-    bare = min(
-        filter_microseconds(log, robot, variant, Settings(history=0.0))
-        for _ in range(arguments.repeat)
-    )
-    print(f"{variant}, no history: {bare:.0f} µs, {bare / ours:.2f} of that with it")
+    settings = {engine: Settings(engine=engine) for engine in ENGINES}
+    bare = {engine: Settings(engine=engine, history=0.0) for engine in ENGINES}
+    rows = [(variant, variant, settings) for variant in VARIANTS]
+    rows.append(("friction-online, no history", "friction-online", bare))
+    print(f"{'':29s} {'filterpy':>9s}  {'plain, x filterpy':>17s}  {'compiled':>17s}")
+    for name, variant, of_engine in rows:
+        plain, best = np.inf, dict.fromkeys(ENGINES, np.inf)
+        for _ in range(arguments.repeat):
+            plain = min(plain, plain_microseconds(3000))
+            for engine in ENGINES:
+                ours = filter_microseconds(log, robot, variant, of_engine[engine])
+                best[engine] = min(best[engine], ours)
+        columns = (f"{best[engine]:6.1f} µs, x {best[engine] / plain:4.2f}" for engine in ENGINES)
+        print(f"{name:29s} {plain:6.1f} µs  " + "  ".join(columns), flush=True)
+    if arguments.cold:
+        with tempfile.TemporaryDirectory() as cache:
+            cold, warm = first_seconds(cache), first_seconds(cache)
+        print(f"first use of the compiled engine {cold:.1f} s, in a later process {warm:.1f} s")
 
 
 if __name__ == "__main__":

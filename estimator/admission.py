@@ -58,6 +58,10 @@ def as_plain(measurement: Measurement) -> Measurement:
     kind = kind_of(measurement)
     stream = STREAMS[kind]
     stamp = measurement.stamp
+    if kind is ImuSample and type(measurement) is ImuSample and type(stamp) is int:
+        force = measurement.linear_acceleration
+        if _is_plain(measurement.angular_velocity) and (force is None or _is_plain(force)):
+            return measurement
     if type(stamp) is not int:
         if not isinstance(stamp, int | np.integer):
             raise EstimatorError(f"{stream}: a stamp is an integer of nanoseconds, found {stamp!r}")
@@ -190,6 +194,13 @@ class Admission:
         count = count + 1 if abs(stamp - before) <= self._longest_gap else 1
         self.witnesses[stream] = (count, stamp)
         return "stamp far ahead" if count < CLOCK_WITNESSES else None
+
+
+def _is_plain(values: Any) -> bool:
+    if type(values) is not tuple or len(values) != 3:
+        return False
+    first, second, third = values
+    return type(first) is type(second) is type(third) is float
 
 
 def _are_finite(values: Sequence[float]) -> bool:

@@ -24,7 +24,8 @@ track speeds, since the indices of what creeps through it have no limit in strai
 shear modulus creeps however slow it is driven; the creep in straight motion is not in the indices.
 
 Symbols and axes are the paper's (see `kinematics`). Track speeds broadcast; floats give floats, and
-complex numbers pass through, for complex-step differentiation.
+complex numbers pass through, for complex-step differentiation, and numba compiles the same functions,
+see `estimator.motion_model`.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ import numpy as np
 from estimator.contact import Contact, Floats
 from estimator.errors import EstimatorError
 from estimator.kinematics import IndexValues, Number, PaperTwist
+from estimator.motion_model import some
 from estimator.steady import solve_steady
 
 # Cells over the direction, a multiple of 4 so that t = -1/2, 0 and 1/2 are nodes, and over s.
@@ -77,6 +79,18 @@ class MapPoint(NamedTuple):
     by_V_m: IndexValues
 
 
+class Table(NamedTuple):
+    """The numbers of a table.
+
+    Attributes:
+        coefficients: (2 * DIRECTIONS * RINGS, 48) of the cells, left turns first, 16 for each index.
+        cells_per_s: how many cells there are to a unit of s [s²/m²].
+    """
+
+    coefficients: Floats
+    cells_per_s: float
+
+
 class FrictionMap:
     """The table of one vehicle on one ground; see the module, and `friction_map`, which keeps them.
 
@@ -86,6 +100,7 @@ class FrictionMap:
         contact: the vehicle on its ground.
         top_speed: the fastest track speed [m/s].
         reference: zeta [m], epsilon [m], eta [-] at a crawl, the mean over all directions.
+        table: its numbers.
 
     Raises:
         EstimatorError: some stationary motions were not found.
@@ -97,14 +112,14 @@ class FrictionMap:
         to_the_left = _solve_turns(contact, top_speed)
         mirrored = _mirrored(contact)
         to_the_right = to_the_left if mirrored == contact else _solve_turns(mirrored, top_speed)
-        self._coefficients = np.concatenate([_cells(to_the_left), _cells(to_the_right)])
+        coefficients = np.concatenate([_cells(to_the_left), _cells(to_the_right)])
+        self.table = Table(coefficients, RINGS / _largest_s(top_speed))
         left, right = (
             np.concatenate([panel[:, 0] for panel in panels]).mean(axis=0)
             for panels in (to_the_left, to_the_right)
         )
         zeta, epsilon, eta = (0.5 * (left + right * (1.0, -1.0, 1.0))).tolist()
         self.reference = IndexValues(zeta, epsilon, eta)
-        self._cells_per_s = RINGS / _largest_s(top_speed)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return friction_map, (self.contact, self.top_speed)
@@ -115,73 +130,7 @@ class FrictionMap:
         In straight motion (V_l = V_r) they are the mean of both sides' limits, which the twist does
         not show, and at rest those of opposed tracks, with derivatives of zero.
         """
-        D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
-        to_the_right = (D.real < 0.0) * 1
-        h = (0.5 - to_the_right) * D
-        point = self._turn(to_the_right, h, V_m)
-        straight = D.real == 0.0
-        if straight is False or not np.any(straight):
-            return point
-        other = self._turn(1 - to_the_right, (1.0 - 2.0 * straight) * h, V_m)
-        share = 0.5 * straight
-        return MapPoint(
-            *(
-                IndexValues(*(a + share * (b - a) for a, b in zip(one, two, strict=True)))
-                for one, two in zip(point, other, strict=True)
-            )
-        )
-
-    def _turn(self, to_the_right: Any, h: Number, V_m: Number) -> MapPoint:
-        """The table of one side, h >= 0; right turns (1) are mirrored left turns (0)."""
-        side = 1.0 - 2.0 * to_the_right
-        forward = 1.0 - 2.0 * (V_m.real < 0.0)
-        size = forward * V_m + h
-        moves = 1.0 * (size.real > AT_REST)
-        per_size = moves / (size + 1.0 - moves)
-        t = V_m * per_size
-        u = 1.0 - forward * t
-        # The track speeds over their size, and s with its derivatives by h and V_m.
-        left, right = t - u, t + u
-        left_3, right_3 = left * left * left, right * right * right
-        total = left_3 * left_3 * left * left + right_3 * right_3 * right * right
-        root = total**0.25
-        s = size * size * root
-        slope = 2.0 * size * root / total
-        by_left, by_right = slope * left_3 * left_3 * left, slope * right_3 * right_3 * right
-
-        across = (t + 1.0) * (0.5 * DIRECTIONS)
-        outward = s * self._cells_per_s
-        inside = 1.0 * (outward.real < RINGS)
-        outward = inside * outward + (1.0 - inside) * RINGS
-        column, row = _cell(across, DIRECTIONS), _cell(outward, RINGS)
-        c = self._cell_coefficients((to_the_right * DIRECTIONS + column) * RINGS + row)
-        x, y = across - column, outward - row
-        x_h, x_V_m = -0.5 * DIRECTIONS * t * per_size, 0.5 * DIRECTIONS * u * per_size
-        per_s = inside * moves * self._cells_per_s
-        y_h, y_V_m = per_s * (by_right - by_left), per_s * (by_right + by_left)
-
-        zeta, zeta_x, zeta_y = _bicubic(c[:16], x, y)
-        epsilon, epsilon_x, epsilon_y = _bicubic(c[16:32], x, y)
-        eta, eta_x, eta_y = _bicubic(c[32:], x, y)
-        per_D = 0.5 * side
-        return MapPoint(
-            IndexValues(zeta, side * epsilon, eta),
-            IndexValues(
-                per_D * (zeta_x * x_h + zeta_y * y_h),
-                0.5 * (epsilon_x * x_h + epsilon_y * y_h),
-                per_D * (eta_x * x_h + eta_y * y_h),
-            ),
-            IndexValues(
-                zeta_x * x_V_m + zeta_y * y_V_m,
-                side * (epsilon_x * x_V_m + epsilon_y * y_V_m),
-                eta_x * x_V_m + eta_y * y_V_m,
-            ),
-        )
-
-    def _cell_coefficients(self, cell: Any) -> Any:
-        if isinstance(cell, np.ndarray):
-            return np.moveaxis(self._coefficients[cell], -1, 0)
-        return self._coefficients[cell].tolist()
+        return look_up(self.table, V_l, V_r)
 
 
 @lru_cache(maxsize=8)
@@ -194,30 +143,110 @@ def friction_map(contact: Contact, top_speed: float) -> FrictionMap:
     return FrictionMap(contact, top_speed)
 
 
+def look_up(table: Table, V_l: Number, V_r: Number) -> MapPoint:
+    """See `FrictionMap.at`."""
+    D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
+    to_the_right = 1.0 * (D.real < 0.0)
+    h = (0.5 - to_the_right) * D
+    point = _turn(table, to_the_right, h, V_m)
+    straight = D.real == 0.0
+    if not some(straight):
+        return point
+    other = _turn(table, 1.0 - to_the_right, (1.0 - 2.0 * straight) * h, V_m)
+    share = 0.5 * straight
+    return MapPoint(
+        _between(point.indices, other.indices, share),
+        _between(point.by_D, other.by_D, share),
+        _between(point.by_V_m, other.by_V_m, share),
+    )
+
+
+def _between(one: IndexValues, other: IndexValues, share: Number) -> IndexValues:
+    return IndexValues(
+        one.zeta + share * (other.zeta - one.zeta),
+        one.epsilon + share * (other.epsilon - one.epsilon),
+        one.eta + share * (other.eta - one.eta),
+    )
+
+
+def _turn(table: Table, to_the_right: Number, h: Number, V_m: Number) -> MapPoint:
+    """The table of one side, h >= 0; right turns (1) are mirrored left turns (0)."""
+    side = 1.0 - 2.0 * to_the_right
+    forward = 1.0 - 2.0 * (V_m.real < 0.0)
+    size = forward * V_m + h
+    moves = 1.0 * (size.real > AT_REST)
+    per_size = moves / (size + 1.0 - moves)
+    t = V_m * per_size
+    u = 1.0 - forward * t
+    # The track speeds over their size, and s with its derivatives by h and V_m.
+    left, right = t - u, t + u
+    left_3, right_3 = left * left * left, right * right * right
+    total = left_3 * left_3 * left * left + right_3 * right_3 * right * right
+    root = total**0.25
+    s = size * size * root
+    slope = 2.0 * size * root / total
+    by_left, by_right = slope * left_3 * left_3 * left, slope * right_3 * right_3 * right
+
+    across = (t + 1.0) * (0.5 * DIRECTIONS)
+    outward = s * table.cells_per_s
+    inside = 1.0 * (outward.real < RINGS)
+    outward = inside * outward + (1.0 - inside) * RINGS
+    column, row = _cell(across, DIRECTIONS), _cell(outward, RINGS)
+    c = cell_coefficients(table, (to_the_right * DIRECTIONS + column) * RINGS + row)
+    x, y = across - column, outward - row
+    x_h, x_V_m = -0.5 * DIRECTIONS * t * per_size, 0.5 * DIRECTIONS * u * per_size
+    per_s = inside * moves * table.cells_per_s
+    y_h, y_V_m = per_s * (by_right - by_left), per_s * (by_right + by_left)
+
+    zeta, zeta_x, zeta_y = _bicubic(c, 0, x, y)
+    epsilon, epsilon_x, epsilon_y = _bicubic(c, 16, x, y)
+    eta, eta_x, eta_y = _bicubic(c, 32, x, y)
+    per_D = 0.5 * side
+    return MapPoint(
+        IndexValues(zeta, side * epsilon, eta),
+        IndexValues(
+            per_D * (zeta_x * x_h + zeta_y * y_h),
+            0.5 * (epsilon_x * x_h + epsilon_y * y_h),
+            per_D * (eta_x * x_h + eta_y * y_h),
+        ),
+        IndexValues(
+            zeta_x * x_V_m + zeta_y * y_V_m,
+            side * (epsilon_x * x_V_m + epsilon_y * y_V_m),
+            eta_x * x_V_m + eta_y * y_V_m,
+        ),
+    )
+
+
 def _cell(position: Number, count: int) -> Any:
-    """Which of `count` cells of size 1 a position from 0 to count lies in."""
-    if isinstance(position, np.ndarray):
-        return np.minimum(position.real.astype(int), count - 1)
-    return min(int(position.real), count - 1)
+    """Which of `count` cells of size 1 a position from 0 to count lies in, as a float."""
+    cell = position.real // 1.0
+    return cell - 1.0 * (cell >= count)
 
 
-def _bicubic(c: Any, x: Number, y: Number) -> tuple[Number, Number, Number]:
-    """Value, derivative by x and by y of the sum of c[4 i + j] x^i y^j."""
-    c00, c01, c02, c03, c10, c11, c12, c13, c20, c21, c22, c23, c30, c31, c32, c33 = c
-    a0 = ((c03 * y + c02) * y + c01) * y + c00
-    a1 = ((c13 * y + c12) * y + c11) * y + c10
-    a2 = ((c23 * y + c22) * y + c21) * y + c20
-    a3 = ((c33 * y + c32) * y + c31) * y + c30
-    triple = 3.0 * y
-    b0 = (triple * c03 + 2.0 * c02) * y + c01
-    b1 = (triple * c13 + 2.0 * c12) * y + c11
-    b2 = (triple * c23 + 2.0 * c22) * y + c21
-    b3 = (triple * c33 + 2.0 * c32) * y + c31
+def cell_coefficients(table: Table, cell: Any) -> Any:
+    """The 48 coefficients of a cell, or of each of an array of cells."""
+    if isinstance(cell, np.ndarray):
+        return np.moveaxis(table.coefficients[cell.astype(int)], -1, 0)
+    return table.coefficients[int(cell)].tolist()
+
+
+def _bicubic(c: Any, first: int, x: Number, y: Number) -> tuple[Number, Number, Number]:
+    """Value, derivative by x and by y of the sum of c[first + 4 i + j] x^i y^j."""
+    a0, b0 = _cubic(c, first, y)
+    a1, b1 = _cubic(c, first + 4, y)
+    a2, b2 = _cubic(c, first + 8, y)
+    a3, b3 = _cubic(c, first + 12, y)
     return (
         ((a3 * x + a2) * x + a1) * x + a0,
         (3.0 * a3 * x + 2.0 * a2) * x + a1,
         ((b3 * x + b2) * x + b1) * x + b0,
     )
+
+
+def _cubic(c: Any, first: int, y: Number) -> tuple[Number, Number]:
+    """Value and derivative of the sum of c[first + j] y^j."""
+    c0, c1, c2, c3 = c[first], c[first + 1], c[first + 2], c[first + 3]
+    return ((c3 * y + c2) * y + c1) * y + c0, (3.0 * c3 * y + 2.0 * c2) * y + c1
 
 
 def _largest_s(top_speed: float) -> float:

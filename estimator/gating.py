@@ -11,6 +11,10 @@ import msgspec
 # (scipy.stats.chi2.isf, which is not imported here for the sake of a light library).
 CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 
+# What a gate says of a measurement: to be used, not to be used, to be used with the state that it
+# measures made uncertain first.
+ADMITTED, REJECTED, REACQUIRED = range(3)
+
 
 class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """When to stop rejecting.
@@ -22,31 +26,32 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     patience: int = 10
 
 
+def verdict(nis: float, threshold: float, rejected_in_a_row: int, patience: int) -> int:
+    """Of a gate on a normalised innovation squared; for plain Python and for numba."""
+    if nis <= threshold:
+        return ADMITTED
+    return REACQUIRED if rejected_in_a_row >= patience else REJECTED
+
+
 class Gate:
     """The gate of one kind of measurement.
 
     Attributes:
-        rejected_in_a_row: how many it has rejected since it last admitted one.
+        threshold: of the normalised innovation squared.
+        patience: after so many rejections in a row the next sample is taken as right.
+        rejected_in_a_row: how many it has rejected since it last let one pass.
     """
 
     def __init__(self, degrees: int, settings: GateSettings) -> None:
-        self._threshold = CHI_SQUARE_1E4[degrees]
-        self._patience = settings.patience
+        self.threshold = CHI_SQUARE_1E4[degrees]
+        self.patience = settings.patience
         self.rejected_in_a_row = 0
 
-    @property
-    def must_reacquire(self) -> bool:
-        """Whether so many were rejected before the newest that the filter must be the wrong one."""
-        return self.rejected_in_a_row > self._patience
+    def judge(self, nis: float) -> int:
+        """The verdict on a measurement of this normalised innovation squared, which is counted."""
+        return self.count(verdict(nis, self.threshold, self.rejected_in_a_row, self.patience))
 
-    def admits(self, nis: float) -> bool:
-        """Whether a measurement of this normalised innovation squared is to be used."""
-        if nis <= self._threshold:
-            self.rejected_in_a_row = 0
-            return True
-        self.rejected_in_a_row += 1
-        return False
-
-    def reacquired(self) -> None:
-        """The filter was opened to the measurement; start counting anew."""
-        self.rejected_in_a_row = 0
+    def count(self, verdict: int) -> int:
+        """Count a verdict, and hand it back."""
+        self.rejected_in_a_row = self.rejected_in_a_row + 1 if verdict == REJECTED else 0
+        return verdict

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from estimator.gating import ADMITTED, REJECTED
+
 # A deviation that moves the twist by this share of the slip's standard deviation shows after some
 # hundred correlation times of the slip: in a minute or so of such motion.
 EXCITED = 0.1
@@ -36,6 +38,23 @@ class SensorHealth:
     def reject(self, reason: str) -> None:
         """Count one that did not update the filter."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
+
+    def judged(self, verdict: int, nis: float, degrees: int = 1) -> bool:
+        """Count what a gate has judged; whether it was used.
+
+        Args:
+            verdict: see `estimator.gating`.
+            nis: normalised innovation squared.
+            degrees: its degrees of freedom.
+        """
+        if verdict == REJECTED:
+            self.reject("gate")
+            return False
+        if verdict == ADMITTED:
+            self.nis_sum += nis
+            self.degrees += degrees
+        self.used += 1
+        return True
 
     def copy(self) -> SensorHealth:
         """The same counts, on their own."""

@@ -113,8 +113,8 @@ class History:
         self._keys.append(key)
         self._events.append(event)
         used = self._reckoning.take(event)
-        self._keep_checkpoint(key)
-        self._forget()
+        if self._keep_checkpoint(key):
+            self._forget()
         return used
 
     def forget_mark(self, mark: Mark) -> None:
@@ -147,11 +147,14 @@ class History:
             self._keep_checkpoint(self._keys[index])
         return used
 
-    def _keep_checkpoint(self, key: Key) -> None:
+    def _keep_checkpoint(self, key: Key) -> bool:
+        """Whether it was time for one."""
         self._since_checkpoint += 1
-        if self._since_checkpoint == CHECKPOINT_EVERY:
-            self._since_checkpoint = 0
-            self._checkpoints.append(Checkpoint(key, self._reckoning.memory()))
+        if self._since_checkpoint < CHECKPOINT_EVERY:
+            return False
+        self._since_checkpoint = 0
+        self._checkpoints.append(Checkpoint(key, self._reckoning.memory()))
+        return True
 
     def _forget(self) -> None:
         """Drop what no measurement can come before any more."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator import state as s
 from estimator.health import Health
+from estimator.motion_model import NO_MEMORY
 from estimator.relative_motion import Marks
 from estimator.standstill import StandstillMemory
 from estimator.track_speeds import TrackMemory
@@ -30,6 +31,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
         rejected_in_a_row: of each gate.
         health: counts.
         marks: the motion since each mark, None where there is none.
+        model: (m,) what the motion model remembers, see `estimator.motion_model.MotionModel`.
     """
 
     stamp: int | None
@@ -44,6 +46,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
     rejected_in_a_row: dict[str, int]
     health: Health
     marks: Marks | None = None
+    model: np.ndarray[Any, Any] = NO_MEMORY
 
     def __post_init__(self) -> None:
         if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):

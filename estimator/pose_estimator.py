@@ -344,7 +344,7 @@ class PoseEstimator:
         try:
             estimator._reckoning.recall(saved.now)
             estimator._history.recall(saved.history)
-        except (EstimatorError, KeyError) as problem:
+        except (EstimatorError, KeyError, ValueError) as problem:
             raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
         estimator._arrivals = saved.arrivals
         estimator._admission.witnesses = saved.witnesses

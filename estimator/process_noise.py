@@ -1,6 +1,11 @@
-"""What disturbs the motion: slip, errors of the track speeds, and random walks."""
+"""What disturbs the motion: slip, errors of the track speeds, and random walks.
+
+The functions are written for plain Python and for numba (`estimator.jit_kernel`).
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +42,6 @@ class Disturbances:
         self._slip = slip
         self._track_gauge = robot.vehicle.track_gauge
         self._track_density = robot.tracks.speed_noise_density**2
-        self._gap_share = np.array([1.0, SIDEWAYS_IN_GAP, 2.0 / self._track_gauge])
         self._bias_walk = np.zeros(s.SIZE)
         self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
         self._bias_walk[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_walk
@@ -45,9 +49,19 @@ class Disturbances:
         self._parameter_walk[s.PARAMETERS] = parameter_sigmas * adaptation.walk
 
     @property
+    def slip(self) -> Slip:
+        """Of the variant."""
+        return self._slip
+
+    @property
     def bias_walk(self) -> Floats:
         """(SIZE,) random walk of the biases, zero elsewhere, per √s."""
         return self._bias_walk
+
+    @property
+    def parameter_walk(self) -> Floats:
+        """(SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s."""
+        return self._parameter_walk
 
     def slip_sigma(self, tracks: HeldTrackSpeeds, eta0: float, *, pushed: bool) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
@@ -57,13 +71,11 @@ class Disturbances:
             eta0: steering efficiency index at no inertia.
             pushed: whether the robot may be turning with its tracks at rest.
         """
-        gauge = self._track_gauge * max(1.0, eta0)
-        forward, left, turning = slip_components(tracks.left, tracks.right, self._slip, gauge)
-        return forward, left, PUSHED_W if pushed else turning
+        return slip_at(tracks.left, tracks.right, self._slip, self._track_gauge, eta0, pushed)
 
     def sideways_density(self, sigma: Vector3) -> float:
         """Density of the change of the sideways slip [m²/s³] at a `slip_sigma`."""
-        return 2.0 * sigma[1] ** 2 / self._slip.time_constant
+        return sideways_density(sigma[1], self._slip.time_constant)
 
     def track_density(self, tracks: HeldTrackSpeeds) -> float:
         """Density of the error of each track's speed [m²/s]."""
@@ -84,12 +96,15 @@ class Disturbances:
             start: of the step.
             end: of the step.
         """
-        density: Floats = self.track_density(tracks) * by_speeds.dot(by_speeds.T)
-        density[2, 2] += 2.0 * self._slip.white_time * sigma[2] ** 2
-        gap = tracks.gap_density(start, end)
-        if gap > 0.0:
-            density += np.diag(gap * self._gap_share**2)
-        return density
+        density = fast_slip_density(
+            by_speeds.tolist(),
+            self.track_density(tracks),
+            self._slip.white_time,
+            sigma[2],
+            tracks.gap_density(start, end),
+            self._track_gauge,
+        )
+        return np.array(density)
 
     def of_step(self, tracks: HeldTrackSpeeds, sigma: Vector3) -> ProcessNoise:
         """The noise of a step at a `slip_sigma`.
@@ -97,6 +112,62 @@ class Disturbances:
         Parameters wander only as far as the motion can show them, from not at all (straight, standing)
         to their full rate.
         """
-        turning = min(1.0, abs(tracks.right - tracks.left) / FULL_TURNING)
-        walk = self._bias_walk + self._parameter_walk * turning
+        walk = self._bias_walk + self._parameter_walk * share_of_walk(tracks.left, tracks.right)
         return ProcessNoise(np.array(sigma), self._slip.time_constant, walk)
+
+
+def slip_at(
+    left: float, right: float, slip: Any, gauge: float, eta0: float, pushed: bool
+) -> Vector3:
+    """Standard deviation of the slip [m/s, m/s, rad/s].
+
+    Args:
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+        slip: what has the numbers of a `Slip`.
+        gauge: L [m].
+        eta0: steering efficiency index at no inertia.
+        pushed: whether the robot may be turning with its tracks at rest.
+    """
+    forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta0))
+    return forward, sideways, PUSHED_W if pushed else turning
+
+
+def sideways_density(sigma_y: float, time_constant: float) -> float:
+    """Density of the change of a slip of this standard deviation [m²/s³]."""
+    return 2.0 * (sigma_y * sigma_y) / time_constant
+
+
+def fast_slip_density(
+    by_speeds: Any,
+    track_density: float,
+    white_time: float,
+    sigma_w: float,
+    gap_density: float,
+    gauge: float,
+) -> tuple[Vector3, Vector3, Vector3]:
+    """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
+
+    Args:
+        by_speeds: (3, 2) derivative of the twist by the track speeds.
+        track_density: of the error of each track's speed [m²/s].
+        white_time: of the slip, see `Slip` [s].
+        sigma_w: standard deviation of the slip of w [rad/s].
+        gap_density: of what the speeds may have changed by in a gap [m²/s].
+        gauge: L [m].
+    """
+    x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
+    xy = track_density * (x[0] * y[0] + x[1] * y[1])
+    xw = track_density * (x[0] * w[0] + x[1] * w[1])
+    yw = track_density * (y[0] * w[0] + y[1] * w[1])
+    xx = track_density * (x[0] * x[0] + x[1] * x[1]) + gap_density
+    yy = track_density * (y[0] * y[0] + y[1] * y[1])
+    yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP)
+    ww = track_density * (w[0] * w[0] + w[1] * w[1]) + 2.0 * white_time * (sigma_w * sigma_w)
+    ww += gap_density * (4.0 / (gauge * gauge))
+    return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
+
+
+def share_of_walk(left: float, right: float) -> float:
+    """How much of their full rate the parameters wander at, at these track speeds [m/s]."""
+    return min(1.0, abs(right - left) / FULL_TURNING)

@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from estimator import state as s
-from estimator.ekf import IcrEkf, TwistModel, step_on_se2
+from estimator.ekf import IMU_KEPT, POSE_KEPT, TwistModel
+from estimator.engines import make_ekf, make_step
 from estimator.frames import Floats
-from estimator.gating import Gate
+from estimator.gating import REACQUIRED, REJECTED, Gate
 from estimator.health import Health
 from estimator.log import NANOSECOND
 from estimator.measurements import (
@@ -23,10 +24,11 @@ from estimator.measurements import (
 )
 from estimator.memory import FilterMemory
 from estimator.process_noise import Disturbances
+from estimator.propagation import step_on_se2
 from estimator.relative_motion import Mark, Marks
 from estimator.robot import Robot
 from estimator.sensor_models import (
-    STANDSTILL_SIGMA,
+    STANDSTILL_VARIANCE,
     Reading,
     SensorModels,
     TrackChange,
@@ -44,12 +46,6 @@ from estimator.variants import (
     parameter_sigmas,
     slip_of,
 )
-
-# What a twist measurement does not move: the pose, which is to be continuous.
-POSE_KEPT = (s.X, s.Y, s.YAW)
-# What the IMU does not move either: it sees the track scale only through what else is wrong with the
-# yaw rate, and would call it all scale. Fixes and body velocities show it for what it is.
-IMU_KEPT = (*POSE_KEPT, s.TRACK_SCALE)
 
 
 class Reckoning:
@@ -84,9 +80,10 @@ class Reckoning:
         imu = robot.imu
         adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
         self.parameter_sigmas = parameter_sigmas(robot, variant, adaptation)
-        self.ekf = IcrEkf(
-            motion_model(robot, variant, settings.form, slip_in_inertia=settings.inertia == "imu")
+        model = motion_model(
+            robot, variant, settings.form, slip_in_inertia=settings.inertia == "imu"
         )
+        self.ekf = make_ekf(settings.engine, model)
         self.ekf.x[s.POSE] = start
         self.ekf.x[s.PARAMETERS] = initial_indices(robot, variant).as_array()
         spread = np.zeros(s.SIZE)
@@ -121,6 +118,14 @@ class Reckoning:
             "body velocity y": Gate(1, settings.gates),
         }
         self._standstill = StandstillDetector(settings.standstill, imu.gyro_noise_density)
+        self._at_once = make_step(
+            settings.engine,
+            self.ekf,
+            self._disturbances,
+            self._sensors,
+            self._gates["gyro"],
+            self._gates["accelerometer"],
+        )
 
     # --- what it knows ---------------------------------------------------------------------------
 
@@ -139,6 +144,7 @@ class Reckoning:
             {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
             self.health.copy(),
             self.ekf.marks,
+            self.ekf.model.memory,
         )
 
     def recall(self, memory: FilterMemory) -> None:
@@ -147,6 +153,7 @@ class Reckoning:
         self.ekf.x = memory.state.copy()
         self.ekf.P = memory.covariance.copy()
         self.ekf.marks = memory.marks
+        self.ekf.model.recall(memory.model)
         self._step_under_way = memory.step_under_way
         self.stands = memory.stands
         self._tracks.recall(memory.tracks)
@@ -185,15 +192,8 @@ class Reckoning:
 
     def slip_sigma(self) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s]."""
-        tracks = self._tracks
-        resting = max(abs(tracks.left), abs(tracks.right)) < self._settings.standstill.track_speed
-        pushed = (
-            resting
-            and not self.stands
-            and self.stamp is not None
-            and self._imu_is_alive(self.stamp)
-        )
-        return self._disturbances.slip_sigma(tracks, float(self.ekf.x[s.ETA0]), pushed=pushed)
+        eta0 = self.ekf.x.item(s.ETA0)
+        return self._disturbances.slip_sigma(self._tracks, eta0, pushed=self._may_be_pushed())
 
     # --- what it is told -------------------------------------------------------------------------
 
@@ -244,6 +244,9 @@ class Reckoning:
         self.stands = self._standstill.yaw_rate(
             m.stamp, rate, float(ekf.x[s.GYRO_BIAS]), bias_sigma
         )
+        at_once = self._take_imu_at_once(m, rate)
+        if at_once is not None:
+            return at_once
         self._begin_step(m.stamp)
         if self.stands:
             self._update_standstill()
@@ -263,12 +266,42 @@ class Reckoning:
         self._advance(m.stamp)
         return used
 
+    def _take_imu_at_once(self, m: ImuSample, rate: float) -> bool | None:
+        """What follows in `_take_imu`, compiled; None where it must be done one thing at a time."""
+        step, start = self._at_once, self.stamp
+        if step is None or self._step_under_way or start is None or start >= m.stamp:
+            return None
+        force = m.linear_acceleration if self._settings.use_accelerometer else None
+        verdicts = step.take(
+            self._tracks,
+            start,
+            m.stamp,
+            stands=self.stands,
+            pushed=self._may_be_pushed(),
+            interval=self._imu_interval,
+            rate=rate,
+            force=None if force is None else self._sensors.to_the_left(force),
+        )
+        if verdicts is None:
+            return None
+        self.stamp = m.stamp
+        health, gates = self.health, self._gates
+        if self.stands:
+            health.standstill_updates += 1
+        gates["gyro"].count(verdicts.gyro)
+        used = health.sensor("gyro").judged(verdicts.gyro, verdicts.gyro_nis)
+        if verdicts.accelerometer is not None:
+            gates["accelerometer"].count(verdicts.accelerometer)
+            of_accelerometer = health.sensor("accelerometer")
+            of_accelerometer.judged(verdicts.accelerometer, verdicts.accelerometer_nis)
+        return used
+
     def _update_standstill(self) -> None:
         """A standing robot's twist is zero."""
         self.health.standstill_updates += 1
         model, linearised_at = self.model(), self.ekf.x.copy()
-        for axis, sigma in enumerate(STANDSTILL_SIGMA):
-            reading = twist_component(axis, 0.0, sigma**2, model, linearised_at, self.ekf.x)
+        for axis, variance in enumerate(STANDSTILL_VARIANCE):
+            reading = twist_component(axis, 0.0, variance, model, linearised_at, self.ekf.x)
             self.ekf.update_scalar(*reading, kept=IMU_KEPT)
 
     def _update_accelerometer(
@@ -292,16 +325,12 @@ class Reckoning:
         residual = np.array([m.x, m.y]) - ekf.x[:2]
         spread = ekf.P[:2, :2] + m.variance * np.eye(2)
         nis = float(residual @ np.linalg.solve(spread, residual))
-        if not gate.admits(nis):
-            if not gate.must_reacquire:
-                health.reject("gate")
-                return False
-            gate.reacquired()
+        verdict = gate.judge(nis)
+        if verdict == REJECTED:
+            return health.judged(verdict, nis, degrees=2)
+        if verdict == REACQUIRED:
             ekf.reopen(s.X, s.Y, variance=float(residual @ residual))
-        else:
-            health.nis_sum += nis
-            health.degrees += 2
-        health.used += 1
+        health.judged(verdict, nis, degrees=2)
         for axis, value in enumerate((m.x, m.y)):
             ekf.update_scalar(*pose_component(axis, value, m.variance, ekf.x))
         ekf.keep_inside_bounds()
@@ -335,9 +364,9 @@ class Reckoning:
         # as it did in that step, as far as is known, and the next step will say the rest.
         elapsed = 0.0 if self.stamp is None else (self.stamp - m.stamp) * NANOSECOND
         model = self.model()
-        motion, _, by_motion = step_on_se2(0.0, model.twist * elapsed)
-        by_state = by_motion @ model.jacobian * elapsed
-        self.ekf.marks = self.marks.begun(m.stamp, motion, by_state, self.ekf.P)
+        motion, _, by_motion = step_on_se2(0.0, (model.twist * elapsed).tolist())
+        by_state = np.array(by_motion) @ model.jacobian * elapsed
+        self.ekf.marks = self.marks.begun(m.stamp, np.array(motion), by_state, self.ekf.P)
         return True
 
     # --- how it works ----------------------------------------------------------------------------
@@ -346,20 +375,23 @@ class Reckoning:
         self, sensor: str, gate: Gate, reading: Reading, *, reopen: int, kept: tuple[int, ...]
     ) -> bool:
         """A gated scalar update; when re-acquiring, the state `reopen` is made uncertain first."""
-        health = self.health.sensor(sensor)
         nis = self.ekf.innovation(*reading).nis
-        if not gate.admits(nis):
-            if not gate.must_reacquire:
-                health.reject("gate")
-                return False
-            gate.reacquired()
-            self.ekf.reopen(reopen, variance=reading.residual**2)
-        else:
-            health.nis_sum += nis
-            health.degrees += 1
-        self.ekf.update_scalar(*reading, kept=kept)
-        health.used += 1
-        return True
+        verdict = gate.judge(nis)
+        if verdict == REACQUIRED:
+            self.ekf.reopen(reopen, variance=reading.residual * reading.residual)
+        if verdict != REJECTED:
+            self.ekf.update_scalar(*reading, kept=kept)
+        return self.health.sensor(sensor).judged(verdict, nis)
+
+    def _may_be_pushed(self) -> bool:
+        """Whether it may be turning with its tracks at rest."""
+        tracks = self._tracks
+        return (
+            max(abs(tracks.left), abs(tracks.right)) < self._settings.standstill.track_speed
+            and not self.stands
+            and self.stamp is not None
+            and self._imu_is_alive(self.stamp)
+        )
 
     def _imu_is_alive(self, stamp: int) -> bool:
         """Whether an IMU sample may be expected that tells how the robot moved up to this stamp."""

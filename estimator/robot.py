@@ -17,7 +17,7 @@ from estimator.config import convert, read_toml
 from estimator.contact import Body, Contact, Soil, equally_spaced
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats, rep103_to_paper, rpy_to_matrix
-from estimator.motion import VehicleConstants
+from estimator.motion_model import VehicleConstants
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1

@@ -116,7 +116,8 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
         raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
     content = msgspec.to_builtins(saved, enc_hook=_to_plain)
     for memory in (content["now"], content["history"]["memory"]):
-        if not np.isfinite([*memory["state"], *np.ravel(memory["covariance"])]).all():
+        numbers = [*memory["state"], *np.ravel(memory["covariance"]), *memory["model"]]
+        if not np.isfinite(numbers).all():
             raise EstimatorError(f"{path}: not written, the estimate is not finite")
         memory["state"] = dict(zip(s.STATE_NAMES, memory["state"], strict=True))
     document = {

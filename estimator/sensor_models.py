@@ -3,13 +3,14 @@
 A measurement is z = h(x) + noise. Each function here returns the residual z - h(x) at the present state,
 the row dh/dx (SIZE,), and the variance of the noise. Where several are taken one after the other at one
 linearisation, the later ones' residuals allow for what the earlier ones have moved.
+
+What the IMU should read is written for plain Python and for numba (`estimator.jit_kernel`), in functions
+of numbers.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from estimator.robot import Robot
 
 # What a standing robot's velocity is known to be zero within [m/s, m/s, rad/s].
 STANDSTILL_SIGMA = (1e-3, 1e-3, 1e-4)
+STANDSTILL_VARIANCE = tuple(sigma * sigma for sigma in STANDSTILL_SIGMA)
 # Share of the change of the track speeds that may be wrong because it comes late.
 ACCELERATION_DOUBT = 0.2
 
@@ -36,6 +38,38 @@ class Reading(NamedTuple):
 
     residual: float
     row: Floats
+    variance: float
+
+
+class ImuConstants(NamedTuple):
+    """What the readings of an IMU depend on.
+
+    Attributes:
+        gyro_density: of its noise [rad²/s].
+        accelerometer_density: of its noise [m²/s³].
+        x: of the IMU in base_link, forward [m].
+        y: to the left [m].
+    """
+
+    gyro_density: float
+    accelerometer_density: float
+    x: float
+    y: float
+
+
+class Forecast(NamedTuple):
+    """What an accelerometer should read.
+
+    Attributes:
+        predicted: without its bias [m/s²].
+        by_v_x: derivative by the speed forward [1/s].
+        by_w: derivative by the yaw rate [m/s].
+        variance: of the reading [m²/s⁴].
+    """
+
+    predicted: float
+    by_v_x: float
+    by_w: float
     variance: float
 
 
@@ -60,10 +94,19 @@ class SensorModels:
 
     Args:
         robot: the robot.
+
+    Attributes:
+        constants: of its IMU.
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._imu = robot.imu
+        imu = self._imu = robot.imu
+        self.constants = ImuConstants(
+            imu.gyro_noise_density**2,
+            imu.accelerometer_noise_density**2,
+            imu.position[0],
+            imu.position[1],
+        )
         self._leftward: list[float]
         self._upward: list[float]
         _, self._leftward, self._upward = robot.imu_rotation.tolist()
@@ -73,6 +116,10 @@ class SensorModels:
         if self._imu.gyro_axes == "z":
             return sample.angular_velocity[2] / (self._upward[2] * self._imu.gyro_scale)
         return _dot(self._upward, sample.angular_velocity) / self._imu.gyro_scale
+
+    def to_the_left(self, force: Vector3) -> float:
+        """Of a specific force in the IMU's axes, the part to the left of base_link [m/s²]."""
+        return _dot(self._leftward, force)
 
     def gyro(
         self, rate: float, interval: float, model: TwistModel, x: Floats, change: TrackChange
@@ -90,13 +137,9 @@ class SensorModels:
         row = scale * model.jacobian[2]
         row[s.GYRO_BIAS] += 1.0
         row[s.GYRO_SCALE] += w
-        # The newest track speeds are averages of the time before, so they come late.
-        late = _dot(model.by_speeds[2].tolist(), change.acceleration) * change.age
-        return Reading(
-            rate - scale * w - x.item(s.GYRO_BIAS),
-            row,
-            self._imu.gyro_noise_density**2 / interval + late**2,
-        )
+        by_turning = model.by_speeds[2].tolist()
+        variance = gyro_variance(self.constants, interval, by_turning, change)
+        return Reading(rate - scale * w - x.item(s.GYRO_BIAS), row, variance)
 
     def accelerometer(
         self,
@@ -121,35 +164,23 @@ class SensorModels:
             change: of the track speeds.
             slip_density: of the change of the sideways slip [m²/s³].
         """
-        imu = self._imu
-        v_x, _, w = model.twist.tolist()
-        l_x, l_y, _ = imu.position
-        # What the kinematics change by, from the change of the track speeds.
-        _, by_left, by_turning = model.by_speeds.tolist()
-        dv_y, dw = _dot(by_left, change.acceleration), _dot(by_turning, change.acceleration)
-        measured = _dot(self._leftward, force)
-        bias = linearised_at.item(s.ACCELEROMETER_BIAS)
-        predicted = dv_y + w * v_x + dw * l_x - w * w * l_y + bias
-        row = (v_x - 2.0 * w * l_y) * model.jacobian[2] + w * model.jacobian[0]
+        forecast = accelerometer_forecast(
+            self.constants,
+            interval,
+            model.twist.tolist(),
+            model.by_speeds.tolist(),
+            change,
+            slip_density,
+        )
+        row = forecast.by_w * model.jacobian[2] + forecast.by_v_x * model.jacobian[0]
         row[s.ACCELEROMETER_BIAS] += 1.0
-        # The slip's own change over the sample, what comes late of the derivative, and its noise.
-        white = (imu.accelerometer_noise_density**2 + slip_density) / interval
-        late = ACCELERATION_DOUBT * math.hypot(dv_y, dw * l_x)
-        by_change = [
-            left + l_x * turning for left, turning in zip(by_left, by_turning, strict=True)
-        ]
-        noise = change.speed_variance * _dot(by_change, by_change) / change.window**2
-        moved = float(row.dot(x - linearised_at))
-        return Reading(measured - predicted - moved, row, white + late**2 + noise)
+        predicted = forecast.predicted + linearised_at.item(s.ACCELEROMETER_BIAS)
+        residual = self.to_the_left(force) - predicted - shift(row, x, linearised_at)
+        return Reading(residual, row, forecast.variance)
 
 
 def twist_component(
-    axis: int,
-    value: float,
-    variance: float,
-    model: TwistModel,
-    linearised_at: Floats,
-    x: Floats,
+    axis: int, value: float, variance: float, model: TwistModel, linearised_at: Floats, x: Floats
 ) -> Reading:
     """One component of the body velocity.
 
@@ -162,8 +193,7 @@ def twist_component(
         x: (SIZE,) the state.
     """
     row = model.jacobian[axis]
-    moved = float(row.dot(x - linearised_at))
-    return Reading(value - model.twist.item(axis) - moved, row, variance)
+    return Reading(value - model.twist.item(axis) - shift(row, x, linearised_at), row, variance)
 
 
 def pose_component(axis: int, value: float, variance: float, x: Floats) -> Reading:
@@ -174,5 +204,77 @@ def pose_component(axis: int, value: float, variance: float, x: Floats) -> Readi
     return Reading(float(wrap_angle(residual)) if axis == s.YAW else residual, row, variance)
 
 
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(left * right for left, right in zip(a, b, strict=True))
+def gyro_variance(
+    imu: ImuConstants, interval: float, by_turning: Any, change: TrackChange
+) -> float:
+    """Of a reading of the gyro against the yaw rate of the model.
+
+    Args:
+        imu: the IMU.
+        interval: time between samples [s].
+        by_turning: (2,) derivative of the yaw rate by the track speeds.
+        change: of the track speeds.
+    """
+    # The newest track speeds are averages of the time before, so they come late.
+    late = _along(by_turning, change.acceleration) * change.age
+    return imu.gyro_density / interval + late * late
+
+
+def accelerometer_forecast(
+    imu: ImuConstants,
+    interval: float,
+    twist: Any,
+    by_speeds: Any,
+    change: TrackChange,
+    slip_density: float,
+) -> Forecast:
+    """What the accelerometer should read; arguments as those of `SensorModels.accelerometer`.
+
+    Args:
+        imu: the IMU.
+        interval: time between samples [s].
+        twist: (3,) of base_link.
+        by_speeds: (3, 2) its derivative by the track speeds.
+        change: of the track speeds.
+        slip_density: of the change of the sideways slip [m²/s³].
+    """
+    v_x, w = twist[0], twist[2]
+    by_left, by_turning = by_speeds[1], by_speeds[2]
+    # What the kinematics change by, from the change of the track speeds.
+    dv_y, dw = _along(by_left, change.acceleration), _along(by_turning, change.acceleration)
+    # The slip's own change over the sample, what comes late of the derivative, and its noise.
+    white = (imu.accelerometer_density + slip_density) / interval
+    turning = dw * imu.x
+    late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv_y * dv_y + turning * turning)
+    of_left, of_right = by_left[0] + imu.x * by_turning[0], by_left[1] + imu.x * by_turning[1]
+    noise = change.speed_variance * (of_left * of_left + of_right * of_right)
+    return Forecast(
+        dv_y + w * v_x + turning - w * w * imu.y,
+        w,
+        v_x - 2.0 * w * imu.y,
+        white + late + noise / (change.window * change.window),
+    )
+
+
+def shift(row: Floats, x: Floats, since: Floats) -> float:
+    """How far a prediction has moved with the state since an earlier one; for numba, too.
+
+    Added up in order, so that it is the same to the last bit whoever does it.
+
+    Args:
+        row: (SIZE,) Jacobian of the prediction.
+        x: (SIZE,) the state.
+        since: (SIZE,) the earlier state.
+    """
+    moved = 0.0
+    for part in row * (x - since):
+        moved += part
+    return float(moved)
+
+
+def _along(by_speeds: Any, acceleration: tuple[float, float]) -> float:
+    return by_speeds[0] * acceleration[0] + by_speeds[1] * acceleration[1]  # type: ignore[no-any-return]
+
+
+def _dot(a: Any, b: Any) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return]

@@ -12,6 +12,8 @@ from estimator.robot import Slip
 from estimator.standstill import StandstillSettings
 from estimator.variants import Adaptation
 
+Engine = Literal["compiled", "plain"]
+
 # Working through more than this again would take longer than anyone can wait [s].
 LONGEST_HISTORY = 60.0
 
@@ -20,6 +22,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How the filter works; every default is what it was tuned to.
 
     Attributes:
+        engine: "compiled" by numba (its first use ever takes some ten seconds), or "plain" Python, which
+            is eight times slower; they agree to rounding.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs); not of `friction`.
         inertia: "tracks" (the kinematic twist's own) or "imu" (with the slip that the IMU shows); not
             of `friction`.
@@ -36,6 +40,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         standstill: standstill detection.
     """
 
+    engine: Engine = "compiled"
     form: Literal["smooth", "literal"] = "smooth"
     inertia: Literal["tracks", "imu"] = "tracks"
     slip: Slip | None = None

@@ -40,7 +40,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import state as s
-from estimator.ekf import IDENTITY, SLIP_DIAGONAL, IcrEkf, ProcessNoise
+from estimator.ekf import IDENTITY, SLIP_DIAGONAL, IcrEkf
 from estimator.frames import Floats
 from estimator.log import Log
 from estimator.pose_estimator import PoseEstimator, Snapshot
@@ -99,7 +99,7 @@ def smooth(
 
 
 class _TapedEstimator(PoseEstimator):
-    """A pose estimator whose filter keeps what the smoother needs; fed in order only."""
+    """A pose estimator of which a tape keeps what the smoother needs; fed in order only."""
 
     def __init__(
         self,
@@ -111,8 +111,7 @@ class _TapedEstimator(PoseEstimator):
         start_sigma: tuple[float, float, float],
     ) -> None:
         super().__init__(robot, variant, settings=settings, start=start, start_sigma=start_sigma)
-        self.tape = _TapedEkf(self._reckoning.ekf)
-        self._reckoning.ekf = self.tape
+        self.tape = _Tape(self._reckoning.ekf)
 
     def keep_row(self) -> None:
         """Remember that a row of the result is to be here."""
@@ -148,18 +147,19 @@ class _KeptRow(NamedTuple):
     delta: Floats
     upper: Floats
     speeds: tuple[float, float]
+    model_memory: Floats
 
 
-class _TapedEkf(IcrEkf):
-    """The filter, and beside it the optimal one for its error; what both do goes on a tape.
+class _Tape:
+    """Witness of a filter: what it does goes on a tape, beside what the optimal one for its error does.
 
     Args:
         ekf: the filter at its start.
     """
 
     def __init__(self, ekf: IcrEkf) -> None:
-        super().__init__(ekf.model)
-        self.x, self.P = ekf.x, ekf.P
+        self._ekf = ekf
+        ekf.witness = self
         self._delta: Floats = np.zeros(s.SIZE)
         self._optimal_P: Floats = ekf.P.copy()
         self._tape: list[_Step | _Renewal | _Update] = []
@@ -167,20 +167,17 @@ class _TapedEkf(IcrEkf):
 
     # --- forward ---------------------------------------------------------------------------------
 
-    def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
-        """See `IcrEkf`."""
-        super().predict_motion(dt, left, right, noise)
-        F = self.F
+    def moved(self, F: Floats, Q: Floats) -> None:
+        """See `Witness`."""
         self._delta = F @ self._delta
-        P = F @ self._optimal_P @ F.T + self.Q
+        P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
         self._tape.append(_Step(F[s.POSE].copy(), F.item(s.SLIP_X, s.SLIP_X)))
         if P[s.YAW, s.YAW] > LOST_YAW**2:
             self._renew(s.POSE, self._optimal_P[s.POSE, s.POSE].copy())
 
-    def renew_fast_slip(self, covariance: Floats) -> None:
-        """See `IcrEkf`."""
-        super().renew_fast_slip(covariance)
+    def renewed(self, covariance: Floats) -> None:
+        """See `Witness`."""
         self._renew(s.FAST_SLIP, covariance)
 
     def _renew(self, states: slice, covariance: Floats) -> None:
@@ -190,46 +187,41 @@ class _TapedEkf(IcrEkf):
         P[states, states] = covariance
         self._tape.append(_Renewal(states))
 
-    def reopen(self, *states: int, variance: float) -> None:
-        """See `IcrEkf`."""
-        super().reopen(*states, variance=variance)
+    def reopened(self, states: tuple[int, ...], variance: float) -> None:
+        """See `Witness`."""
         for index in states:
             self._optimal_P[index, index] += variance
 
-    def update_scalar(
-        self, residual: float, row: Floats, variance: float, *, kept: tuple[int, ...] = ()
-    ) -> None:
-        """See `IcrEkf`."""
-        before = self.x
-        super().update_scalar(residual, row, variance, kept=kept)
+    def updated(self, residual: float, row: Floats, variance: float, change: Floats) -> None:
+        """See `Witness`."""
         cross = self._optimal_P @ row
         expected = float(row @ cross) + variance
         gain = cross / expected
         innovation = residual - float(row @ self._delta)
-        self._delta = self._delta + gain * innovation - (self.x - before)
+        self._delta = self._delta + gain * innovation - change
         self._optimal_P = self._optimal_P - np.outer(gain, cross)
         self._tape.append(_Update(row, gain, innovation, expected))
 
-    def keep_inside_bounds(self) -> None:
-        """See `IcrEkf`; the optimal filter stays where it is, only smoothed states are projected."""
-        before = self.x
-        super().keep_inside_bounds()
-        if self.x is not before:
-            self._delta = self._delta - (self.x - before)
+    def projected(self, change: Floats) -> None:
+        """See `Witness`; the optimal filter stays where it is, only smoothed states are projected."""
+        self._delta = self._delta - change
 
     def keep_row(self, track_speeds: tuple[float, float]) -> None:
         """Remember that a row of the result is to be here."""
-        P = self._optimal_P[UPPER]
-        self._rows.append(_KeptRow(len(self._tape), self._delta.copy(), P, track_speeds))
+        P, memory = self._optimal_P[UPPER], self._ekf.model.memory
+        row = _KeptRow(len(self._tape), self._delta.copy(), P, track_speeds, memory)
+        self._rows.append(row)
 
     # --- backward --------------------------------------------------------------------------------
 
     def smoothed(self, filtered: Run) -> Run:
-        """Go back over the tape, which is used up.
+        """Go back over the tape, which is used up, as is the filter.
 
         Args:
             filtered: what the filter said where rows were kept.
         """
+        ekf = self._ekf
+        ekf.witness = ekf.marks = None
         count = len(self._rows)
         rows = Rows(count)
         adjoint, information = np.zeros(s.SIZE), np.zeros((s.SIZE, s.SIZE))
@@ -241,20 +233,21 @@ class _TapedEkf(IcrEkf):
             P[UPPER] = row.upper
             P.T[UPPER] = row.upper
             smoothed_P = P - P @ information @ P
-            self.x = filtered.states[index] + row.delta - P @ adjoint
-            self.P = 0.5 * (smoothed_P + smoothed_P.T)
+            ekf.x = filtered.states[index] + row.delta - P @ adjoint
+            ekf.P = 0.5 * (smoothed_P + smoothed_P.T)
             # What is known exactly may come out less certain than nothing by a rounding.
-            np.fill_diagonal(self.P, np.maximum(self.P.diagonal(), 0.0))
-            super().keep_inside_bounds()
-            model = self.twist_model(*row.speeds)
+            np.fill_diagonal(ekf.P, np.maximum(ekf.P.diagonal(), 0.0))
+            ekf.keep_inside_bounds()
+            ekf.model.recall(row.model_memory)
+            model = ekf.twist_model(*row.speeds)
             rows.put(
                 index,
                 Snapshot(
                     int(filtered.stamps[index]),
-                    self.x,
-                    self.P,
+                    ekf.x,
+                    ekf.P,
                     model.twist,
-                    model.jacobian @ self.P @ model.jacobian.T,
+                    model.jacobian @ ekf.P @ model.jacobian.T,
                     model.motion.indices,
                 ),
             )

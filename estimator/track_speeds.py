@@ -41,7 +41,8 @@ class HeldTrackSpeeds:
     """
 
     def __init__(self, hold: float, gap_acceleration: float, fastest: float) -> None:
-        self._hold = hold
+        self._hold = float(hold)
+        self._hold_ns = int(hold / NANOSECOND)
         self._gap_acceleration = gap_acceleration
         self._fastest = fastest
         self.recall(TrackMemory())
@@ -91,18 +92,16 @@ class HeldTrackSpeeds:
 
     def speeds_at(self, now: int | None) -> tuple[float, float]:
         """Speeds of the left and the right track at a stamp [ns], which die away when too old [m/s]."""
-        if self.stamp is None or now is None:
+        if self.stamp is None or now is None or now - self.stamp <= self._hold_ns:
             return self.left, self.right
         share = math.exp(-self._too_old(now) / DYING_AWAY)
         return share * self.left, share * self.right
 
     def mean_speeds(self, start: int, end: int) -> tuple[float, float]:
         """Their means between two stamps [ns]."""
-        if self.stamp is None:
+        if self.stamp is None or end - self.stamp <= self._hold_ns:
             return self.left, self.right
         from_age, to_age = self._too_old(start), self._too_old(end)
-        if to_age == 0.0:
-            return self.left, self.right
         dt = (end - start) * NANOSECOND
         fresh = dt - (to_age - from_age)
         dying = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
@@ -113,7 +112,7 @@ class HeldTrackSpeeds:
         """For how long the speeds have been too old to be trusted, at a stamp [ns] [s]."""
         if self.stamp is None:
             return 0.0
-        return max(0, now - self.stamp - int(self._hold / NANOSECOND)) * NANOSECOND
+        return max(0, now - self.stamp - self._hold_ns) * NANOSECOND
 
     def is_hole(self, stamp: int) -> bool:
         """Whether a new sample at a stamp [ns] would come later than the newest can be held."""
@@ -129,6 +128,8 @@ class HeldTrackSpeeds:
             start: stamp of the step's start [ns].
             end: of its end, later [ns].
         """
+        if self.stamp is None or end - self.stamp <= self._hold_ns:
+            return 0.0
         from_age, to_age = self._too_old(start), self._too_old(end)
         dt = (end - start) * NANOSECOND
         age = (to_age**2 - from_age**2) / (2.0 * dt)

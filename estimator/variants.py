@@ -19,7 +19,8 @@ from estimator.frames import Floats
 from estimator.friction_map import FrictionMap, friction_map
 from estimator.friction_motion import FrictionMotion
 from estimator.kinematics import GRAVITY
-from estimator.motion import Form, InertiaMotion, MotionModel
+from estimator.motion import Form, InertiaMotion
+from estimator.motion_model import MotionModel
 from estimator.robot import Indices, Robot, Slip
 
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.

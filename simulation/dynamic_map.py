@@ -26,7 +26,8 @@ from estimator.kinematics import (
     symmetry_coordinates,
     velocity_of_centre_of_mass,
 )
-from estimator.motion import VehicleConstants, solve
+from estimator.motion import solve
+from estimator.motion_model import VehicleConstants
 from estimator.robot import ConstantIcr, Indices
 from estimator.steady import SteadyMotion, solve_steady, track_speed_grid
 from simulation.errors import SimulationError

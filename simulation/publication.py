@@ -12,7 +12,7 @@ from decimal import Decimal
 from functools import cache
 
 from estimator.kinematics import PaperTwist
-from estimator.motion import VehicleConstants
+from estimator.motion_model import VehicleConstants
 from estimator.robot import ConstantIcr, Indices
 
 # Rounding to nearest is decided in binary floating point; this much of a unit is its noise.

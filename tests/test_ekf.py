@@ -1,6 +1,7 @@
 """The filter's arithmetic: derivatives, process noise, updates, bounds."""
 
 import copy
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.integrate import quad
 
 from estimator import state as s
-from estimator.ekf import BOUND_MARGIN, IcrEkf, ProcessNoise
+from estimator.bounds import BOUND_MARGIN
+from estimator.compiled_ekf import CompiledEkf
+from estimator.ekf import IcrEkf, ProcessNoise
 from estimator.frames import arc_factors, compose
 from estimator.motion import InertiaMotion
 from estimator.robot import load_robot
@@ -17,6 +20,7 @@ from estimator.variants import find_variant, initial_indices, motion_model
 ALPHA = load_robot("auriga-alpha")
 INERTIA, FRICTION = find_variant("inertia-online"), find_variant("friction-online")
 VEHICLE = motion_model(ALPHA, INERTIA).vehicle
+ENGINES = [IcrEkf, CompiledEkf]
 NO_NOISE = ProcessNoise(np.zeros(3), 1.0, np.zeros(s.SIZE))
 # Standard deviations that a filter may have in the states, in their own units.
 SCALES = np.zeros(s.SIZE)
@@ -33,9 +37,18 @@ def scales_of(ekf):
     return SCALES if isinstance(ekf.model, InertiaMotion) else FRICTION_SCALES
 
 
+@pytest.fixture(autouse=True, params=ENGINES, ids=["plain", "compiled"])
+def engine(request, monkeypatch):
+    """Each fact holds for both."""
+    monkeypatch.setattr(sys.modules[__name__], "Engine", request.param)
+
+
+Engine = IcrEkf
+
+
 def make(rng=None, variant=INERTIA, **options):
     """A filter about the parameters that it starts from: at them, or at a random state near them."""
-    ekf = IcrEkf(motion_model(ALPHA, variant, **options))
+    ekf = Engine(motion_model(ALPHA, variant, **options))
     ekf.x[s.PARAMETERS] = initial_indices(ALPHA, variant).as_array()
     if rng is not None:
         scales = scales_of(ekf)
@@ -261,7 +274,7 @@ def test_update_is_filterpys_update():
 def test_update_is_the_sum_of_information():
     rng = np.random.default_rng(7)
     root = rng.normal(size=(s.SIZE, s.SIZE))
-    ekf = IcrEkf(InertiaMotion(VEHICLE))
+    ekf = Engine(InertiaMotion(VEHICLE))
     ekf.P = root @ root.T + np.eye(s.SIZE)
     row, variance, residual = rng.normal(size=s.SIZE), 0.3, 0.7
     information = np.linalg.inv(ekf.P) + np.outer(row, row) / variance

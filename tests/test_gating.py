@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.gating import CHI_SQUARE_1E4, Gate, GateSettings
+from estimator.gating import (
+    ADMITTED,
+    CHI_SQUARE_1E4,
+    REACQUIRED,
+    REJECTED,
+    Gate,
+    GateSettings,
+)
 from estimator.standstill import StandstillDetector, StandstillSettings
 
 
@@ -15,28 +22,23 @@ def test_thresholds_are_the_quantiles_of_chi_square():
 
 def test_gate_admits_up_to_its_threshold():
     gate = Gate(2, GateSettings())
-    assert gate.admits(18.4)
-    assert not gate.admits(18.5)
-    assert not gate.admits(float("nan"))
+    assert gate.judge(18.4) == ADMITTED
+    assert gate.judge(18.5) == REJECTED
+    assert gate.judge(float("nan")) == REJECTED
 
 
 @pytest.mark.parametrize("patience", [1, 3, 10])
 def test_after_patience_rejections_the_next_sample_is_taken(patience):
     gate = Gate(1, GateSettings(patience=patience))
-    for _ in range(patience):
-        assert not gate.admits(100.0)
-        assert not gate.must_reacquire
-    assert not gate.admits(100.0)
-    assert gate.must_reacquire
-    gate.reacquired()
-    assert not gate.must_reacquire
+    for _ in range(2):
+        assert [gate.judge(100.0) for _ in range(patience)] == [REJECTED] * patience
+        assert gate.judge(100.0) == REACQUIRED
 
 
 def test_one_admitted_sample_starts_the_count_anew():
     gate = Gate(1, GateSettings(patience=3))
     for nis in (100.0, 100.0, 100.0, 1.0, 100.0, 100.0, 100.0):
-        gate.admits(nis)
-        assert not gate.must_reacquire
+        assert gate.judge(nis) != REACQUIRED
 
 
 def second(value):

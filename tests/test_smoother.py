@@ -112,7 +112,7 @@ def test_the_end_is_the_filters_where_the_filter_has_kept_nothing(log):
 # --- against the batch solution ------------------------------------------------------------------
 
 
-class _Batch(smoother._TapedEkf):
+class _Batch(smoother._Tape):
     """Notes the linear system that the filter has set up, for a solution at one go.
 
     The error e of the filter's state is `from_sources` times independent unit-free sources, plus
@@ -130,25 +130,24 @@ class _Batch(smoother._TapedEkf):
         self.sources.append(covariance)
         self.maps.append(entry)
 
-    def predict_motion(self, *args):
-        super().predict_motion(*args)
-        self.maps = [self.F @ each for each in self.maps]
-        self.offset = self.F @ self.offset
-        self._new_source(self.Q.copy(), np.eye(s.SIZE))
+    def moved(self, F, Q):
+        super().moved(F, Q)
+        self.maps = [F @ each for each in self.maps]
+        self.offset = F @ self.offset
+        self._new_source(Q.copy(), np.eye(s.SIZE))
 
-    def renew_fast_slip(self, covariance):
-        super().renew_fast_slip(covariance)
+    def renewed(self, covariance):
+        super().renewed(covariance)
         for each in (*self.maps, self.offset):
             each[s.FAST_SLIP] = 0.0
         self._new_source(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
 
-    def update_scalar(self, residual, row, variance, *, kept=()):
-        before = self.x
+    def updated(self, residual, row, variance, change):
         self.seen.append(
             (residual, [row @ each for each in self.maps], row @ self.offset, variance)
         )
-        super().update_scalar(residual, row, variance, kept=kept)
-        self.offset = self.offset - (self.x - before)
+        super().updated(residual, row, variance, change)
+        self.offset = self.offset - change
 
     def keep_row(self, track_speeds):
         super().keep_row(track_speeds)
@@ -204,7 +203,7 @@ def test_smoothed_is_the_batch_solution(variant, log, monkeypatch):
         FixSeries(stamps, poses, np.tile([1e-4, 1e6], (4, 1))),
     )
     start = tuple(interpolate_poses(log.truth.poses, np.array([begin]))[0].tolist())
-    monkeypatch.setattr(smoother, "_TapedEkf", noted)
+    monkeypatch.setattr(smoother, "_Tape", noted)
     before, after = smooth(short, ALPHA, variant, start=start, start_sigma=(0.1, 0.1, 0.2))
     assert before.health.sensors["position"].used == 4
     for row, (mean, covariance) in enumerate(made[0].solve()):

@@ -1,0 +1,136 @@
+"""What a filter is made of besides its state, as the compiled step of an IMU sample wants it.
+
+Import it inside functions only, numba takes half a second.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.compiled_ekf import CompiledEkf
+from estimator.gating import Gate
+from estimator.imu_kernel import NOT_ASKED, SlipNumbers, imu_step_entry
+from estimator.log import NANOSECOND
+from estimator.process_noise import Disturbances
+from estimator.sensor_models import SensorModels
+from estimator.track_speeds import HeldTrackSpeeds
+
+
+class Verdicts(NamedTuple):
+    """What the gates said of an IMU sample.
+
+    Attributes:
+        gyro: see `estimator.gating`.
+        gyro_nis: normalised innovation squared.
+        accelerometer: the same, or None where it was not asked.
+        accelerometer_nis: normalised innovation squared.
+    """
+
+    gyro: int
+    gyro_nis: float
+    accelerometer: int | None
+    accelerometer_nis: float
+
+
+class CompiledStep:
+    """A step with an IMU sample at its end, at once.
+
+    Args:
+        ekf: the filter.
+        disturbances: of the filter.
+        sensors: of the robot.
+        gyro: its gate.
+        accelerometer: its gate, of the same threshold and patience.
+    """
+
+    def __init__(
+        self,
+        ekf: CompiledEkf,
+        disturbances: Disturbances,
+        sensors: SensorModels,
+        gyro: Gate,
+        accelerometer: Gate,
+    ) -> None:
+        self._ekf = ekf
+        self._disturbances = disturbances
+        self._gyro, self._accelerometer = gyro, accelerometer
+        slip = disturbances.slip
+        self._numbers = np.array(
+            [
+                *(getattr(slip, name) for name in SlipNumbers._fields),
+                *sensors.constants,
+                gyro.threshold,
+                gyro.patience,
+            ]
+        )
+        self._walks = np.stack([disturbances.bias_walk, disturbances.parameter_walk])
+
+    def take(
+        self,
+        tracks: HeldTrackSpeeds,
+        start: int,
+        end: int,
+        *,
+        stands: bool,
+        pushed: bool,
+        interval: float,
+        rate: float,
+        force: float | None,
+    ) -> Verdicts | None:
+        """Take an IMU sample at the end of a step.
+
+        Args:
+            tracks: the track speeds.
+            start: stamp of the start of the step [ns].
+            end: stamp of its end, later.
+            stands: whether the robot was found standing.
+            pushed: whether it may be turning with its tracks at rest.
+            interval: time between IMU samples [s].
+            rate: as the gyros say [rad/s].
+            force: specific force to the left [m/s²], None where it is not to be used.
+
+        Returns:
+            None where nothing was done, because the model is not compiled, or somebody else (a mark, a
+            witness) is to know of each thing that is done in the step.
+        """
+        ekf = self._ekf
+        numbers = ekf.numbers
+        if numbers is None or ekf.marks is not None or ekf.witness is not None:
+            return None
+        dt = (end - start) * NANOSECOND
+        density = self._disturbances.track_density(tracks)
+        verdicts = imu_step_entry(
+            ekf.x,
+            ekf.P,
+            numbers.kind,
+            numbers.constants,
+            numbers.table,
+            ekf.model.memory,
+            self._numbers,
+            self._walks,
+            stands,
+            pushed,
+            dt,
+            tracks.left,
+            tracks.right,
+            *tracks.speeds_at(start),
+            *tracks.mean_speeds(start, end),
+            density,
+            tracks.gap_density(start, end),
+            *tracks.acceleration,
+            tracks.acceleration_window,
+            density / tracks.interval,
+            tracks.age(start),
+            float(interval),
+            rate,
+            0.0 if force is None else force,
+            force is not None,
+            self._gyro.rejected_in_a_row,
+            self._accelerometer.rejected_in_a_row,
+        )
+        ekf.advance_model(dt, *tracks.mean_speeds(start, end))
+        of_gyro, gyro_nis, of_accelerometer, accelerometer_nis = verdicts
+        asked = of_accelerometer != NOT_ASKED
+        return Verdicts(of_gyro, gyro_nis, of_accelerometer if asked else None, accelerometer_nis)

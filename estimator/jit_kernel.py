@@ -1,0 +1,87 @@
+"""One source for plain Python and for numba: functions compiled together with those that they call.
+
+Functions are written once, in plain Python, where the equations belong. `jit` compiles such a function;
+what it calls by name from this package is compiled too. What numba cannot do in the plain way (tell an
+array from a number, and look things up in one) has a twin here for one number at a time.
+
+Import it inside functions only, or from other kernels: numba takes half a second to load.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+from numba import njit
+
+from estimator import friction_map, motion_model
+
+COMPILED: dict[Any, Any] = {}
+# What only compiled code calls needs no way in from Python, which takes time to make.
+INNER: dict[str, Any] = {
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+
+
+def jit(function: Callable[..., Any]) -> Any:
+    """A function for other compiled ones to call."""
+    if function not in COMPILED:
+        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function))
+    return COMPILED[function]
+
+
+def entry(function: Callable[..., Any]) -> Any:
+    """A compiled function for Python to call; what it was compiled to is kept beside the source.
+
+    numba keeps it until the file of the function itself changes. So its name there says what all the
+    files of this package hold, those of the functions that it calls among them.
+    """
+    twin = _with_compiled_callees(function)
+    twin.__qualname__ = f"{function.__qualname__}.{_sources()}"
+    try:
+        return njit(cache=True, error_model="numpy")(twin)
+    except RuntimeError:  # there is no place to keep it
+        return njit(error_model="numpy")(twin)
+
+
+def _with_compiled_callees(function: Any) -> FunctionType:
+    names = dict(function.__globals__)
+    for name in function.__code__.co_names:
+        callee = names.get(name)
+        if isinstance(callee, FunctionType) and callee.__module__.startswith("estimator."):
+            names[name] = jit(callee)
+    twin = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
+    twin.__module__ = function.__module__
+    return twin
+
+
+def _sources() -> str:
+    """A digest of the files of this package."""
+    if not _DIGEST:
+        digest = hashlib.sha256()
+        for path in sorted(Path(__file__).parent.glob("*.py")):
+            digest.update(path.read_bytes())
+        _DIGEST.append(digest.hexdigest()[:12])
+    return _DIGEST[0]
+
+
+_DIGEST: list[str] = []
+
+
+def _holds(condition: bool) -> bool:
+    return condition
+
+
+def _coefficients_of_cell(table: friction_map.Table, cell: float) -> Any:
+    # Not a number, or nowhere: what comes out is not a number then, but must not be read from outside.
+    last = len(table.coefficients) - 1
+    return table.coefficients[int(min(cell, last)) if cell >= 0.0 else 0]
+
+
+COMPILED[motion_model.every] = COMPILED[motion_model.some] = njit(**INNER)(_holds)
+COMPILED[friction_map.cell_coefficients] = njit(**INNER)(_coefficients_of_cell)
