@@ -56,7 +56,6 @@ class CompiledEkf(IcrEkf):
             self.x,
             numbers.kind,
             numbers.constants,
-            numbers.table,
             self.model.memory,
             left,
             right,

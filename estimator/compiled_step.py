@@ -100,13 +100,14 @@ class CompiledStep:
         if numbers is None or ekf.marks is not None or ekf.witness is not None:
             return None
         dt = (end - start) * NANOSECOND
+        ekf.begin_step(dt, *tracks.mean_speeds(start, end))
         density = self._disturbances.track_density(tracks)
         verdicts = imu_step_entry(
             ekf.x,
             ekf.P,
             numbers.kind,
             numbers.constants,
-            numbers.table,
+            numbers.bounds,
             ekf.model.memory,
             self._numbers,
             self._walks,
@@ -130,7 +131,6 @@ class CompiledStep:
             self._gyro.rejected_in_a_row,
             self._accelerometer.rejected_in_a_row,
         )
-        ekf.advance_model(dt, *tracks.mean_speeds(start, end))
         of_gyro, gyro_nis, of_accelerometer, accelerometer_nis = verdicts
         asked = of_accelerometer != NOT_ASKED
         return Verdicts(of_gyro, gyro_nis, of_accelerometer if asked else None, accelerometer_nis)

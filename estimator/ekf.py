@@ -18,7 +18,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from estimator import state as s
-from estimator.bounds import BOUND_ROUNDS, BOUNDS, way_inside
+from estimator.bounds import BOUND_ROUNDS, ROUNDING
 from estimator.frames import Floats
 from estimator.motion_model import Motion, MotionModel, Unremembering
 from estimator.propagation import Triple, fading, gauss_markov_noise, step_on_se2
@@ -119,6 +119,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
         self.model = model
+        self._bounds = model.bounds
         self._next_x: Floats = self.x
         # The newest evaluation of the twist model, which is often asked for again.
         self._evaluated_at: tuple[float, float, float, bytes, bytes] | None = None
@@ -170,16 +171,15 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             by_state = self.F[s.POSE].copy()
             by_state[:, s.POSE] = 0.0
             self.marks = marks.moved(yaw, np.array(step), by_state, P, self.F, self.Q)
-        self.advance_model(dt, left, right)
         if self.witness is not None:
             self.witness.moved(self.F, self.Q)
 
-    def advance_model(self, dt: float, left: float, right: float) -> None:
-        """Tell a model that remembers that `dt` seconds have passed at these track speeds [m/s]."""
+    def begin_step(self, dt: float, left: float, right: float) -> None:
+        """Tell a model that remembers of a step of `dt` seconds at these mean track speeds [m/s]."""
         if not isinstance(self.model, Unremembering):
             x = self.x.tolist()
             scale = 1.0 + x[s.TRACK_SCALE]
-            self.model.advance(dt, left * scale, right * scale, x[s.PARAMETERS])
+            self.model.begin_step(dt, left * scale, right * scale, x[s.PARAMETERS])
 
     def _move(self, dt: float, model: TwistModel, noise: ProcessNoise) -> Triple:
         """Propagate at the mean twist of a step; what that adds to the pose."""
@@ -291,30 +291,28 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return cross, gain, expected
 
     def keep_inside_bounds(self) -> None:
-        """Project the parameters back where ICRs can be: eta0 >= 1 and x_ICRl < 0 < x_ICRr.
+        """Project the parameters back to where the motion model allows them to be.
 
-        The state moves along the covariance to the nearest point of the violated bound; the
-        covariance stays, which is on the safe side.
+        The state moves along the covariance to the nearest point of the violated bound; the covariance
+        stays, which is on the safe side (Simon, Optimal State Estimation, section 7.5).
         """
         before, P = self.x, self.P
-        half = 0.5 * self.model.vehicle.gauge
-        variances = (
-            P.item(s.ETA0, s.ETA0),
-            P.item(s.ETA0, s.EPSILON0),
-            P.item(s.EPSILON0, s.EPSILON0),
-        )
         for _ in range(BOUND_ROUNDS):
             moved = False
-            for bound in range(BOUNDS):
-                eta, epsilon = self.x.item(s.ETA0), self.x.item(s.EPSILON0)
-                by_eta, by_epsilon, share = way_inside(bound, half, eta, epsilon, *variances)
-                if share == 0.0:
+            for bound in range(len(self._bounds)):
+                direction, least = self._bounds[bound, :8], self._bounds[bound, 8]
+                short = float(least - direction.dot(self.x[s.PARAMETERS]))
+                if short <= ROUNDING:
                     continue
-                cross = by_eta * P[s.ETA0] + by_epsilon * P[s.EPSILON0]
-                self.x = self.x + cross * share
+                cross = direction.dot(P[s.PARAMETERS])
+                spread = float(direction.dot(cross[s.PARAMETERS]))
+                if spread <= 0.0:
+                    continue
+                self.x = self.x + cross * (short / spread)
                 if self.marks is not None:
-                    direction = by_eta * IDENTITY[s.ETA0] + by_epsilon * IDENTITY[s.EPSILON0]
-                    self.marks = self.marks.projected(direction, share)
+                    of_state = np.zeros(s.SIZE)
+                    of_state[s.PARAMETERS] = direction
+                    self.marks = self.marks.projected(of_state, short / spread)
                 moved = True
             if not moved:
                 break

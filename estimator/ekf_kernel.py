@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimator import state as s
-from estimator.bounds import BOUND_ROUNDS, BOUNDS, way_inside
+from estimator.bounds import BOUND_ROUNDS, ROUNDING
 from estimator.frames import Floats
 from estimator.jit_kernel import entry
 from estimator.motion_kernel import linearise
@@ -30,7 +30,6 @@ def fill_twist(
     x: Floats,
     kind: int,
     constants: Floats,
-    table: Floats,
     memory: Floats,
     left: float,
     right: float,
@@ -49,7 +48,6 @@ def fill_twist(
     motion, by = linearise(
         kind,
         constants,
-        table,
         memory,
         left * scale,
         right * scale,
@@ -228,24 +226,27 @@ def update(
             P[i, j] -= gain[i] * half[j] + gain[j] * half[i]
 
 
-def move_inside(x: Floats, P: Floats, half_gauge: float) -> None:
+def move_inside(x: Floats, P: Floats, bounds: Floats) -> None:
     """See `IcrEkf.keep_inside_bounds`."""
-    eta, epsilon = s.ETA0, s.EPSILON0
+    cross = np.empty(SIZE)
     for _ in range(BOUND_ROUNDS):
         moved = False
-        for bound in range(BOUNDS):
-            by_eta, by_epsilon, share = way_inside(
-                bound,
-                half_gauge,
-                x[eta],
-                x[epsilon],
-                P[eta, eta],
-                P[eta, epsilon],
-                P[epsilon, epsilon],
-            )
-            if share != 0.0:
-                for k in range(SIZE):
-                    x[k] += (by_eta * P[eta, k] + by_epsilon * P[epsilon, k]) * share
+        for bound in range(len(bounds)):
+            short = bounds[bound, 8]
+            for k in range(8):
+                short -= bounds[bound, k] * x[PARAMETERS + k]
+            if short <= ROUNDING:
+                continue
+            cross[:] = 0.0
+            for k in range(8):
+                for j in range(SIZE):
+                    cross[j] += bounds[bound, k] * P[PARAMETERS + k, j]
+            spread = 0.0
+            for k in range(8):
+                spread += bounds[bound, k] * cross[PARAMETERS + k]
+            if spread > 0.0:
+                for j in range(SIZE):
+                    x[j] += cross[j] * (short / spread)
                 moved = True
         if not moved:
             break

@@ -1,61 +1,185 @@
-"""The friction index model: the indices of the friction solution, with offsets and gains.
+"""The friction motion model: what the forces of the ground do to the vehicle, integrated in time.
 
-    w   = D / (L eta) + r_w          D = V_r - V_l,  V_m = (V_l + V_r) / 2
-    v_y = V_m - D / (L eta) epsilon + r_y
-    v_x =       D / (L eta) zeta + r_x
-    zeta = zeta0 + zeta1 dzeta(V)    epsilon = epsilon0 + epsilon1 depsilon(V)
-    eta = max(1, eta0 + eta1 deta(V))
+    twist = v + dv/dp (p - p') + dv/dV (V - V') + slip
 
-where d...(V) is what `estimator.friction_map` says at these track speeds, less its reference. With gains
-of 1 and offsets at the reference this is the friction solution itself. The gains are shares of it [-]; H
-and eta2 have no part. The model is explicit, and since the table goes by the track speeds, slip does not
-change the indices.
+where v is the twist that `estimator.friction_kernel` has integrated up to the end of the present step,
+with the parameters p' as they were known when it began, at its track speeds V'. The derivatives are
+integrated beside it, so that a filter which learns the parameters on the way sees what they would have
+made of the motion so far. What is learnt within a step acts linearly on it, and is taken up with the
+next.
 
-Symbols and axes are the paper's (see `kinematics`). Arguments broadcast; floats give floats, and complex
-numbers pass through, for complex-step differentiation, and numba compiles the same functions, see
-`estimator.motion_model`.
+The parameters are what is uncertain of the vehicle on its ground, in physical units: friction and rolling
+resistance [-], half the contact's length and the three coordinates of the centre of mass [m]; two of the
+eight places stay empty. The model goes by no indices; those that it shows are of the newest motion that
+turned.
+
+Friction is that of `estimator.contact`, but slip below `REGULARISING_SPEED` fades it: track speeds are
+not known so well that the kink in Coulomb's law would be seen at less.
+
+Symbols and axes are the paper's (see `kinematics`). `linearise` takes floats, and complex numbers for
+complex-step differentiation, and numba compiles it, see `estimator.motion_model`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
-from estimator.friction_map import FrictionMap, Table, look_up
-from estimator.kinematics import (
-    GRAVITY,
-    IndexValues,
-    Number,
-    PaperTwist,
-    direct,
-    signed_inertia,
-)
+import numpy as np
+
+from estimator.contact import Contact, ground
+from estimator.frames import Floats
+from estimator.kinematics import GRAVITY, IndexValues, Number, PaperTwist, signed_inertia
 from estimator.motion_model import (
-    Channels,
     Motion,
-    Regressors,
     TwistDerivatives,
-    Unremembering,
     VehicleConstants,
     at_or_above,
     sign,
-    through_channels,
 )
 
+# Slip and travel below which friction and rolling resistance fade [m/s].
+REGULARISING_SPEED = 1e-3
+# The parameters, the places of the eight that they take.
+FRICTION, ROLLING, LENGTH, X_CM, Y_CM, Z_CM = range(6)
+PARAMETERS = 6
+PARAMETER_NAMES: Final[tuple[str, ...]] = (
+    "friction",
+    "rolling_resistance",
+    "half_contact_length",
+    "x_CM",
+    "y_CM",
+    "z_CM",
+    "unused_1",
+    "unused_2",
+)
+# v_x, v_y, w, and the force at the centre of mass that the loads answer to, right and forward.
+STATES = 5
+# What the model remembers, laid out flat: the states, their derivatives by the parameters in rows, those
+# of the twist by the track speeds in rows, the parameters and the speeds that all this is at, the indices
+# of the newest turn, and whether there was a step yet.
+OF_STATES = slice(0, STATES)
+OF_SENSITIVITIES = slice(STATES, STATES * (1 + PARAMETERS))
+OF_SPEEDS = slice(OF_SENSITIVITIES.stop, OF_SENSITIVITIES.stop + 6)
+AT_PARAMETERS = slice(OF_SPEEDS.stop, OF_SPEEDS.stop + PARAMETERS)
+AT_SPEEDS = slice(AT_PARAMETERS.stop, AT_PARAMETERS.stop + 2)
+TURN = slice(AT_SPEEDS.stop, AT_SPEEDS.stop + 3)
+STARTED = TURN.stop
+MEMORY = STARTED + 1
+# Where the parameters can be: friction, rolling resistance and the height of the centre of mass, which
+# divides [m], are at least so much, the contact's length is this share of what it is taken for, and the
+# centre of mass stands within these shares of half the gauge and of half the contact's length.
+LEAST_FRICTION, LEAST_ROLLING, LEAST_HEIGHT = 0.05, 0.0, 1e-3
+LEAST_LENGTH = 0.1
+WITHIN_GAUGE, WITHIN_LENGTH = 0.8, 0.8
 
-@dataclass(frozen=True)
-class FrictionMotion(Unremembering):
-    """The friction index model of one vehicle on its ground."""
 
-    vehicle: VehicleConstants
-    map: FrictionMap
+class FrictionMotion:
+    """The friction motion model of one vehicle on its ground; see `MotionModel`.
+
+    Args:
+        vehicle: L, M and the centre of mass.
+        contact: the vehicle on its ground, as it is taken to be.
+        yaw_inertia: about the vertical through the centre of mass [kg m²].
+        load_lag: how fast the loads follow the force that transfers them [s].
+        eta: steering efficiency index that is typical of it [-].
+        estimated: (6,) which parameters are learnt; nothing is differentiated by the others.
+    """
+
+    def __init__(
+        self,
+        vehicle: VehicleConstants,
+        contact: Contact,
+        yaw_inertia: float,
+        load_lag: float,
+        eta: float,
+        estimated: Floats,
+    ) -> None:
+        self.vehicle = vehicle
+        self.eta = eta
+        self._yaw_inertia, self._load_lag = yaw_inertia, load_lag
+        at = ground(contact)
+        self._ground = at._replace(small=max(REGULARISING_SPEED, at.small))
+        self._estimated = np.array(estimated, dtype=float)
+        self.nominal = nominal_parameters(contact)
+        self._memory: Floats = np.zeros(MEMORY)
+        self._memory[AT_PARAMETERS] = self.nominal
+        self._memory[TURN] = 0.0, 0.0, eta
+
+    @property
+    def bounds(self) -> Floats:
+        """See `MotionModel`."""
+        half_gauge = 0.5 * self.vehicle.gauge
+        rows = np.zeros((8, 9))
+        for row, (place, least) in enumerate(
+            (
+                (FRICTION, LEAST_FRICTION),
+                (ROLLING, LEAST_ROLLING),
+                (Z_CM, LEAST_HEIGHT),
+                (LENGTH, LEAST_LENGTH * self.nominal[LENGTH]),
+            )
+        ):
+            rows[row, [place, 8]] = 1.0, least
+        for row, side in ((4, 1.0), (5, -1.0)):
+            rows[row, [X_CM, 8]] = side, -WITHIN_GAUGE * half_gauge
+            rows[row + 2, [Y_CM, LENGTH]] = side, WITHIN_LENGTH
+        return rows
+
+    @property
+    def memory(self) -> Floats:
+        """(MEMORY,)."""
+        return self._memory
+
+    def recall(self, memory: Floats) -> None:
+        """See `MotionModel`."""
+        if memory.shape != (MEMORY,):
+            raise ValueError(
+                f"the friction model remembers {MEMORY} numbers, not {len(memory)}: they are another's"
+            )
+        self._memory = memory
+
+    def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
+        """See `MotionModel`."""
+        from estimator.friction_kernel import step_motion
+
+        memory = self._memory.copy()
+        step_motion(
+            self._ground,
+            self.nominal,
+            self._yaw_inertia,
+            self._load_lag,
+            self._estimated,
+            np.array(parameters[:PARAMETERS]),
+            V_l,
+            V_r,
+            dt,
+            memory,
+        )
+        self._memory = memory
+
+    def steering_efficiency(self, parameters: Any) -> float:  # noqa: ARG002 - it hardly depends
+        """See `MotionModel`."""
+        return self.eta
 
     def linearise(
         self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
     ) -> tuple[Motion, TwistDerivatives]:
         """See `MotionModel`; `u` is the smooth signed inertia of the twist."""
-        table, reference = self.map.table, self.map.reference
-        return linearise(V_l, V_r, parameters, slip, self.vehicle, table, reference)
+        return linearise(V_l, V_r, parameters, slip, self.vehicle, self._memory)
+
+
+def nominal_parameters(contact: Contact) -> Floats:
+    """The parameters (6,) of a contact."""
+    soil, body = contact.soil, contact.body
+    return np.array(
+        [
+            soil.friction,
+            soil.rolling_resistance,
+            contact.geometry.positions[-1],
+            body.x_CM,
+            body.y_CM,
+            max(body.z_CM, LEAST_HEIGHT),
+        ]
+    )
 
 
 def linearise(
@@ -64,56 +188,49 @@ def linearise(
     parameters: Any,
     slip: tuple[Number, Number, Number],
     vehicle: VehicleConstants,
-    table: Table,
-    reference: IndexValues,
+    memory: Floats,
 ) -> tuple[Motion, TwistDerivatives]:
-    """See `FrictionMotion.linearise`."""
-    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, _ = parameters
-    gauge, mass, x_CM, _ = vehicle
-    at = look_up(table, V_l, V_r)
-    d_zeta = at.indices.zeta - reference.zeta
-    d_epsilon = at.indices.epsilon - reference.epsilon
-    d_eta = at.indices.eta - reference.eta
-    eta_free = eta0 + eta1 * d_eta
-    is_free = at_or_above(eta_free, 1.0)
-    zeta, epsilon = zeta0 + zeta1 * d_zeta, epsilon0 + epsilon1 * d_epsilon
-    eta = is_free * eta_free + (1.0 - is_free)
-    indices = IndexValues(zeta, epsilon, eta)
-    v_x, v_y, w = direct(V_l, V_r, indices, gauge)
-    twist = PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2])
-    u, _ = signed_inertia(twist, mass, x_CM)
-    weight = mass * GRAVITY
+    """See `FrictionMotion.linearise`; `memory` as laid out above."""
+    left, right = V_l - memory[AT_SPEEDS.start], V_r - memory[AT_SPEEDS.start + 1]
+    v_x = _component(memory, 0, parameters, left, right) + slip[0]
+    v_y = _component(memory, 1, parameters, left, right) + slip[1]
+    w = _component(memory, 2, parameters, left, right) + slip[2]
+    twist = PaperTwist(v_x, v_y, w)
+    indices = IndexValues(memory[TURN.start], memory[TURN.start + 1], memory[TURN.start + 2])
+    u, _ = signed_inertia(twist, vehicle.mass, vehicle.x_CM)
+    weight = vehicle.mass * GRAVITY
     is_above = at_or_above(abs(u.real), weight)
     force = (1.0 - is_above) * u + is_above * sign(u) * weight
-    motion = Motion(twist, indices, u, force)
-
-    per_eta = -is_free * w / eta
-    by_eta = (per_eta * zeta, -per_eta * epsilon, per_eta)
-    per_D = 1.0 / (gauge * eta)
-    gains = IndexValues(w * zeta1, w * epsilon1, eta1)
-    by = Channels(
-        _total((zeta * per_D, -epsilon * per_D, per_D), at.by_D, gains, by_eta),
-        _total((0.0, 1.0, 0.0), at.by_V_m, gains, by_eta),
-        (w, 0.0, 0.0),
-        (0.0, -w, 0.0),
-        by_eta,
-        (1.0, 0.0, 0.0),
-        (0.0, 1.0, 0.0),
-        (0.0, 0.0, 1.0),
+    return Motion(twist, indices, u, force), TwistDerivatives(
+        (_sensitivities(memory, 0), _sensitivities(memory, 1), _sensitivities(memory, 2)),
+        (_by_speeds(memory, 0), _by_speeds(memory, 1), _by_speeds(memory, 2)),
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     )
-    return motion, through_channels(by, Regressors(d_zeta, d_epsilon, d_eta, 0.0 * d_eta))
 
 
-def _total(
-    direct_by: tuple[Number, Number, Number],
-    by: IndexValues,
-    gains: IndexValues,
-    by_eta: tuple[Number, Number, Number],
-) -> tuple[Number, Number, Number]:
-    """The twist by a track speed: at fixed indices, and through them."""
-    of_eta = gains.eta * by.eta
+def _component(memory: Floats, row: int, parameters: Any, left: Number, right: Number) -> Number:
+    """A component of the twist, without slip."""
+    total = memory[row] + memory[OF_SPEEDS.start + 2 * row] * left
+    total = total + memory[OF_SPEEDS.start + 2 * row + 1] * right
+    first = OF_SENSITIVITIES.start + PARAMETERS * row
+    for k in range(PARAMETERS):
+        total = total + memory[first + k] * (parameters[k] - memory[AT_PARAMETERS.start + k])
+    return total
+
+
+def _sensitivities(memory: Floats, row: int) -> tuple[float, ...]:
+    first = OF_SENSITIVITIES.start + PARAMETERS * row
     return (
-        direct_by[0] + gains.zeta * by.zeta + by_eta[0] * of_eta,
-        direct_by[1] - gains.epsilon * by.epsilon + by_eta[1] * of_eta,
-        direct_by[2] + by_eta[2] * of_eta,
+        memory[first],
+        memory[first + 1],
+        memory[first + 2],
+        memory[first + 3],
+        memory[first + 4],
+        memory[first + 5],
+        0.0,
+        0.0,
     )
+
+
+def _by_speeds(memory: Floats, row: int) -> tuple[float, float]:
+    return memory[OF_SPEEDS.start + 2 * row], memory[OF_SPEEDS.start + 2 * row + 1]

@@ -24,6 +24,7 @@ from estimator.ekf_kernel import (
 from estimator.frames import Floats
 from estimator.gating import REACQUIRED, REJECTED, verdict
 from estimator.jit_kernel import entry
+from estimator.motion_kernel import steering_efficiency
 from estimator.process_noise import fast_slip_density, share_of_walk, sideways_density, slip_at
 from estimator.propagation import fading
 from estimator.sensor_models import (
@@ -57,7 +58,7 @@ def imu_step(
     P: Floats,
     kind: int,
     constants: Floats,
-    table: Floats,
+    bounds: Floats,
     memory: Floats,
     numbers: Floats,
     walks: Floats,
@@ -91,7 +92,7 @@ def imu_step(
         P: (SIZE, SIZE) its covariance.
         kind: of the motion model.
         constants: of the motion model, see `estimator.motion_kernel`.
-        table: of the motion model.
+        bounds: (n, 9) of the parameters.
         memory: of the motion model.
         numbers: of the robot, see `estimator.compiled_step`.
         walks: (2, SIZE) random walks of the biases, and of the parameters at their full rate, per √s.
@@ -139,9 +140,10 @@ def imu_step(
     twist, jacobian, by_speeds = np.empty(3), np.empty((3, SIZE)), np.empty((3, 2))
     row, cross, gain = np.empty(SIZE), np.empty(SIZE), np.empty(SIZE)
 
-    sigma = slip_at(held_left, held_right, slip, gauge, x[s.ETA0], pushed)
+    eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
+    sigma = slip_at(held_left, held_right, slip, gauge, eta, pushed)
     x[s.FAST_SLIP] = 0.0
-    fill_twist(x, kind, constants, table, memory, left, right, 1.0, twist, jacobian, by_speeds)
+    fill_twist(x, kind, constants, memory, left, right, 1.0, twist, jacobian, by_speeds)
     density = fast_slip_density(
         by_speeds, track_density, slip.white_time, sigma[2], gap_density, gauge
     )
@@ -155,7 +157,7 @@ def imu_step(
             multiply(P, row, cross)
             expected = inner(row, cross) + STANDSTILL_VARIANCE[axis]
             update(x, P, residual, cross, expected, KEPT, gain)
-        fill_twist(x, kind, constants, table, memory, left, right, 1.0, twist, jacobian, by_speeds)
+        fill_twist(x, kind, constants, memory, left, right, 1.0, twist, jacobian, by_speeds)
         linearised_at[:] = x
 
     scale = 1.0 + x[s.GYRO_SCALE]
@@ -171,7 +173,8 @@ def imu_step(
 
     of_accelerometer, accelerometer_nis = NOT_ASKED, 0.0
     if with_force and not stands:
-        sigma = slip_at(held_left, held_right, slip, gauge, x[s.ETA0], pushed)
+        eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
+        sigma = slip_at(held_left, held_right, slip, gauge, eta, pushed)
         rough = sideways_density(sigma[1], slip.time_constant)
         forecast = accelerometer_forecast(imu, interval, twist, by_speeds, change, rough)
         for k in range(SIZE):
@@ -191,9 +194,10 @@ def imu_step(
             cross,
             gain,
         )
-    move_inside(x, P, 0.5 * gauge)
+    move_inside(x, P, bounds)
 
-    sigma = slip_at(held_left, held_right, slip, gauge, x[s.ETA0], pushed)
+    eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
+    sigma = slip_at(held_left, held_right, slip, gauge, eta, pushed)
     turning = share_of_walk(held_left, held_right)
     walk = np.empty(SIZE)
     for k in range(SIZE):
@@ -203,7 +207,6 @@ def imu_step(
         x,
         kind,
         constants,
-        table,
         memory,
         mean_left,
         mean_right,

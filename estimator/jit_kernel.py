@@ -2,7 +2,7 @@
 
 Functions are written once, in plain Python, where the equations belong. `jit` compiles such a function;
 what it calls by name from this package is compiled too. What numba cannot do in the plain way (tell an
-array from a number, and look things up in one) has a twin here for one number at a time.
+array from a number) has a twin here for one number at a time.
 
 Import it inside functions only, or from other kernels: numba takes half a second to load.
 """
@@ -17,7 +17,7 @@ from typing import Any
 
 from numba import njit
 
-from estimator import friction_map, motion_model
+from estimator import motion_model
 
 COMPILED: dict[Any, Any] = {}
 # What only compiled code calls needs no way in from Python, which takes time to make.
@@ -77,11 +77,4 @@ def _holds(condition: bool) -> bool:
     return condition
 
 
-def _coefficients_of_cell(table: friction_map.Table, cell: float) -> Any:
-    # Not a number, or nowhere: what comes out is not a number then, but must not be read from outside.
-    last = len(table.coefficients) - 1
-    return table.coefficients[int(min(cell, last)) if cell >= 0.0 else 0]
-
-
 COMPILED[motion_model.every] = COMPILED[motion_model.some] = njit(**INNER)(_holds)
-COMPILED[friction_map.cell_coefficients] = njit(**INNER)(_coefficients_of_cell)

@@ -29,6 +29,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
+from estimator.bounds import ETA0, index_bounds
+from estimator.frames import Floats
 from estimator.kinematics import GRAVITY, IndexValues, Number, PaperTwist
 from estimator.motion_model import (
     NO_SLIP,
@@ -64,6 +66,15 @@ class InertiaMotion(Unremembering):
     vehicle: VehicleConstants
     form: Form = "smooth"
     slip_in_inertia: bool = False
+
+    @property
+    def bounds(self) -> Floats:
+        """See `MotionModel`."""
+        return index_bounds(self.vehicle.gauge)
+
+    def steering_efficiency(self, parameters: Any) -> float:
+        """See `MotionModel`."""
+        return float(parameters[ETA0])
 
     def linearise(
         self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]

@@ -1,8 +1,8 @@
 """The motion models for compiled code: which one it is and its numbers, as plain arrays.
 
-Another model can be compiled in by one more kind: its numbers in `numbers_of`, and its function in
-`linearise`, which returns what `MotionModel.linearise` does, as tuples. Models that are none of these
-kinds work, too; the filter then asks them in Python.
+Another model can be compiled in by one more kind: its numbers in `numbers_of`, and its functions in
+`linearise` and `steering_efficiency`, which return what those of `MotionModel` do. Models that are none
+of these kinds work, too; the filter then asks them in Python.
 """
 
 from __future__ import annotations
@@ -11,17 +11,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.bounds import ETA0
 from estimator.frames import Floats
-from estimator.friction_map import Table
 from estimator.friction_motion import FrictionMotion
 from estimator.friction_motion import linearise as linearise_friction
-from estimator.kinematics import IndexValues
 from estimator.motion import InertiaMotion
 from estimator.motion import linearise as linearise_inertia
 from estimator.motion_model import MotionModel, VehicleConstants
 
 INERTIA, FRICTION = range(2)
-NO_TABLE: Floats = np.zeros((0, 48))
 
 
 class ModelNumbers(NamedTuple):
@@ -30,12 +28,12 @@ class ModelNumbers(NamedTuple):
     Attributes:
         kind: which one it is.
         constants: (k,) L, M, x_CM, y_CM, and those of its kind.
-        table: (n, 48) of the friction map.
+        bounds: (n, 9) of the parameters.
     """
 
     kind: int
     constants: Floats
-    table: Floats
+    bounds: Floats
 
 
 def numbers_of(model: MotionModel) -> ModelNumbers | None:
@@ -43,19 +41,16 @@ def numbers_of(model: MotionModel) -> ModelNumbers | None:
     match model:
         case InertiaMotion(vehicle, form, slip_in_inertia):
             options = float(form == "literal"), float(slip_in_inertia)
-            return ModelNumbers(INERTIA, np.array([*vehicle, *options]), NO_TABLE)
-        case FrictionMotion(vehicle, found):
-            table, reference = found.table, found.reference
-            constants = np.array([*vehicle, table.cells_per_s, *reference])
-            return ModelNumbers(FRICTION, constants, table.coefficients)
+            return ModelNumbers(INERTIA, np.array([*vehicle, *options]), model.bounds)
+        case FrictionMotion():
+            return ModelNumbers(FRICTION, np.array([*model.vehicle, model.eta]), model.bounds)
     return None
 
 
 def linearise(
     kind: int,
     constants: Floats,
-    table: Floats,
-    memory: Floats,  # noqa: ARG001 - no kind remembers
+    memory: Floats,
     V_l: float,
     V_r: float,
     parameters: Any,
@@ -66,6 +61,11 @@ def linearise(
     if kind == INERTIA:
         is_literal, slip_in_inertia = constants[4] != 0.0, constants[5] != 0.0
         return linearise_inertia(V_l, V_r, parameters, slip, vehicle, is_literal, slip_in_inertia)
-    reference = IndexValues(constants[5], constants[6], constants[7])
-    numbers = Table(table, constants[4])
-    return linearise_friction(V_l, V_r, parameters, slip, vehicle, numbers, reference)
+    return linearise_friction(V_l, V_r, parameters, slip, vehicle, memory)
+
+
+def steering_efficiency(kind: int, constants: Floats, parameters: Floats) -> Any:
+    """See `MotionModel.steering_efficiency`."""
+    if kind == INERTIA:
+        return parameters[ETA0]
+    return constants[4]

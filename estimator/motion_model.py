@@ -66,14 +66,21 @@ class TwistDerivatives(NamedTuple):
 class MotionModel(Protocol):
     """How a robot moves at given track speeds.
 
-    A model may remember: what it says may depend on how the robot has moved before. Then `advance` tells
-    it that time has passed, and `memory` and `recall` let the filter go back in time, be copied and be
+    A model may remember: what it says may depend on how the robot has moved before. Then `begin_step`
+    tells it how time goes on, and `memory` and `recall` let the filter go back in time, be copied and be
     saved. A model that does not remember inherits from `Unremembering`.
     """
 
     @property
     def vehicle(self) -> VehicleConstants:
         """L, M, x_CM, y_CM."""
+
+    @property
+    def bounds(self) -> Floats:
+        """(n, 9) where the parameters p can be: rows of a (8,) and b in a p >= b."""
+
+    def steering_efficiency(self, parameters: Any) -> float:
+        """Typical steering efficiency index [-] at these parameters, without inertia."""
 
     def linearise(
         self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
@@ -83,7 +90,7 @@ class MotionModel(Protocol):
         Args:
             V_l: speed of the left track [m/s].
             V_r: speed of the right track [m/s].
-            parameters: the eight, in the order of `estimator.robot.Indices`.
+            parameters: the eight, those of index models in the order of `estimator.robot.Indices`.
             slip: residual (r_x, r_y, r_w) added to the model's twist.
         """
 
@@ -101,13 +108,13 @@ class MotionModel(Protocol):
             ValueError: it is not of the length that the model's memory has.
         """
 
-    def advance(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
-        """Time has passed; called with each prediction, after it has moved the pose.
+    def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
+        """A step begins, at whose mean speeds the model is asked from here on.
 
         Args:
-            dt: how much [s].
-            V_l: mean speed of the left track in that time [m/s].
-            V_r: mean speed of the right track in that time [m/s].
+            dt: how long it is [s].
+            V_l: mean speed of the left track in it [m/s].
+            V_r: mean speed of the right track in it [m/s].
             parameters: the eight, as they stand.
         """
 
@@ -125,7 +132,7 @@ class Unremembering:
         if memory.shape != NO_MEMORY.shape:
             raise ValueError(f"a motion model without memory cannot recall {len(memory)} numbers")
 
-    def advance(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
+    def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
         """See `MotionModel`."""
 
 

@@ -21,7 +21,7 @@ from estimator.relative_motion import MOST_MARKS, Mark, RelativeMotion
 from estimator.robot import Robot
 from estimator.saved import SavedEstimator, read_saved, robot_constants, write_saved
 from estimator.settings import Settings
-from estimator.variants import find_variant
+from estimator.variants import find_variant, parameter_names, state_names, used_parameters
 
 
 class IcrPoints(NamedTuple):
@@ -131,8 +131,9 @@ class PoseEstimator:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The eight parameters by name, as estimated; units of the gains as in docs/model.md."""
-        return self._named(s.PARAMETERS)
+        """The parameters of the variant's model by name, as estimated; units as in docs/model.md."""
+        named = self._named(s.PARAMETERS)
+        return {name: named[name] for name in used_parameters(self.variant)}
 
     @property
     def biases(self) -> dict[str, float]:
@@ -163,7 +164,7 @@ class PoseEstimator:
 
     @property
     def parameter_health(self) -> dict[str, ParameterHealth]:
-        """How well each of the eight parameters is known, and whether the present motion shows it."""
+        """How well each of the parameters is known, and whether the present motion shows it."""
         reckoning = self._reckoning
         now = np.sqrt(np.diagonal(reckoning.ekf.P)[s.PARAMETERS])
         start = reckoning.parameter_sigmas
@@ -173,9 +174,8 @@ class PoseEstimator:
         with np.errstate(divide="ignore", invalid="ignore"):
             excitation = np.where(moved > 0.0, moved / slip, 0.0).max(axis=0)
         rows = zip(now.tolist(), start.tolist(), excitation.tolist(), strict=True)
-        return {
-            name: ParameterHealth(*row) for name, row in zip(s.PARAMETER_NAMES, rows, strict=True)
-        }
+        named = dict(zip(parameter_names(self.variant), rows, strict=True))
+        return {name: ParameterHealth(*named[name]) for name in used_parameters(self.variant)}
 
     def snapshot(self) -> Snapshot:
         """State, twist and indices at once, for the price of one evaluation of the model.
@@ -197,7 +197,8 @@ class PoseEstimator:
         )
 
     def _named(self, part: slice) -> dict[str, float]:
-        return dict(zip(s.STATE_NAMES[part], self._reckoning.ekf.x[part].tolist(), strict=True))
+        names = state_names(self.variant)[part]
+        return dict(zip(names, self._reckoning.ekf.x[part].tolist(), strict=True))
 
     # --- what it is told ------------------------------------------------------------------------
 

@@ -63,15 +63,15 @@ class Disturbances:
         """(SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s."""
         return self._parameter_walk
 
-    def slip_sigma(self, tracks: HeldTrackSpeeds, eta0: float, *, pushed: bool) -> Vector3:
+    def slip_sigma(self, tracks: HeldTrackSpeeds, eta: float, *, pushed: bool) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
 
         Args:
             tracks: the track speeds.
-            eta0: steering efficiency index at no inertia.
+            eta: typical steering efficiency index [-].
             pushed: whether the robot may be turning with its tracks at rest.
         """
-        return slip_at(tracks.left, tracks.right, self._slip, self._track_gauge, eta0, pushed)
+        return slip_at(tracks.left, tracks.right, self._slip, self._track_gauge, eta, pushed)
 
     def sideways_density(self, sigma: Vector3) -> float:
         """Density of the change of the sideways slip [m²/s³] at a `slip_sigma`."""
@@ -117,7 +117,7 @@ class Disturbances:
 
 
 def slip_at(
-    left: float, right: float, slip: Any, gauge: float, eta0: float, pushed: bool
+    left: float, right: float, slip: Any, gauge: float, eta: float, pushed: bool
 ) -> Vector3:
     """Standard deviation of the slip [m/s, m/s, rad/s].
 
@@ -126,10 +126,10 @@ def slip_at(
         right: speed of the right track [m/s].
         slip: what has the numbers of a `Slip`.
         gauge: L [m].
-        eta0: steering efficiency index at no inertia.
+        eta: typical steering efficiency index [-].
         pushed: whether the robot may be turning with its tracks at rest.
     """
-    forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta0))
+    forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
     return forward, sideways, PUSHED_W if pushed else turning
 
 

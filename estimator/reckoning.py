@@ -41,7 +41,7 @@ from estimator.track_speeds import HeldTrackSpeeds
 from estimator.variants import (
     DEFAULT_ADAPTATION,
     Variant,
-    initial_indices,
+    initial_parameters,
     motion_model,
     parameter_sigmas,
     slip_of,
@@ -85,7 +85,7 @@ class Reckoning:
         )
         self.ekf = make_ekf(settings.engine, model)
         self.ekf.x[s.POSE] = start
-        self.ekf.x[s.PARAMETERS] = initial_indices(robot, variant).as_array()
+        self.ekf.x[s.PARAMETERS] = initial_parameters(robot, variant)
         spread = np.zeros(s.SIZE)
         spread[s.POSE] = start_sigma
         spread[s.PARAMETERS] = self.parameter_sigmas
@@ -192,8 +192,9 @@ class Reckoning:
 
     def slip_sigma(self) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s]."""
-        eta0 = self.ekf.x.item(s.ETA0)
-        return self._disturbances.slip_sigma(self._tracks, eta0, pushed=self._may_be_pushed())
+        ekf = self.ekf
+        eta = ekf.model.steering_efficiency(ekf.x[s.PARAMETERS])
+        return self._disturbances.slip_sigma(self._tracks, eta, pushed=self._may_be_pushed())
 
     # --- what it is told -------------------------------------------------------------------------
 
@@ -425,6 +426,7 @@ class Reckoning:
         self.ekf.x[s.FAST_SLIP] = 0.0
         # The density is white, so it is its integral over the step that matters.
         dt = (stamp - self.stamp) * NANOSECOND
+        self.ekf.begin_step(dt, *self._tracks.mean_speeds(self.stamp, stamp))
         density = self._disturbances.fast_slip_density(
             self._tracks, self.model().by_speeds, self.slip_sigma(), self.stamp, stamp
         )

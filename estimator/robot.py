@@ -31,6 +31,10 @@ def _require_finite(name: str, *values: float) -> None:
             raise ValueError(f"{name} must be finite, found {value!r}")
 
 
+# That of a vehicle whose file says nothing of it [s].
+LOAD_LAG = 0.2
+
+
 def _require_positive(name: str, value: float) -> None:
     if np.isnan(value):
         raise ValueError(f"{name} must be a positive number, found nan: it is not filled in")
@@ -58,6 +62,8 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         yaw_inertia: moment of inertia about the vertical through the centre of mass; that of a plate
             as large as the contact's outline where left out [kg m²].
         max_track_speed: highest speed of a track [m/s].
+        load_lag: how fast the loads on the tracks follow the force of inertia that shifts them, as the
+            vehicle rolls and pitches on its suspension [s].
     """
 
     mass: float
@@ -68,6 +74,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     contact_points: int = 5
     yaw_inertia: float | None = None
     max_track_speed: float = 1.0
+    load_lag: float = LOAD_LAG
 
     def __post_init__(self) -> None:
         for name in (
@@ -76,6 +83,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "sprocket_radius",
             "half_contact_length",
             "max_track_speed",
+            "load_lag",
         ):
             _require_positive(name, getattr(self, name))
         _require_finite("centre_of_mass", *self.centre_of_mass)
@@ -235,6 +243,15 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name in self.__struct_fields__:
             _require_not_negative(name, getattr(self, name))
         _require_positive("time_constant", self.time_constant)
+
+    def scaled(self, factor: float) -> Slip:
+        """The same, of another size."""
+        sizes = {
+            name: factor * getattr(self, name)
+            for name in self.__struct_fields__
+            if name.startswith(("turning", "driving"))
+        }
+        return msgspec.structs.replace(self, **sizes)
 
 
 class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):

@@ -17,6 +17,7 @@ from estimator.pose_estimator import PoseEstimator, Snapshot
 from estimator.robot import Robot
 from estimator.settings import Settings
 from estimator.trajectory import Trajectory
+from estimator.variants import state_names
 
 # How many measurements pass between two reports of progress.
 PROGRESS_EVERY = 500
@@ -30,7 +31,8 @@ class Run:
         variant: name of the filter variant; with "-smoothed" behind it, of a run that was smoothed.
         trajectory: poses and twists with covariances.
         indices: (n, 3) zeta [m], epsilon [m], eta [-] of the motion at that time.
-        states: (n, SIZE) the filter's state, see `estimator.state`.
+        state_names: (SIZE,) of the filter's states, see `estimator.state`.
+        states: (n, SIZE) the filter's state.
         state_sigmas: (n, SIZE) standard deviations of the state.
         health: what became of the measurements.
     """
@@ -38,6 +40,7 @@ class Run:
     variant: str
     trajectory: Trajectory
     indices: Floats
+    state_names: tuple[str, ...]
     states: Floats
     state_sigmas: Floats
     health: Health
@@ -122,7 +125,8 @@ def work_through(
             progress(measurement.stamp)
     if due and estimator.stamp != written:
         write_row()
-    return rows.finish(count, estimator.variant.name, estimator.health)
+    names = state_names(estimator.variant)
+    return rows.finish(count, estimator.variant.name, names, estimator.health)
 
 
 class Rows:
@@ -151,7 +155,7 @@ class Rows:
         self._twist_covariances[row] = estimate.twist_covariance
         self._indices[row] = estimate.indices
 
-    def finish(self, count: int, variant: str, health: Health) -> Run:
+    def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """The run of the first `count` rows."""
         kept = slice(0, count)
         trajectory = Trajectory(
@@ -165,6 +169,7 @@ class Rows:
             variant,
             trajectory,
             self._indices[kept],
+            state_names,
             self._states[kept],
             self._sigmas[kept],
             health,

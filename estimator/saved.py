@@ -22,13 +22,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from estimator import state as s
 from estimator.errors import EstimatorError
 from estimator.health import Health
 from estimator.history import HistoryMemory
 from estimator.memory import FilterMemory
 from estimator.robot import Robot
 from estimator.settings import Settings
+from estimator.variants import find_variant, state_names
 
 FORMAT = "icreckon estimator"
 VERSION = 1
@@ -115,11 +115,12 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
     if path.exists() and not (overwrite and path.is_file()):
         raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
     content = msgspec.to_builtins(saved, enc_hook=_to_plain)
+    names = state_names(find_variant(saved.variant))
     for memory in (content["now"], content["history"]["memory"]):
         numbers = [*memory["state"], *np.ravel(memory["covariance"]), *memory["model"]]
         if not np.isfinite(numbers).all():
             raise EstimatorError(f"{path}: not written, the estimate is not finite")
-        memory["state"] = dict(zip(s.STATE_NAMES, memory["state"], strict=True))
+        memory["state"] = dict(zip(names, memory["state"], strict=True))
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -166,8 +167,9 @@ def read_saved(path: Path) -> SavedEstimator:
     if document.get("checksum") != _checksum(content):
         raise EstimatorError(f"{path}: damaged, or changed by hand: the checksum does not fit")
     try:
+        names = state_names(find_variant(content["variant"]))
         for memory in (content["now"], content["history"]["memory"]):
-            memory["state"] = [memory["state"][name] for name in s.STATE_NAMES]
+            memory["state"] = [memory["state"][name] for name in names]
         return msgspec.convert(content, SavedEstimator, dec_hook=_from_plain)
     except (KeyError, TypeError, ValueError, EstimatorError) as problem:
         raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None

@@ -251,7 +251,9 @@ class _Tape:
                     model.motion.indices,
                 ),
             )
-        return rows.finish(count, filtered.variant + SMOOTHED, filtered.health)
+        return rows.finish(
+            count, filtered.variant + SMOOTHED, filtered.state_names, filtered.health
+        )
 
 
 def _back(

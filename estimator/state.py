@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-STATE_NAMES: Final = (
+STATE_NAMES: Final[tuple[str, ...]] = (
     "x",  # pose of base_link in odom [m, m, rad]
     "y",
     "yaw",
@@ -38,7 +38,7 @@ POSITION: Final = slice(0, 2)
 SLIP: Final = slice(3, 6)
 SLIP_X, SLIP_Y, SLIP_W = range(3, 6)
 PARAMETERS: Final = slice(6, 14)
-PARAMETER_NAMES: Final = STATE_NAMES[PARAMETERS]
+PARAMETER_NAMES: Final[tuple[str, ...]] = STATE_NAMES[PARAMETERS]
 ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2 = range(7, 14)
 GYRO_BIAS: Final = 14
 ACCELEROMETER_BIAS: Final = 15

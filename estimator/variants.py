@@ -14,15 +14,29 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from estimator import state as s
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats
-from estimator.friction_map import FrictionMap, friction_map
-from estimator.friction_motion import FrictionMotion
+from estimator.friction_motion import (
+    FRICTION,
+    LENGTH,
+    Z_CM,
+    FrictionMotion,
+    nominal_parameters,
+)
+from estimator.friction_motion import PARAMETER_NAMES as FRICTION_PARAMETERS
+from estimator.friction_motion import PARAMETERS as FRICTION_COUNT
 from estimator.kinematics import GRAVITY
 from estimator.motion import Form, InertiaMotion
 from estimator.motion_model import MotionModel
+from estimator.presumed_contact import presumed_contact
 from estimator.robot import Indices, Robot, Slip
+from estimator.state import PARAMETER_NAMES as INDEX_PARAMETERS
 
+# How much more slip there is on ground that the robot file does not know.
+ON_UNKNOWN_GROUND = 2.0
+# A centre of mass is known no better than if it were this share of half the gauge above the ground.
+LEAST_KNOWN_HEIGHT = 0.3
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07
 
@@ -55,18 +69,25 @@ VARIANTS = {
 class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How far the parameters may be from where they start, and how fast they may move.
 
-    In the inertia-based model `zeta1`, `epsilon1`, `eta1` and `eta2` are given as what they contribute
-    to their index at a lateral force of inertia of 0.07 times the weight (the largest in the paper's
-    simulations); in the friction model as they are, shares of the friction solution [-].
+    A parameter whose standard deviation is zero is not estimated: it stays where it starts. Those of the
+    index models come first; `zeta1`, `epsilon1`, `eta1` and `eta2` are given as what they contribute to
+    their index at a lateral force of inertia of 0.07 times the weight (the largest in the paper's
+    simulations). Those of the friction model follow.
 
     Attributes:
         zeta0: standard deviation at the start [m].
-        zeta1: [m] or [-].
+        zeta1: [m].
         epsilon0: [m].
-        epsilon1: [m] or [-].
+        epsilon1: [m].
         eta0: [-].
         eta1: [-].
-        eta2: [-]; not used in the friction model.
+        eta2: [-].
+        friction: as a share of the coefficient [-].
+        rolling_resistance: [-].
+        contact_length: as a share of the length [-].
+        x_CM: as a share of half the gauge [-].
+        y_CM: as a share of half the contact's length [-].
+        z_CM: as a share of the height, or of 0.3 times half the gauge if that is more [-].
         walk: random walk of each, as a share of the above per √s of turning [1/√s].
     """
 
@@ -77,6 +98,12 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     eta0: float = 0.4
     eta1: float = 0.1
     eta2: float = 0.1
+    friction: float = 0.2
+    rolling_resistance: float = 0.02
+    contact_length: float = 0.06
+    x_CM: float = 0.06
+    y_CM: float = 0.05
+    z_CM: float = 0.08
     walk: float = 0.01
 
 
@@ -97,12 +124,12 @@ DEFAULT_SLIP: dict[Model, Slip] = {
         time_constant=0.5,
     ),
     "friction": Slip(
-        turning_x=0.06,
-        turning_y=0.01,
-        turning_w=0.12,
-        driving_x=0.01,
-        driving_y=0.006,
-        driving_w=0.02,
+        turning_x=0.02,
+        turning_y=0.008,
+        turning_w=0.04,
+        driving_x=0.006,
+        driving_y=0.004,
+        driving_w=0.01,
         time_constant=0.5,
     ),
 }
@@ -111,7 +138,7 @@ DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
     "differential": Adaptation(),
     "constant": Adaptation(epsilon0=0.1, walk=0.02),
     "inertia": Adaptation(walk=0.02),
-    "friction": Adaptation(zeta1=0.3, epsilon1=0.3, eta1=0.3, walk=0.02),
+    "friction": Adaptation(walk=0.005),
 }
 
 
@@ -129,35 +156,49 @@ def find_variant(name: str) -> Variant:
         ) from None
 
 
-def initial_indices(robot: Robot, variant: Variant) -> Indices:
-    """The parameters that a variant starts from.
+def parameter_names(variant: Variant) -> tuple[str, ...]:
+    """Names of the eight parameters of a variant's model, in their order in the state."""
+    return FRICTION_PARAMETERS if variant.model == "friction" else INDEX_PARAMETERS
 
-    They are the robot file's, as far as the variant's model has them. The friction model starts from
-    the friction solution itself; where the ground is not known (no `[soil]`), its variation about the
-    constant ICRs, which are known better.
+
+def used_parameters(variant: Variant) -> tuple[str, ...]:
+    """The names of those that the model has."""
+    return tuple(name for name in parameter_names(variant) if not name.startswith("unused"))
+
+
+def state_names(variant: Variant) -> tuple[str, ...]:
+    """Names (SIZE,) of a variant's states."""
+    names = list(s.STATE_NAMES)
+    names[s.PARAMETERS] = parameter_names(variant)
+    return tuple(names)
+
+
+def initial_parameters(robot: Robot, variant: Variant) -> Floats:
+    """The eight parameters (8,) that a variant starts from.
+
+    They are the robot file's, as far as the variant's model has them; see `estimator.presumed_contact`
+    for those of the friction model where the ground is not known.
 
     Raises:
-        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+        EstimatorError: a friction variant's robot has no contact with the ground.
     """
     match variant.model:
         case "differential":
-            return Indices(H=robot.indices.H)
+            return Indices(H=robot.indices.H).as_array()
         case "constant":
-            return robot.constant_indices
+            return robot.constant_indices.as_array()
         case "inertia":
-            return robot.indices
-    known = robot.constant_indices
-    if robot.soil is None:
-        zeta, epsilon, eta = known.zeta0, known.epsilon0, known.eta0
-    else:
-        zeta, epsilon, eta = _friction_map(robot).reference
-    return Indices(
-        H=known.H, zeta0=zeta, zeta1=1.0, epsilon0=epsilon, epsilon1=1.0, eta0=eta, eta1=1.0
-    )
+            return robot.indices.as_array()
+    return np.concatenate([nominal_parameters(presumed_contact(robot)), [0.0, 0.0]])
 
 
 def motion_model(
-    robot: Robot, variant: Variant, form: Form = "smooth", *, slip_in_inertia: bool = False
+    robot: Robot,
+    variant: Variant,
+    form: Form = "smooth",
+    *,
+    slip_in_inertia: bool = False,
+    adaptation: Adaptation | None = None,
 ) -> MotionModel:
     """The motion model of a variant.
 
@@ -166,40 +207,51 @@ def motion_model(
         variant: the variant.
         form: see `estimator.motion.solve`; the friction model has no forms.
         slip_in_inertia: see there; the friction model does not look at the slip.
+        adaptation: of the variant, its default where left out.
 
     Raises:
-        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+        EstimatorError: a friction variant's robot has no contact with the ground.
     """
     if variant.model == "friction":
-        return FrictionMotion(robot.constants, _friction_map(robot))
+        estimated = parameter_sigmas(robot, variant, adaptation or DEFAULT_ADAPTATION["friction"])
+        return FrictionMotion(
+            robot.constants,
+            presumed_contact(robot),
+            robot.yaw_inertia,
+            robot.vehicle.load_lag,
+            robot.constant_indices.eta0,
+            estimated[:FRICTION_COUNT],
+        )
     return InertiaMotion(robot.constants, form, slip_in_inertia)
-
-
-def _friction_map(robot: Robot) -> FrictionMap:
-    return friction_map(robot.contact, robot.vehicle.max_track_speed)
 
 
 def slip_of(robot: Robot, variant: Variant) -> Slip:
     """The slip residual of a variant: the robot file's `[slip.<variant>]`, or the default.
+
+    Where the ground is not known (no `[soil]`) friction says less, and leaves more to the slip.
 
     Raises:
         EstimatorError: the robot file has slip for a variant that there is not.
     """
     for name in robot.slip:
         find_variant(name)
-    return robot.slip.get(variant.name, DEFAULT_SLIP[variant.model])
+    default = DEFAULT_SLIP[variant.model]
+    if variant.model == "friction" and robot.soil is None:
+        default = default.scaled(ON_UNKNOWN_GROUND)
+    return robot.slip.get(variant.name, default)
 
 
 def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
-    """Standard deviations at the start of the eight parameters (8,), in `Indices` order.
+    """Standard deviations at the start of the eight parameters (8,), in their order in the state.
 
     Zero where the variant does not estimate the parameter. H has no gradient in the motion model: its
     spread is zero too, and it stays what the robot file says.
     """
     if not variant.online:
         return np.zeros(8)
-    is_share = variant.model == "friction"
-    force = 1.0 if is_share else TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
+    if variant.model == "friction":
+        return _friction_sigmas(robot, adaptation)
+    force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
     sigmas = np.array(
         [
             0.0,
@@ -214,6 +266,22 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     )
     if variant.model == "constant":
         sigmas[[2, 4, 6, 7]] = 0.0
-    if is_share:
-        sigmas[7] = 0.0
     return sigmas
+
+
+def _friction_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:
+    start = initial_parameters(robot, find_variant("friction-fixed"))
+    half_gauge, half_length = 0.5 * robot.vehicle.track_gauge, robot.vehicle.half_contact_length
+    lowest = LEAST_KNOWN_HEIGHT * half_gauge
+    return np.array(
+        [
+            adaptation.friction * start[FRICTION],
+            adaptation.rolling_resistance,
+            adaptation.contact_length * start[LENGTH],
+            adaptation.x_CM * half_gauge,
+            adaptation.y_CM * half_length,
+            adaptation.z_CM * max(lowest, start[Z_CM]),
+            0.0,
+            0.0,
+        ]
+    )

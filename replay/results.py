@@ -200,9 +200,10 @@ def _differences(one: Run, reference: Run) -> Results:
 def _consistency(one: Run) -> Results:
     """What the filter says of its own measurements and parameters."""
     health = one.health
-    final = dict(zip(s.STATE_NAMES, one.states[-1].tolist(), strict=True))
-    sigmas = dict(zip(s.STATE_NAMES, one.state_sigmas[-1].tolist(), strict=True))
-    kept = (*s.STATE_NAMES[s.PARAMETERS], *s.STATE_NAMES[s.GYRO_BIAS : s.GYRO_SCALE + 1])
+    names = one.state_names
+    final = dict(zip(names, one.states[-1].tolist(), strict=True))
+    sigmas = dict(zip(names, one.state_sigmas[-1].tolist(), strict=True))
+    kept = [name for name in names[s.LEARNT] if not name.startswith("unused")]
     return {
         "nis": {name: sensor.nis_per_degree for name, sensor in health.sensors.items()},
         "rejected": health.rejections(),

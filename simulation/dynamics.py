@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from estimator.contact import Body, Contact, ground
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import GRAVITY
-from estimator.robot import Robot
+from estimator.robot import LOAD_LAG, Robot
 from simulation.errors import SimulationError
 from simulation.terrain import Patch, Payload, loaded, patch_rows
 from simulation.trajectories import Command
@@ -34,8 +34,6 @@ from simulation.truth import (
 
 Floats = NDArray[np.float64]
 
-# How fast loads follow the forces that transfer them: a vehicle's roll and pitch on its suspension [s].
-LOAD_LAG = 0.2
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1
 # Error allowed per step; docs/truth.md shows what it costs and brings.
@@ -117,6 +115,7 @@ class FrictionTruth:
             step,
             patches=self.patches,
             payloads=self.payloads,
+            load_lag=robot.vehicle.load_lag,
             tolerance=self.tolerance,
         )
         if driven.tipping.any():

@@ -12,7 +12,6 @@ import estimator.reckoning
 from estimator import motion, state
 from estimator.compiled_ekf import CompiledEkf
 from estimator.ekf import IcrEkf, ProcessNoise
-from estimator.friction_motion import FrictionMotion
 from estimator.friction_motion import linearise as linearise_friction
 from estimator.jit_kernel import entry
 from estimator.measurements import (
@@ -28,7 +27,7 @@ from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
 from estimator.settings import Settings
 from estimator.smoother import smooth
-from estimator.variants import VARIANTS, find_variant, initial_indices, motion_model
+from estimator.variants import VARIANTS, find_variant, initial_parameters, motion_model
 from simulation.scenario import Scenario, simulate
 
 ALPHA = load_robot("auriga-alpha")
@@ -95,21 +94,12 @@ def test_inertia_model_is_the_same_compiled(form, slip_in_inertia):
 def test_friction_model_is_the_same_compiled():
     compiled = entry(linearise_friction)
     variant = find_variant("friction-online")
-    model, start = motion_model(ALPHA, variant), initial_indices(ALPHA, variant).as_array()
+    model, start = motion_model(ALPHA, variant), initial_parameters(ALPHA, variant)
     for V_l, V_r, factors, slip in points():
         parameters = tuple((start * factors).tolist())
-        options = (model.vehicle, model.map.table, model.map.reference)
-        found = compiled(V_l, V_r, parameters, slip, *options)
-        assert_same(found, model.linearise(V_l, V_r, parameters, slip))
-
-
-def test_compiled_friction_model_reads_nothing_beside_its_table():
-    model = motion_model(ALPHA, find_variant("friction-online"))
-    options = (model.vehicle, model.map.table, model.map.reference)
-    compiled = entry(linearise_friction)
-    for V in (np.nan, np.inf, -np.inf):
-        found, _ = compiled(V, 0.3, (1.0,) * 8, (0.0, 0.0, 0.0), *options)
-        assert not np.isfinite(found.twist).any()
+        model.begin_step(0.02, V_l, V_r, start)
+        found = compiled(V_l + 0.01, V_r, parameters, slip, model.vehicle, model.memory)
+        assert_same(found, model.linearise(V_l + 0.01, V_r, parameters, slip))
 
 
 # --- the algebra ------------------------------------------------------------------------------------
@@ -123,7 +113,7 @@ def filters(rng, variant="inertia-online"):
     found = find_variant(variant)
     root = scales[:, None] * rng.normal(size=(state.SIZE, state.SIZE))
     x, P = scales * rng.normal(size=state.SIZE), root @ root.T
-    x[state.PARAMETERS] += initial_indices(ALPHA, found).as_array()
+    x[state.PARAMETERS] += initial_parameters(ALPHA, found)
     made = []
     for engine in (IcrEkf, CompiledEkf):
         ekf = engine(motion_model(ALPHA, found))
@@ -376,7 +366,14 @@ class Sluggish:
         by_speeds = 0.5 * np.array(by.by_speeds)
         return Motion(*found), TwistDerivatives(np.array(by.by_parameters), by_speeds, by.by_slip)
 
-    def advance(self, dt, V_l, V_r, parameters):
+    @property
+    def bounds(self):
+        return self._inner.bounds
+
+    def steering_efficiency(self, parameters):
+        return self._inner.steering_efficiency(parameters)
+
+    def begin_step(self, dt, V_l, V_r, parameters):
         assert len(parameters) == 8
         share = -np.expm1(-dt / max(self._time_constant, 1e-9))
         self._memory = self._memory + share * (np.array([V_l, V_r]) - self._memory)
@@ -422,11 +419,7 @@ def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, engi
 
 
 def test_memory_of_another_model_is_refused():
-    for model in (
-        InertiaMotion(ALPHA.constants),
-        motion_model(ALPHA, find_variant("friction-fixed")),
-    ):
-        assert isinstance(model, InertiaMotion | FrictionMotion)
-        model.recall(model.memory)
-        with pytest.raises(ValueError, match="cannot recall 2 numbers"):
-            model.recall(np.zeros(2))
+    model = InertiaMotion(ALPHA.constants)
+    model.recall(model.memory)
+    with pytest.raises(ValueError, match="cannot recall 2 numbers"):
+        model.recall(np.zeros(2))

@@ -21,10 +21,9 @@ from estimator.contact import (
     vertical_loads,
 )
 from estimator.kinematics import GRAVITY, PaperTwist
-from estimator.robot import load_robot
+from estimator.robot import LOAD_LAG, load_robot
 from estimator.steady import solve_steady
 from simulation.dynamics import (
-    LOAD_LAG,
     FrictionTruth,
     draw_contact,
     drive,

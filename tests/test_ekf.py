@@ -15,7 +15,7 @@ from estimator.ekf import IcrEkf, ProcessNoise
 from estimator.frames import arc_factors, compose
 from estimator.motion import InertiaMotion
 from estimator.robot import load_robot
-from estimator.variants import find_variant, initial_indices, motion_model
+from estimator.variants import find_variant, initial_parameters, motion_model
 
 ALPHA = load_robot("auriga-alpha")
 INERTIA, FRICTION = find_variant("inertia-online"), find_variant("friction-online")
@@ -49,7 +49,7 @@ Engine = IcrEkf
 def make(rng=None, variant=INERTIA, **options):
     """A filter about the parameters that it starts from: at them, or at a random state near them."""
     ekf = Engine(motion_model(ALPHA, variant, **options))
-    ekf.x[s.PARAMETERS] = initial_indices(ALPHA, variant).as_array()
+    ekf.x[s.PARAMETERS] = initial_parameters(ALPHA, variant)
     if rng is not None:
         scales = scales_of(ekf)
         ekf.x += scales * rng.normal(size=s.SIZE)

@@ -1,222 +1,232 @@
-"""The friction index model: its equations, its derivatives, and the filter variants that use it."""
+"""The friction motion model: its steps, its derivatives, and what it says to a filter."""
+
+from __future__ import annotations
 
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from complex_step import assert_derivatives
-from estimator.contact import Soil
-from estimator.errors import EstimatorError
-from estimator.frames import arc_factors, compose, paper_to_rep103
-from estimator.friction_map import friction_map
-from estimator.kinematics import IndexValues, direct, signed_inertia
-from estimator.log import ImuSeries, Log, TrackSpeedSeries
-from estimator.measurements import ImuSample, TrackSpeeds
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Indices, load_robot
-from estimator.run import run
+from estimator import friction_motion as f
+from estimator.frames import Floats
+from estimator.friction_motion import FrictionMotion
+from estimator.robot import Robot, load_robot
 from estimator.steady import solve_steady
-from estimator.variants import (
-    DEFAULT_ADAPTATION,
-    find_variant,
-    initial_indices,
-    motion_model,
-    parameter_sigmas,
-)
-from simulation.scenario import Scenario, simulate
 
 ALPHA = load_robot("auriga-alpha")
-FIXED, ONLINE = find_variant("friction-fixed"), find_variant("friction-online")
-MODEL = motion_model(ALPHA, FIXED)
-START = initial_indices(ALPHA, FIXED).as_array()
 NO_SLIP = (0.0, 0.0, 0.0)
-CHANGED = START * (1.0, 0.9, 1.3, 1.1, 0.7, 0.95, 1.2, 1.0)
-FLOOR = START.copy()
-FLOOR[5] = 1.0
+ALL = np.ones(f.PARAMETERS)
+DT = 0.02
 
 
-def cases(count):
-    rng = np.random.default_rng(1)
-    for V_l, V_r in rng.uniform(-1.1, 1.1, (count, 2)).tolist():
-        for parameters in (START, CHANGED, FLOOR):
-            yield V_l, V_r, parameters, tuple(rng.normal(scale=0.05, size=3).tolist())
-    for V_l, V_r in ((0.5, 0.5), (0.0, 0.0), (0.0, 0.8), (-0.7, 0.7), (0.5, 0.5 + 1e-9)):
-        yield V_l, V_r, CHANGED, (0.02, -0.03, 0.1)
-
-
-def test_as_it_starts_it_is_the_friction_solution():
-    V = np.random.default_rng(2).uniform(-1.0, 1.0, (2, 2000))
-    motion, _ = MODEL.linearise(*V, START, NO_SLIP)
-    expected = np.array(solve_steady(*V, ALPHA.contact).twist)
-    error = np.sqrt(np.mean((np.array(motion.twist) - expected) ** 2, axis=1))
-    assert (error < 1e-3 * np.sqrt(np.mean(expected**2, axis=1))).all()
-
-
-def test_twist_follows_from_offsets_and_gains():
-    for V_l, V_r, parameters, slip in cases(50):
-        motion, _ = MODEL.linearise(V_l, V_r, parameters, slip)
-        at, reference = MODEL.map.at(V_l, V_r).indices, MODEL.map.reference
-        indices = IndexValues(
-            parameters[1] + parameters[2] * (at.zeta - reference.zeta),
-            parameters[3] + parameters[4] * (at.epsilon - reference.epsilon),
-            max(1.0, parameters[5] + parameters[6] * (at.eta - reference.eta)),
-        )
-        assert motion.indices == pytest.approx(indices, abs=1e-14)
-        kinematic = direct(V_l, V_r, indices, 0.42)
-        wanted = [part + r for part, r in zip(kinematic, slip, strict=True)]
-        assert motion.twist == pytest.approx(wanted, abs=1e-14)
-        assert motion.u == pytest.approx(signed_inertia(motion.twist, 258.0, -0.015)[0])
-        assert abs(motion.force) <= 258.0 * 9.81
-
-
-def test_without_gains_it_is_the_constant_icr_model():
-    constant = ALPHA.constant_indices
-    V = np.random.default_rng(3).uniform(-1.0, 1.0, (2, 100))
-    motion, _ = MODEL.linearise(*V, constant.as_array(), NO_SLIP)
-    expected = direct(*V, IndexValues(constant.zeta0, constant.epsilon0, constant.eta0), 0.42)
-    assert np.array(motion.twist) == pytest.approx(np.array(expected), abs=1e-15)
-
-
-def test_derivatives_are_the_complex_step_ones():
-    for V_l, V_r, parameters, slip in cases(60):
-        if V_l != V_r:
-            assert_derivatives(MODEL, V_l, V_r, parameters, slip)
-
-
-@pytest.mark.parametrize("V", [0.0, 0.5])
-def test_straight_ahead_the_speeds_move_the_mean(V):
-    # There the indices jump, and only what does not see them has a derivative.
-    motion, by = MODEL.linearise(V, V, CHANGED, (0.02, -0.03, 0.1))
-    assert motion.twist == pytest.approx((0.02, V - 0.03, 0.1), abs=1e-15)
-    assert np.array(by.by_speeds).sum(axis=1) == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)
-    assert (np.array(by.by_parameters) == 0.0).all()
-    assert (np.array(by.by_slip) == np.eye(3)).all()
-
-
-def test_eta_never_falls_below_one():
-    V = np.random.default_rng(4).uniform(-1.0, 1.0, (2, 500))
-    motion, by = MODEL.linearise(*V, FLOOR, NO_SLIP)
-    assert motion.indices.eta.min() == 1.0
-    at_floor = motion.indices.eta == 1.0
-    assert 50 < at_floor.sum() < 450
-    by_eta = np.array([row[5] for row in by.by_parameters])
-    assert (by_eta[:, at_floor] == 0.0).all()
-
-
-@pytest.mark.parametrize("V", [-1.0, 0.0, 0.4])
-def test_equal_tracks_drive_straight_whatever_the_parameters(V):
-    for parameters in (START, CHANGED, FLOOR):
-        twist = MODEL.linearise(V, V, parameters, NO_SLIP)[0].twist
-        assert twist == (0.0, V, 0.0)
-
-
-# --- the variants -----------------------------------------------------------------------------------
-
-
-def test_with_known_soil_it_starts_from_the_friction_solution():
-    reference = friction_map(ALPHA.contact, 1.0).reference
-    assert START.tolist() == [0.67134, *_with_gains_of_one(reference), 0.0]
-
-
-def test_without_known_soil_it_starts_from_the_constant_icrs():
-    robot = msgspec.structs.replace(ALPHA, soil=None)
-    known = robot.constant_indices
-    found = initial_indices(robot, ONLINE)
-    wanted = _with_gains_of_one((known.zeta0, known.epsilon0, known.eta0))
-    assert found.as_array().tolist() == [0.67134, *wanted, 0.0]
-    # The variation is that of firm ground without rolling resistance.
-    assert motion_model(robot, ONLINE).map is friction_map(robot.contact, 1.0)
-    assert robot.contact.soil == Soil()
-    assert load_robot("husky").soil is None
-    PoseEstimator(load_robot("husky"), "friction-online")
-
-
-def _with_gains_of_one(offsets):
-    return [part for offset in offsets for part in (offset, 1.0)]
-
-
-def test_gains_are_shares_and_what_is_not_used_is_not_estimated():
-    adaptation = DEFAULT_ADAPTATION["friction"]
-    sigmas = parameter_sigmas(ALPHA, ONLINE, adaptation)
-    assert sigmas[[2, 4, 6]].tolist() == [adaptation.zeta1, adaptation.epsilon1, adaptation.eta1]
-    assert sigmas[[0, 7]].tolist() == [0.0, 0.0]
-    assert not parameter_sigmas(ALPHA, FIXED, adaptation).any()
-
-
-def test_centre_of_mass_beside_the_contact_is_a_clear_error():
-    vehicle = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(0.5, 0.0, 0.3))
-    robot = msgspec.structs.replace(ALPHA, vehicle=vehicle)
-    with pytest.raises(EstimatorError, match=r"auriga-alpha: .* outside the contact.*\[vehicle\]"):
-        PoseEstimator(robot, "friction-fixed")
-    PoseEstimator(robot, "inertia-online")
-
-
-def friction_log(seconds=60.0):
-    """Track speeds of a lively drive, its exact gyro, and where friction takes the robot: a pose (3,)."""
-    stamps = np.arange(0, round(seconds * 50)) * 20_000_000
-    time = stamps * 1e-9
-    forward = 0.5 * np.sin(2 * np.pi * time / 17.0) + 0.2
-    half = 0.25 * np.sin(2 * np.pi * time / 5.3) * (time < seconds - 3.0)
-    V_l, V_r = forward - half, forward + half
-    v_x, v_y, w = solve_steady(V_l, V_r, ALPHA.contact).twist
-    forward, left = paper_to_rep103(v_x, v_y)
-    pose = np.zeros(3)
-    for x, y, turn in (0.02 * np.stack([forward, left, w], axis=-1))[:-1]:
-        a, b = arc_factors(turn)
-        pose = compose(pose, [a * x - b * y, b * x + a * y, turn])
-    rates = np.stack([0.0 * w, 0.0 * w, w], axis=-1)
-    log = Log("friction", TrackSpeedSeries(stamps, np.stack([V_l, V_r], axis=-1)))
-    with_imu = Log("friction", log.tracks, ImuSeries(stamps, rates))
-    return log, with_imu, pose, 0.02 * float(np.hypot(forward, left).sum())
-
-
-def test_driven_by_friction_it_hardly_drifts_and_the_others_do():
-    log, _, pose, distance = friction_log()
-    ends = {
-        name: run(log, ALPHA, name).trajectory.poses[-1]
-        for name in ("friction-fixed", "inertia-fixed", "constant-fixed")
-    }
-    drift = {name: np.hypot(*(end - pose)[:2]) / distance for name, end in ends.items()}
-    # Track speeds are held for 20 ms, and old by that much when they come.
-    assert drift["friction-fixed"] < 5e-4
-    assert abs(ends["friction-fixed"][2] - pose[2]) < 1e-3
-    assert drift["friction-fixed"] < 0.05 * min(drift["inertia-fixed"], drift["constant-fixed"])
-
-
-def test_online_it_keeps_what_is_right_and_finds_what_is_wrong():
-    _, with_imu, _, _ = friction_log(40.0)
-    kept = run(with_imu, ALPHA, "friction-online")
-    sigmas = parameter_sigmas(ALPHA, ONLINE, DEFAULT_ADAPTATION["friction"])
-    moved = kept.states[-1, 6:14] - START
-    assert (np.abs(moved) <= 0.5 * sigmas).all()
-    assert moved[0] == moved[7] == 0.0
-    # A tread that steers worse than the file says: the gyro shows eta.
-    wrong = PoseEstimator(ALPHA, "friction-online")
-    wrong._reckoning.ekf.x[11] += 0.3
-    for measurement in with_imu.measurements():
-        wrong.feed(measurement)
-    assert abs(wrong.parameters["eta0"] - START[5]) < 0.15
-
-
-@pytest.mark.parametrize("variant", ["friction-fixed", "friction-online"])
-def test_simulated_logs_run_to_their_end(variant):
-    log = simulate(Scenario(duration=30.0, trajectory="aggressive", seed=2), ALPHA)
-    found = run(log, ALPHA, variant)
-    assert np.isfinite(found.states).all()
-    assert (found.states[:, 6] == ALPHA.indices.H).all()
-    assert (found.indices[:, 2] >= 1.0).all()
-    assert found.health.sensor("gyro").used > 2900
-
-
-@pytest.mark.parametrize("variant", ["friction-fixed", "friction-online"])
-def test_a_robot_at_rest_has_no_twist(variant):
-    estimator = PoseEstimator(ALPHA, variant)
-    for k in range(200):
-        estimator.feed(TrackSpeeds(k * 10_000_000, 0.0, 0.0))
-        estimator.feed(ImuSample(k * 10_000_000, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
-    assert estimator.stands
-    assert estimator.twist.tolist() == [0.0, 0.0, 0.0]
-    assert estimator.pose.tolist() == [0.0, 0.0, 0.0]
-    assert estimator.parameters == pytest.approx(
-        dict(zip(Indices.__struct_fields__, START, strict=True))
+def model_of(robot: Robot = ALPHA, estimated: Floats = ALL) -> FrictionMotion:
+    return FrictionMotion(
+        robot.constants, robot.contact, robot.yaw_inertia, robot.vehicle.load_lag, 2.0, estimated
     )
+
+
+def wild(seconds: float) -> NDArray[np.float64]:
+    """Track speeds (n, 2) that jump, reverse and rest."""
+    t = np.arange(round(seconds / DT)) * DT
+    left = 0.5 * np.sin(t) + 0.3 * np.sign(np.sin(3.0 * t))
+    right = 0.6 * np.cos(1.3 * t)
+    resting = (t % 4.0) > 3.5
+    return np.stack([np.where(resting, 0.0, left), np.where(resting, 0.0, right)], axis=-1)
+
+
+def padded(parameters: Floats) -> list[float]:
+    return [*parameters.tolist(), 0.0, 0.0]
+
+
+def driven(model: FrictionMotion, speeds: Floats, parameters: Floats, dt: float = DT) -> Floats:
+    """Memories (n, MEMORY) after each step."""
+    memories = []
+    for V_l, V_r in speeds:
+        model.begin_step(dt, V_l, V_r, padded(parameters))
+        memories.append(model.memory)
+    return np.array(memories)
+
+
+def test_at_constant_speeds_it_settles_where_the_stationary_solver_says() -> None:
+    for V_l, V_r in ((0.3, 0.8), (0.9, 0.4), (-0.2, 0.5), (-0.4, 0.1), (0.2, 0.7)):
+        model = model_of()
+        twist = driven(model, np.tile([V_l, V_r], (300, 1)), model.nominal)[-1, :3]
+        steady = solve_steady(np.array([V_l]), np.array([V_r]), ALPHA.contact)
+        wanted = np.array([part[0] for part in steady.twist])
+        # What is left is the larger regularising speed.
+        np.testing.assert_allclose(twist, wanted, atol=6e-3)
+
+
+def test_the_first_step_settles() -> None:
+    model = model_of()
+    first = driven(model, np.array([[0.3, 0.6]]), model.nominal)[-1]
+    later = driven(model, np.tile([0.3, 0.6], (200, 1)), model.nominal)[-1]
+    np.testing.assert_allclose(first[:3], later[:3], atol=2e-3)
+
+
+@pytest.mark.parametrize("parameter", range(f.PARAMETERS))
+def test_sensitivities_are_the_slopes_of_the_motion(parameter: int) -> None:
+    model = model_of()
+    at = model.nominal * 1.05
+    speeds = wild(12.0)
+    found = driven(model, speeds, at)[:, f.OF_SENSITIVITIES].reshape(-1, f.STATES, f.PARAMETERS)
+    step = 2e-7
+    ends = []
+    for sign in (1.0, -1.0):
+        moved = at.copy()
+        moved[parameter] += sign * step
+        ends.append(driven(model_at(moved), speeds, moved)[:, f.OF_STATES])
+    slopes = (ends[0] - ends[1]) / (2.0 * step)
+    scale = np.abs(slopes).max(axis=0)
+    assert np.all(scale[:3] > 0.05), "or there is nothing to see here"
+    np.testing.assert_allclose(found[:, :, parameter] / scale, slopes / scale, atol=1e-6)
+
+
+def model_at(parameters: Floats) -> FrictionMotion:
+    """A model that has known its parameters from the start."""
+    model = model_of()
+    memory = model.memory.copy()
+    memory[f.AT_PARAMETERS] = parameters
+    model.recall(memory)
+    return model
+
+
+def test_the_last_speeds_act_as_their_derivatives_say() -> None:
+    speeds, step = wild(7.0), 1e-6
+    model = model_of()
+    found = driven(model, speeds, model.nominal)[-1, f.OF_SPEEDS].reshape(3, 2)
+    for side in range(2):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = speeds.copy()
+            moved[-1, side] += sign * step
+            again = model_of()
+            ends.append(driven(again, moved, again.nominal)[-1, :3])
+        np.testing.assert_allclose(found[:, side], (ends[0] - ends[1]) / (2.0 * step), atol=1e-7)
+
+
+def test_what_is_learnt_on_the_way_changes_the_motion_as_if_it_had_been_known() -> None:
+    speeds = wild(6.0)
+    known, learning = model_of(), model_of()
+    better = known.nominal * np.array([1.0, 1.01, 1.003, 1.0, 1.02, 1.002])
+    last = driven(model_at(better), speeds, better)[-1]
+    before = driven(learning, speeds, known.nominal)[-1]
+    learning.begin_step(1e-9, *speeds[-1], padded(better))
+    moved = np.abs(last[:3] - before[:3])
+    left = np.abs(last[:3] - learning.memory[:3])
+    assert moved.max() > 1e-3
+    assert left.max() < 0.05 * moved.max()
+
+
+def test_linearise_has_the_derivatives_of_its_twist() -> None:
+    model = model_of()
+    driven(model, wild(5.3), model.nominal)
+    V_l, V_r = 0.31, 0.52
+    p = model.nominal * 1.01
+    _, by = model.linearise(V_l, V_r, padded(p), NO_SLIP)
+    h = 1e-30
+
+    def part(index: int) -> Floats:
+        arguments = [complex(value) for value in (V_l, V_r, *padded(p), *NO_SLIP)]
+        arguments[index] += 1j * h
+        slip = (arguments[10], arguments[11], arguments[12])
+        motion, _ = model.linearise(arguments[0], arguments[1], arguments[2:10], slip)
+        return np.array([number.imag / h for number in motion.twist])
+
+    np.testing.assert_allclose(np.array(by.by_speeds).T, [part(0), part(1)], rtol=1e-12)
+    np.testing.assert_allclose(
+        np.array(by.by_parameters).T, [part(2 + k) for k in range(8)], rtol=1e-12, atol=1e-300
+    )
+    np.testing.assert_allclose(np.array(by.by_slip).T, [part(10 + k) for k in range(3)], rtol=1e-12)
+
+
+def test_parameters_that_are_not_learnt_have_no_derivatives() -> None:
+    some = np.array([0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
+    one, other = model_of(estimated=some), model_of()
+    mine = driven(one, wild(4.0), one.nominal)
+    full = driven(other, wild(4.0), other.nominal)
+    S, all_S = (m[:, f.OF_SENSITIVITIES].reshape(-1, f.STATES, f.PARAMETERS) for m in (mine, full))
+    assert not S[:, :, some == 0.0].any()
+    np.testing.assert_array_equal(S[:, :, some != 0.0], all_S[:, :, some != 0.0])
+    np.testing.assert_array_equal(mine[:, f.OF_STATES], full[:, f.OF_STATES])
+
+
+def test_a_mirrored_vehicle_moves_mirrored() -> None:
+    x, y, z = ALPHA.vehicle.centre_of_mass
+    vehicle = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(x, -y, z))
+    mirrored = model_of(msgspec.structs.replace(ALPHA, vehicle=vehicle))
+    model, speeds = model_of(), wild(9.0)
+    one = driven(model, speeds, model.nominal)[:, :3]
+    other = driven(mirrored, speeds[:, ::-1], mirrored.nominal)[:, :3]
+    np.testing.assert_allclose(one * [-1.0, 1.0, -1.0], other, atol=1e-9)
+
+
+def test_halving_the_step_changes_little_and_ever_less() -> None:
+    """First order, as the scheme is."""
+    t = np.arange(0.0, 8.0, 0.0025)
+    fine = np.stack([0.5 + 0.3 * np.sin(2.0 * t), 0.5 + 0.3 * np.cos(1.7 * t)], axis=-1)
+    ends = []
+    for every in (8, 4, 2, 1):
+        # Steps of 2.5 to 10 ms are not divided further, and 20 ms are two of 10.
+        speeds = fine[every - 1 :: every]
+        model = model_of()
+        twists = driven(model, speeds, model.nominal, 0.0025 * every)[:, :3]
+        ends.append(
+            twists[:: 8 // every][1:] if every == 8 else twists[8 // every - 1 :: 8 // every][1:]
+        )
+    errors = [np.abs(end - ends[-1]).mean() for end in ends[1:3]]
+    assert errors[0] < 5e-3
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_it_stands_where_its_tracks_stand() -> None:
+    model = model_of()
+    driven(model, wild(3.0), model.nominal)
+    at_rest = driven(model, np.zeros((150, 2)), model.nominal)[-1]
+    assert np.abs(at_rest[:3]).max() < 1e-6
+    S = at_rest[f.OF_SENSITIVITIES].reshape(f.STATES, f.PARAMETERS)
+    assert np.abs(S[:3]).max() < 1e-4
+
+
+def test_going_back_in_memory_repeats_the_motion_to_the_last_bit() -> None:
+    model, speeds = model_of(), wild(6.0)
+    driven(model, speeds[:100], model.nominal)
+    kept = model.memory
+    copy = kept.copy()
+    once = driven(model, speeds[100:], model.nominal)
+    np.testing.assert_array_equal(kept, copy)
+    model.recall(kept)
+    np.testing.assert_array_equal(driven(model, speeds[100:], model.nominal), once)
+
+
+def test_another_model_s_memory_is_refused() -> None:
+    with pytest.raises(ValueError, match="another's"):
+        model_of().recall(np.zeros(3))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    speeds=st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=2, max_size=20),
+    dt=st.sampled_from([1e-6, 1e-3, 0.01, 0.1, 1.0, 30.0]),
+    factors=st.tuples(*[st.floats(0.3, 2.0)] * f.PARAMETERS),
+)
+def test_no_input_makes_it_leave_what_tracks_can_do(
+    speeds: list[tuple[float, float]], dt: float, factors: tuple[float, ...]
+) -> None:
+    """The body never moves faster than its tracks could drag it, whatever the step."""
+    model = model_of()
+    parameters = model.nominal * factors
+    model = model_at(parameters)
+    memories = driven(model, np.array(speeds), parameters, dt)
+    assert np.isfinite(memories).all()
+    assert np.abs(memories[:, 0]).max() < 3.0
+    assert np.abs(memories[:, 1]).max() < 3.0
+    assert np.abs(memories[:, 2]).max() < 4.0 / ALPHA.vehicle.track_gauge
+
+
+def test_bounds_hold_the_nominal_vehicle() -> None:
+    model = model_of()
+    rows = model.bounds
+    assert np.all(rows[:, :8] @ padded(model.nominal) > rows[:, 8])

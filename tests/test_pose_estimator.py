@@ -10,6 +10,7 @@ import pytest
 from estimator import state as s
 from estimator.errors import EstimatorError
 from estimator.frames import arc_factors, compose, rpy_to_matrix, wrap_angle
+from estimator.friction_motion import REGULARISING_SPEED
 from estimator.gating import GateSettings
 from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
 from estimator.measurements import (
@@ -99,8 +100,13 @@ def test_straight_line_is_as_long_as_its_tracks_say(variant):
     drive(estimator, EPOCH, 20.0, 0.5, 0.5)
     elapsed = (estimator.stamp - EPOCH) * 1e-9
     assert elapsed == pytest.approx(20.0, abs=0.03)
-    assert estimator.pose == pytest.approx([0.5 * elapsed, 0.0, 0.0], abs=1e-9)
-    assert estimator.twist == pytest.approx([0.5, 0.0, 0.0], abs=1e-9)
+    # Where friction carries the rolling resistance, the tracks creep: by a share of the speed below which
+    # friction fades.
+    soil = ALPHA.contact.soil
+    creep = REGULARISING_SPEED * soil.rolling_resistance / soil.friction
+    slack = 1e-9 + 1.1 * creep * variant.startswith("friction")
+    assert estimator.pose == pytest.approx([0.5 * elapsed, 0.0, 0.0], abs=slack * elapsed)
+    assert estimator.twist == pytest.approx([0.5, 0.0, 0.0], abs=slack)
 
 
 @pytest.mark.parametrize("variant", ["inertia-fixed", "inertia-online"])
@@ -636,7 +642,8 @@ def test_mirrored_robot_drives_the_mirrored_way(variant, settings):
     assert b.pose == pytest.approx(signs * a.pose, abs=1e-9)
     assert b.twist == pytest.approx(signs * a.twist, abs=1e-9)
     assert b.pose_covariance == pytest.approx(np.outer(signs, signs) * a.pose_covariance, abs=1e-9)
-    assert b.parameters["epsilon0"] == pytest.approx(-a.parameters["epsilon0"], abs=1e-9)
+    sideways = "x_CM" if variant.startswith("friction") else "epsilon0"
+    assert b.parameters[sideways] == pytest.approx(-a.parameters[sideways], abs=1e-9)
     assert b.biases["gyro_bias"] == pytest.approx(-a.biases["gyro_bias"], abs=1e-9)
 
 
