@@ -1,0 +1,85 @@
+"""What the studies with friction as truth share: runs of a variant, their errors in time, recovery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.frames import Floats, wrap_angle
+from estimator.log import NANOSECOND, FixSeries, Log, PoseSeries
+from estimator.run import Run
+from estimator.scores import interpolate_poses
+
+ONLINE = ("constant-online", "inertia-online", "friction-online")
+# The goal for pose NEES (3 is ideal): between half and twice that.
+NEES_GOAL = (1.5, 6.0)
+# Smoothing of a curve, and how long it must stay down to count as recovered [s].
+SMOOTHING = 5
+STAYS = 10
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Errors once a second, (n,): position [m] and pose NEES (NaN where it says nothing)."""
+
+    position: Floats
+    nees: Floats
+
+
+def curves(result: Run, log: Log, start: int, seconds: int) -> Curves:
+    """The errors of a run at whole seconds since a stamp [ns]; NaN before its first estimate."""
+    truth = true_poses(log)
+    stamps = start + np.arange(seconds + 1) * round(1.0 / NANOSECOND)
+    trajectory = result.trajectory
+    at = np.searchsorted(trajectory.stamps, stamps).clip(0, len(trajectory.stamps) - 1)
+    errors = interpolate_poses(trajectory.pose_series, stamps) - interpolate_poses(truth, stamps)
+    errors[:, 2] = wrap_angle(errors[:, 2])
+    covariances = trajectory.pose_covariances[at]
+    nees = np.full(len(stamps), np.nan)
+    regular = np.linalg.eigvalsh(covariances)[:, 0] > 1e-12
+    solved = np.linalg.solve(covariances[regular], errors[regular][..., None])[..., 0]
+    nees[regular] = np.einsum("ij,ij->i", errors[regular], solved)
+    position = np.hypot(errors[:, 0], errors[:, 1])
+    early = stamps < trajectory.stamps[0]
+    position[early], nees[early] = np.nan, np.nan
+    return Curves(position, nees)
+
+
+def true_poses(log: Log) -> PoseSeries:
+    """The true poses of a simulated log."""
+    if log.truth is None:
+        raise ValueError(f"log {log.name!r} has no truth")
+    return log.truth.poses
+
+
+def fixes_of(log: Log) -> FixSeries:
+    """The fixes of a simulated log."""
+    if log.fixes is None:
+        raise ValueError(f"log {log.name!r} has no fixes")
+    return log.fixes
+
+
+def smooth(curve: Floats) -> Floats:
+    """Running mean (..., n) over `SMOOTHING` values from each on."""
+    padded = np.concatenate([curve, np.repeat(curve[..., -1:], SMOOTHING - 1, axis=-1)], axis=-1)
+    return np.asarray(
+        np.lib.stride_tricks.sliding_window_view(padded, SMOOTHING, axis=-1).mean(axis=-1)
+    )
+
+
+def seconds_to_return(curve: Floats, bound: float | Floats) -> float:
+    """When a curve (n,) of one value a second is below a bound for `STAYS` values; inf if never."""
+    above = np.append(np.asarray(curve) > bound, np.zeros(STAYS, dtype=bool))
+    bad = np.lib.stride_tricks.sliding_window_view(above, STAYS).any(axis=-1)[: len(curve)]
+    first = np.flatnonzero(~bad)
+    # What is down only at the very end has not shown that it stays.
+    if not len(first) or first[0] > len(curve) - STAYS:
+        return float("inf")
+    return float(first[0])
+
+
+def told_seconds(values: Floats) -> str:
+    """Seconds: that of all runs, and the 95 % bootstrap interval behind it."""
+    value, low, high = (f"{one:.0f}" if np.isfinite(one) else "never" for one in values)
+    return f"{value} ({low} to {high})"
