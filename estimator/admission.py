@@ -40,8 +40,10 @@ RANKS = {kind: rank for rank, kind in enumerate(EVENTS)}
 Key = tuple[int, int]
 # So many samples in a row must agree before a clock that jumped ahead is believed.
 CLOCK_WITNESSES = 10
-# Track speeds this many times beyond the fastest are no track speeds.
+# Track speeds and body velocities this many times beyond the fastest track are none.
 ABSURD_SPEED = 10.0
+# No gyro of a vehicle reads more [rad/s], and no accelerometer [m/s²].
+ABSURD_RATE, ABSURD_FORCE = 100.0, 1000.0
 
 
 def key_of(event: Event) -> Key:
@@ -158,16 +160,17 @@ class Admission:
         """
         match measurement:
             case TrackSpeeds():
-                fastest = max(abs(measurement.left), abs(measurement.right))
-                if not _are_finite((measurement.left, measurement.right)):
+                speeds = measurement.left, measurement.right
+                if not _are_finite(speeds):
                     return "not finite"
-                return "absurdly fast" if fastest > self._absurd else None
+                return "absurdly fast" if _largest(speeds) > self._absurd else None
             case ImuSample():
-                force = measurement.linear_acceleration
-                finite = _are_finite(measurement.angular_velocity) and (
-                    force is None or _are_finite(force)
-                )
-                return None if finite else "not finite"
+                rates, force = measurement.angular_velocity, measurement.linear_acceleration
+                if not (_are_finite(rates) and (force is None or _are_finite(force))):
+                    return "not finite"
+                if _largest(rates) > ABSURD_RATE:
+                    return "absurd rate"
+                return "absurd force" if force and _largest(force) > ABSURD_FORCE else None
             case PositionFix():
                 values: Sequence[float] = (measurement.x, measurement.y)
             case HeadingFix():
@@ -176,6 +179,8 @@ class Admission:
                 values = (measurement.v_x, measurement.v_y)
         if not _are_finite(values):
             return "not finite"
+        if isinstance(measurement, BodyVelocity) and _largest(values) > self._absurd:
+            return "absurdly fast"
         variance = measurement.variance
         return None if math.isfinite(variance) and variance > 0.0 else "variance not positive"
 
@@ -201,6 +206,10 @@ def _is_plain(values: Any) -> bool:
         return False
     first, second, third = values
     return type(first) is type(second) is type(third) is float
+
+
+def _largest(values: Sequence[float]) -> float:
+    return max(map(abs, values))
 
 
 def _are_finite(values: Sequence[float]) -> bool:

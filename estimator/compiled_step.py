@@ -10,12 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.compiled_ekf import CompiledEkf
+from estimator.ekf import REGRESSOR_SMOOTHING
 from estimator.gating import Gate
 from estimator.imu_kernel import NOT_ASKED, SlipNumbers, imu_step_entry
 from estimator.log import NANOSECOND
 from estimator.process_noise import Disturbances
 from estimator.sensor_models import SensorModels
-from estimator.track_speeds import HeldTrackSpeeds
+from estimator.track_speeds import HeldTrackSpeeds, smoothing_share
 
 
 class Verdicts(NamedTuple):
@@ -102,6 +103,9 @@ class CompiledStep:
         dt = (end - start) * NANOSECOND
         ekf.begin_step(dt, *tracks.mean_speeds(start, end))
         density = self._disturbances.track_density(tracks)
+        share = smoothing_share(dt, REGRESSOR_SMOOTHING)
+        if ekf.regressors is None:
+            ekf.regressors, share = np.zeros((3, 8)), 1.0
         verdicts = imu_step_entry(
             ekf.x,
             ekf.P,
@@ -109,16 +113,17 @@ class CompiledStep:
             numbers.constants,
             numbers.bounds,
             ekf.model.memory,
+            ekf.regressors,
+            share,
             self._numbers,
             self._walks,
             stands,
             pushed,
             dt,
-            tracks.left,
-            tracks.right,
+            *tracks.smooth,
             *tracks.speeds_at(start),
             *tracks.mean_speeds(start, end),
-            density,
+            *self._disturbances.track_densities(tracks, start, end),
             tracks.gap_density(start, end),
             *tracks.acceleration,
             tracks.acceleration_window,

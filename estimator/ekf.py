@@ -7,7 +7,9 @@ Parameters, biases and scales are constants or random walks. The fast slip is wh
 next, the error of the track speeds included; it is part of the state because the same error moves the
 pose and shows in the gyro's innovation. It also keeps the parameters from being learnt from what is
 fast: the slip alone would call slow agreement cheap and make much of the noise in quick changes, and
-noisy track speeds are no good regressors for those (errors in variables).
+noisy track speeds are no good regressors for those (errors in variables). For the same reason the
+derivatives by the parameters are smoothed in time: noise in them is that of the track speeds, which is in
+the innovation, too.
 """
 
 from __future__ import annotations
@@ -23,12 +25,16 @@ from estimator.frames import Floats
 from estimator.motion_model import Motion, MotionModel, Unremembering
 from estimator.propagation import Triple, fading, gauss_markov_noise, step_on_se2
 from estimator.relative_motion import Marks
+from estimator.track_speeds import smoothing_share
 
 # What a twist measurement does not move: the pose, which is to be continuous.
 POSE_KEPT = (s.X, s.Y, s.YAW)
 # What the IMU does not move either: it sees the track scale only through what else is wrong with the
 # yaw rate, and would call it all scale. Fixes and body velocities show it for what it is.
 IMU_KEPT = (*POSE_KEPT, s.TRACK_SCALE)
+# Time constant of the derivatives by the parameters [s]: a longer one leaves less of the noise, and comes
+# so late that parameters are learnt from what the robot does no longer.
+REGRESSOR_SMOOTHING = 0.05
 IDENTITY = np.eye(s.SIZE)
 # Where the diagonal, and the slip's part of it, stand in a covariance that is laid out flat.
 DIAGONAL = slice(None, None, s.SIZE + 1)
@@ -42,7 +48,7 @@ class TwistModel(NamedTuple):
 
     Attributes:
         twist: (3,) v_x, v_y [m/s], w [rad/s].
-        jacobian: (3, SIZE) its derivative by the state.
+        jacobian: (3, SIZE) its derivative by the state; that by the parameters smoothed in time.
         by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
         motion: the solved motion model, in the paper's axes.
     """
@@ -108,12 +114,15 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         model: the index model in these kinematics.
 
     Attributes:
+        regressors: (3, 8) derivatives of the twist by the parameters, smoothed; None before the first
+            step, when they are those of the moment.
         marks: the motion since each mark, None where there is none; it changes nothing else.
         witness: is told of all that is done; None where nobody is to be told.
     """
 
     def __init__(self, model: MotionModel) -> None:
         super().__init__(dim_x=s.SIZE, dim_z=1)
+        self.regressors: Floats | None = None
         self.marks: Marks | None = None
         self.witness: Witness | None = None
         self.x: Floats = np.zeros(s.SIZE)
@@ -122,7 +131,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self._bounds = model.bounds
         self._next_x: Floats = self.x
         # The newest evaluation of the twist model, which is often asked for again.
-        self._evaluated_at: tuple[float, float, float, bytes, bytes] | None = None
+        self._evaluated_at: tuple[float | bytes, ...] | None = None
         self._evaluated: TwistModel
 
     def twist_model(self, left: float, right: float, slip_share: float = 1.0) -> TwistModel:
@@ -133,11 +142,18 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             right: measured speed of the right track [m/s].
             slip_share: factor on the slip, for its mean over a step.
         """
-        at = (left, right, slip_share, self.x.tobytes(), self.model.memory.tobytes())
+        at = self._all_of(left, right, slip_share)
         if at != self._evaluated_at:
-            self._evaluated = self._evaluate(left, right, slip_share)
-            self._evaluated_at = at
+            model = self._evaluate(left, right, slip_share)
+            if self.regressors is not None:
+                model.jacobian[:, s.PARAMETERS] = self.regressors
+            self._evaluated, self._evaluated_at = model, at
         return self._evaluated
+
+    def _all_of(self, left: float, right: float, slip_share: float) -> tuple[float | bytes, ...]:
+        """All that an evaluation of the twist model depends on."""
+        smoothed = b"" if self.regressors is None else self.regressors.tobytes()
+        return (left, right, slip_share, self.x.tobytes(), self.model.memory.tobytes(), smoothed)
 
     def _evaluate(self, left: float, right: float, slip_share: float) -> TwistModel:
         x = self.x.tolist()
@@ -180,6 +196,27 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             x = self.x.tolist()
             scale = 1.0 + x[s.TRACK_SCALE]
             self.model.begin_step(dt, left * scale, right * scale, x[s.PARAMETERS])
+
+    def smooth_regressors(self, dt: float, left: float, right: float) -> TwistModel:
+        """Let the derivatives by the parameters follow those of the moment, at the start of a step.
+
+        Args:
+            dt: of the step [s].
+            left: measured speed of the left track [m/s].
+            right: of the right track [m/s].
+
+        Returns:
+            What `twist_model` has to say then.
+        """
+        model = self._evaluate(left, right, 1.0)
+        now, before = model.jacobian[:, s.PARAMETERS], self.regressors
+        if before is not None:
+            now -= before
+            now *= smoothing_share(dt, REGRESSOR_SMOOTHING)
+            now += before
+        self.regressors = now.copy()
+        self._evaluated, self._evaluated_at = model, self._all_of(left, right, 1.0)
+        return model
 
     def _move(self, dt: float, model: TwistModel, noise: ProcessNoise) -> Triple:
         """Propagate at the mean twist of a step; what that adds to the pose."""

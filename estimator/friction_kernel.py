@@ -53,10 +53,11 @@ from estimator.friction_motion import (
 
 Floats = NDArray[np.float64]
 
-# No substep is longer than this [s], but that there are no more than so many of them.
-LONGEST_SUBSTEP, MOST_SUBSTEPS = 0.0101, 50
-# Before the first step the vehicle has been moving at its track speeds for so long [s].
-SETTLING = 5.0
+# No substep is longer than this [s].
+LONGEST_SUBSTEP = 0.0101
+# Motion of so long ago is forgotten [s]: a longer step counts as one of this length, and so does the
+# first, before which the vehicle has been moving at its track speeds.
+SETTLING = 2.0
 NEWTON_ITERATIONS, LINE_SEARCHES = 30, 10
 # Newton's iteration ends with a step below this [m/s, rad/s].
 SETTLED = 1e-7
@@ -138,7 +139,8 @@ def step_motion(
     if memory[STARTED] == 0.0:
         dt = SETTLING
         memory[STARTED] = 1.0
-    substeps = int(min(MOST_SUBSTEPS, max(1.0, np.ceil(dt / LONGEST_SUBSTEP))))
+    dt = min(dt, SETTLING)
+    substeps = int(max(1.0, np.ceil(dt / LONGEST_SUBSTEP)))
     h = dt / substeps
     here = with_parameters(ground, nominal, at)
     by_speeds = np.zeros((STATES, 2))

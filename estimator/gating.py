@@ -14,6 +14,9 @@ CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 # What a gate says of a measurement: to be used, not to be used, to be used with the state that it
 # measures made uncertain first.
 ADMITTED, REJECTED, REACQUIRED = range(3)
+# A state is not made more uncertain than this many times the variance that the residual should have had:
+# double precision would lose that beside it.
+LARGEST_REOPENING = 1e10
 
 
 class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,6 +34,16 @@ def verdict(nis: float, threshold: float, rejected_in_a_row: int, patience: int)
     if nis <= threshold:
         return ADMITTED
     return REACQUIRED if rejected_in_a_row >= patience else REJECTED
+
+
+def reopening(square: float, expected: float) -> float:
+    """Variance by which to make a state uncertain that is to follow a residual.
+
+    Args:
+        square: of the residual.
+        expected: variance that the residual should have had.
+    """
+    return min(square, LARGEST_REOPENING * expected)
 
 
 class Gate:

@@ -12,6 +12,7 @@ import numpy as np
 from estimator import state as s
 from estimator.ekf import IMU_KEPT
 from estimator.ekf_kernel import (
+    PARAMETERS,
     SIZE,
     fill_twist,
     inner,
@@ -22,7 +23,7 @@ from estimator.ekf_kernel import (
     update,
 )
 from estimator.frames import Floats
-from estimator.gating import REACQUIRED, REJECTED, verdict
+from estimator.gating import REACQUIRED, REJECTED, reopening, verdict
 from estimator.jit_kernel import entry
 from estimator.motion_kernel import steering_efficiency
 from estimator.process_noise import fast_slip_density, share_of_walk, sideways_density, slip_at
@@ -60,18 +61,21 @@ def imu_step(
     constants: Floats,
     bounds: Floats,
     memory: Floats,
+    regressors: Floats,
+    regressors_share: float,
     numbers: Floats,
     walks: Floats,
     stands: bool,
     pushed: bool,
     dt: float,
-    held_left: float,
-    held_right: float,
+    smooth_left: float,
+    smooth_right: float,
     left: float,
     right: float,
     mean_left: float,
     mean_right: float,
-    track_density: float,
+    left_density: float,
+    right_density: float,
     gap_density: float,
     acceleration_left: float,
     acceleration_right: float,
@@ -94,18 +98,21 @@ def imu_step(
         constants: of the motion model, see `estimator.motion_kernel`.
         bounds: (n, 9) of the parameters.
         memory: of the motion model.
+        regressors: (3, 8) derivatives by the parameters, which follow those of the moment ...
+        regressors_share: ... by this share.
         numbers: of the robot, see `estimator.compiled_step`.
         walks: (2, SIZE) random walks of the biases, and of the parameters at their full rate, per √s.
         stands: whether the robot was found standing.
         pushed: whether it may be turning with its tracks at rest.
         dt: of the step [s].
-        held_left: newest speed of the left track [m/s].
-        held_right: of the right.
+        smooth_left: smoothed speed of the left track [m/s].
+        smooth_right: of the right.
         left: speed of the left track to go by at the start of the step [m/s].
         right: of the right.
         mean_left: mean speed of the left track over the step [m/s].
         mean_right: of the right.
-        track_density: of the error of each track's speed [m²/s].
+        left_density: of the error of the left track's speed [m²/s].
+        right_density: of the right.
         gap_density: of what the speeds may have changed by in a gap [m²/s].
         acceleration_left: of the left track [m/s²].
         acceleration_right: of the right.
@@ -141,11 +148,16 @@ def imu_step(
     row, cross, gain = np.empty(SIZE), np.empty(SIZE), np.empty(SIZE)
 
     eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
-    sigma = slip_at(held_left, held_right, slip, gauge, eta, pushed)
+    sigma = slip_at(smooth_left, smooth_right, slip, gauge, eta, pushed)
     x[s.FAST_SLIP] = 0.0
     fill_twist(x, kind, constants, memory, left, right, 1.0, twist, jacobian, by_speeds)
+    for i in range(3):
+        for j in range(8):
+            now = jacobian[i, PARAMETERS + j]
+            regressors[i, j] += regressors_share * (now - regressors[i, j])
+    _put(regressors, jacobian)
     density = fast_slip_density(
-        by_speeds, track_density, slip.white_time, sigma[2], gap_density, gauge
+        by_speeds, left_density, right_density, slip.white_time, sigma[2], gap_density, gauge
     )
     renew(x, P, _divided(density, dt))
     linearised_at = x.copy()
@@ -158,6 +170,7 @@ def imu_step(
             expected = inner(row, cross) + STANDSTILL_VARIANCE[axis]
             update(x, P, residual, cross, expected, KEPT, gain)
         fill_twist(x, kind, constants, memory, left, right, 1.0, twist, jacobian, by_speeds)
+        _put(regressors, jacobian)
         linearised_at[:] = x
 
     scale = 1.0 + x[s.GYRO_SCALE]
@@ -174,7 +187,7 @@ def imu_step(
     of_accelerometer, accelerometer_nis = NOT_ASKED, 0.0
     if with_force and not stands:
         eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
-        sigma = slip_at(held_left, held_right, slip, gauge, eta, pushed)
+        sigma = slip_at(smooth_left, smooth_right, slip, gauge, eta, pushed)
         rough = sideways_density(sigma[1], slip.time_constant)
         forecast = accelerometer_forecast(imu, interval, twist, by_speeds, change, rough)
         for k in range(SIZE):
@@ -197,8 +210,8 @@ def imu_step(
     move_inside(x, P, bounds)
 
     eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
-    sigma = slip_at(held_left, held_right, slip, gauge, eta, pushed)
-    turning = share_of_walk(held_left, held_right)
+    sigma = slip_at(smooth_left, smooth_right, slip, gauge, eta, pushed)
+    turning = share_of_walk(smooth_left, smooth_right)
     walk = np.empty(SIZE)
     for k in range(SIZE):
         walk[k] = walks[0, k] + walks[1, k] * turning
@@ -215,10 +228,18 @@ def imu_step(
         jacobian,
         by_speeds,
     )
+    _put(regressors, jacobian)
     pose_rows, with_pose = np.empty((3, SIZE)), np.empty((3, SIZE))
     time_constant = slip.time_constant
     move(x, P, dt, twist, jacobian, sigma, time_constant, walk, pose_rows, with_pose)
     return of_gyro, gyro_nis, of_accelerometer, accelerometer_nis
+
+
+def _put(regressors: Floats, jacobian: Floats) -> None:
+    """Write the smoothed derivatives by the parameters (3, 8) into those by the state (3, SIZE)."""
+    for i in range(3):
+        for j in range(8):
+            jacobian[i, PARAMETERS + j] = regressors[i, j]
 
 
 def _gated(
@@ -242,7 +263,7 @@ def _gated(
     if found == REJECTED:
         return found, nis
     if found == REACQUIRED:
-        P[reopen, reopen] += residual * residual
+        P[reopen, reopen] += reopening(residual * residual, expected)
         multiply(P, row, cross)
         expected = inner(row, cross) + variance
     update(x, P, residual, cross, expected, KEPT, gain)

@@ -28,6 +28,7 @@ from estimator.variants import (
     initial_parameters,
     motion_model,
     parameter_sigmas,
+    parameter_walks,
     slip_of,
 )
 
@@ -102,6 +103,8 @@ class LinearisedModel:
         sensors: what there is beside the tracks.
         dt: length of a step [s].
         settings: of the pose estimator.
+        as_filter: whether derivatives by the parameters are smoothed in time, as those of the filter, or
+            are those of the moment.
 
     Attributes:
         start: (SIZE,) the state that the variant starts from.
@@ -118,8 +121,11 @@ class LinearisedModel:
         sensors: Sensors,
         dt: float,
         settings: Settings | None = None,
+        *,
+        as_filter: bool = False,
     ) -> None:
         settings = settings or Settings()
+        self._as_filter = as_filter
         adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
         spread = parameter_sigmas(robot, variant, adaptation)
         self.start = np.zeros(s.SIZE)
@@ -135,7 +141,7 @@ class LinearisedModel:
         )
         self._models = SensorModels(robot)
         slip = settings.slip or slip_of(robot, variant)
-        self._disturbances = Disturbances(robot, slip, spread, adaptation)
+        self._disturbances = Disturbances(robot, slip, parameter_walks(robot, variant, adaptation))
         self._tracks = HeldTrackSpeeds(
             settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
         )
@@ -152,6 +158,8 @@ class LinearisedModel:
         """
         self._ekf.x = np.array(x, dtype=float)
         self._ekf.begin_step(self._dt, left, right)
+        if self._as_filter:
+            self._ekf.smooth_regressors(self._dt, left, right)
 
     def twist_model(self, x: Floats, left: float, right: float, share: float = 1.0) -> TwistModel:
         """The body velocity and its derivatives at a state.

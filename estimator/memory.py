@@ -32,6 +32,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
         health: counts.
         marks: the motion since each mark, None where there is none.
         model: (m,) what the motion model remembers, see `estimator.motion_model.MotionModel`.
+        regressors: (3, 8) of the filter, see `estimator.ekf.IcrEkf`; None before its first step.
     """
 
     stamp: int | None
@@ -47,7 +48,10 @@ class FilterMemory(msgspec.Struct, frozen=True):
     health: Health
     marks: Marks | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
+    regressors: np.ndarray[Any, Any] | None = None
 
     def __post_init__(self) -> None:
         if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):
             raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")
+        if self.regressors is not None and self.regressors.shape != (3, 8):
+            raise ValueError("three rows of eight derivatives by the parameters are needed")

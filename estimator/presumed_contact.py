@@ -9,10 +9,11 @@ import numpy as np
 
 from estimator.contact import Contact
 from estimator.frames import Floats
+from estimator.kinematics import IndexValues
 from estimator.robot import Robot
 from estimator.steady import solve_steady
 
-# Slow turns in both directions, tracks left and right as shares of the crawl: inertia has no part.
+# Slow turns to both sides, tracks left and right as shares of the crawl [m/s]: inertia has no part.
 TURNS = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 1.3], [1.3, 1.0]])
 CRAWL = 0.05
 # Where the contact's half length is looked for, as shares of what the robot file says.
@@ -37,6 +38,17 @@ def presumed_contact(robot: Robot) -> Contact:
     return _with_slow_turns(robot.contact, known.zeta0, known.epsilon0, known.eta0)
 
 
+def slow_turns(contact: Contact) -> IndexValues:
+    """Indices (4,) each of slow stationary turns, wide and narrow ones to both sides."""
+    V_l, V_r = CRAWL * TURNS.T
+    twist = solve_steady(V_l, V_r, contact, strict=False).twist
+    return IndexValues(
+        twist.v_x / twist.w,
+        (0.5 * (V_l + V_r) - twist.v_y) / twist.w,
+        (V_r - V_l) / (contact.geometry.gauge * twist.w),
+    )
+
+
 @lru_cache(maxsize=32)
 def _with_slow_turns(contact: Contact, zeta: float, epsilon: float, eta: float) -> Contact:
     """The contact with another length and centre of mass, whose slow turns have these indices."""
@@ -58,14 +70,9 @@ def _with_slow_turns(contact: Contact, zeta: float, epsilon: float, eta: float) 
         )
 
     def short_of(shares: Floats) -> Floats:
-        V_l, V_r = CRAWL * TURNS.T
-        twist = solve_steady(V_l, V_r, of(shares), strict=False).twist
-        found = (
-            half_gauge * (V_r - V_l) / (geometry.gauge * twist.w),
-            (0.5 * (V_l + V_r) - twist.v_y) / twist.w,
-            twist.v_x / twist.w,
-        )
-        return np.asarray(np.mean(found, axis=1) - [half_gauge * eta, epsilon, zeta])
+        found = slow_turns(of(shares))
+        lengths = (half_gauge * found.eta, found.epsilon, found.zeta)
+        return np.asarray(np.mean(lengths, axis=1) - [half_gauge * eta, epsilon, zeta])
 
     low = np.array([SHORTEST, -OFF_CENTRE, -OFF_CENTRE])
     high = np.array([LONGEST, OFF_CENTRE, OFF_CENTRE])

@@ -16,7 +16,6 @@ from estimator.measurements import Vector3
 from estimator.robot import Robot, Slip
 from estimator.slip import slip_components
 from estimator.track_speeds import HeldTrackSpeeds
-from estimator.variants import Adaptation
 
 # How fast a robot may turn whose tracks are at rest, unless it is known to stand [rad/s].
 PUSHED_W = 0.3
@@ -32,13 +31,10 @@ class Disturbances:
     Args:
         robot: the robot.
         slip: of the variant.
-        parameter_sigmas: (8,) standard deviations of the parameters at the start.
-        adaptation: of the variant.
+        parameter_walk: (8,) random walk of the parameters at its full rate, per √s.
     """
 
-    def __init__(
-        self, robot: Robot, slip: Slip, parameter_sigmas: Floats, adaptation: Adaptation
-    ) -> None:
+    def __init__(self, robot: Robot, slip: Slip, parameter_walk: Floats) -> None:
         self._slip = slip
         self._track_gauge = robot.vehicle.track_gauge
         self._track_density = robot.tracks.speed_noise_density**2
@@ -46,7 +42,7 @@ class Disturbances:
         self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
         self._bias_walk[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_walk
         self._parameter_walk = np.zeros(s.SIZE)
-        self._parameter_walk[s.PARAMETERS] = parameter_sigmas * adaptation.walk
+        self._parameter_walk[s.PARAMETERS] = parameter_walk
 
     @property
     def slip(self) -> Slip:
@@ -66,20 +62,34 @@ class Disturbances:
     def slip_sigma(self, tracks: HeldTrackSpeeds, eta: float, *, pushed: bool) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
 
+        It goes by smoothed speeds, as the random walk of the parameters does: were it large where noise
+        makes a turn look faster, those samples would count less that say more of the parameters.
+
         Args:
             tracks: the track speeds.
             eta: typical steering efficiency index [-].
             pushed: whether the robot may be turning with its tracks at rest.
         """
-        return slip_at(tracks.left, tracks.right, self._slip, self._track_gauge, eta, pushed)
+        return slip_at(*tracks.smooth, self._slip, self._track_gauge, eta, pushed)
 
     def sideways_density(self, sigma: Vector3) -> float:
         """Density of the change of the sideways slip [m²/s³] at a `slip_sigma`."""
         return sideways_density(sigma[1], self._slip.time_constant)
 
     def track_density(self, tracks: HeldTrackSpeeds) -> float:
-        """Density of the error of each track's speed [m²/s]."""
+        """Density of the error of each track's speed, from the noise of its sensor [m²/s]."""
         return 0.0 if tracks.stopped else self._track_density
+
+    def track_densities(self, tracks: HeldTrackSpeeds, start: int, end: int) -> tuple[float, float]:
+        """Density of the error of the left and of the right track's speed over a step [m²/s].
+
+        Args:
+            tracks: the track speeds.
+            start: stamp of the step's start [ns].
+            end: of its end [ns].
+        """
+        noise, (left, right) = self.track_density(tracks), tracks.stuck_densities(start, end)
+        return noise + left, noise + right
 
     def fast_slip_density(
         self, tracks: HeldTrackSpeeds, by_speeds: Floats, sigma: Vector3, start: int, end: int
@@ -98,7 +108,7 @@ class Disturbances:
         """
         density = fast_slip_density(
             by_speeds.tolist(),
-            self.track_density(tracks),
+            *self.track_densities(tracks, start, end),
             self._slip.white_time,
             sigma[2],
             tracks.gap_density(start, end),
@@ -112,7 +122,7 @@ class Disturbances:
         Parameters wander only as far as the motion can show them, from not at all (straight, standing)
         to their full rate.
         """
-        walk = self._bias_walk + self._parameter_walk * share_of_walk(tracks.left, tracks.right)
+        walk = self._bias_walk + self._parameter_walk * share_of_walk(*tracks.smooth)
         return ProcessNoise(np.array(sigma), self._slip.time_constant, walk)
 
 
@@ -140,7 +150,8 @@ def sideways_density(sigma_y: float, time_constant: float) -> float:
 
 def fast_slip_density(
     by_speeds: Any,
-    track_density: float,
+    left_density: float,
+    right_density: float,
     white_time: float,
     sigma_w: float,
     gap_density: float,
@@ -150,20 +161,22 @@ def fast_slip_density(
 
     Args:
         by_speeds: (3, 2) derivative of the twist by the track speeds.
-        track_density: of the error of each track's speed [m²/s].
+        left_density: of the error of the left track's speed [m²/s].
+        right_density: of the right.
         white_time: of the slip, see `Slip` [s].
         sigma_w: standard deviation of the slip of w [rad/s].
         gap_density: of what the speeds may have changed by in a gap [m²/s].
         gauge: L [m].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
-    xy = track_density * (x[0] * y[0] + x[1] * y[1])
-    xw = track_density * (x[0] * w[0] + x[1] * w[1])
-    yw = track_density * (y[0] * w[0] + y[1] * w[1])
-    xx = track_density * (x[0] * x[0] + x[1] * x[1]) + gap_density
-    yy = track_density * (y[0] * y[0] + y[1] * y[1])
+    xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
+    xw = left_density * x[0] * w[0] + right_density * x[1] * w[1]
+    yw = left_density * y[0] * w[0] + right_density * y[1] * w[1]
+    xx = left_density * (x[0] * x[0]) + right_density * (x[1] * x[1]) + gap_density
+    yy = left_density * (y[0] * y[0]) + right_density * (y[1] * y[1])
     yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP)
-    ww = track_density * (w[0] * w[0] + w[1] * w[1]) + 2.0 * white_time * (sigma_w * sigma_w)
+    ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
+    ww += 2.0 * white_time * (sigma_w * sigma_w)
     ww += gap_density * (4.0 / (gauge * gauge))
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
 

@@ -9,10 +9,12 @@ import numpy as np
 from estimator import state as s
 from estimator.ekf import IMU_KEPT, POSE_KEPT, TwistModel
 from estimator.engines import make_ekf, make_step
-from estimator.frames import Floats
-from estimator.gating import REACQUIRED, REJECTED, Gate
+from estimator.frames import Floats, wrap_angle
+from estimator.gating import REACQUIRED, REJECTED, Gate, reopening
 from estimator.health import Health
+from estimator.imu_clock import ImuClock
 from estimator.log import NANOSECOND
+from estimator.look_ahead import Foretold, component, pose_ahead, pose_now, twist_ahead
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -32,7 +34,6 @@ from estimator.sensor_models import (
     Reading,
     SensorModels,
     TrackChange,
-    pose_component,
     twist_component,
 )
 from estimator.settings import Settings
@@ -44,6 +45,7 @@ from estimator.variants import (
     initial_parameters,
     motion_model,
     parameter_sigmas,
+    parameter_walks,
     slip_of,
 )
 
@@ -101,14 +103,13 @@ class Reckoning:
         self._settings = settings
         self._sensors = SensorModels(robot)
         slip = settings.slip or slip_of(robot, variant)
-        self._disturbances = Disturbances(robot, slip, self.parameter_sigmas, adaptation)
+        self._disturbances = Disturbances(robot, slip, parameter_walks(robot, variant, adaptation))
         # Whether the fast slip of the next step is drawn, and the pose has not got there yet.
         self._step_under_way = False
         self._tracks = HeldTrackSpeeds(
             settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
         )
-        self._imu_stamp: int | None = None
-        self._imu_interval = 0.01
+        self._imu = ImuClock(settings.hold)
         self._gates = {
             "gyro": Gate(1, settings.gates),
             "accelerometer": Gate(1, settings.gates),
@@ -139,12 +140,13 @@ class Reckoning:
             self.stands,
             self._tracks.memory(),
             self._standstill.memory(),
-            self._imu_stamp,
-            self._imu_interval,
+            self._imu.stamp,
+            self._imu.interval,
             {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
             self.health.copy(),
             self.ekf.marks,
             self.ekf.model.memory,
+            None if self.ekf.regressors is None else self.ekf.regressors.copy(),
         )
 
     def recall(self, memory: FilterMemory) -> None:
@@ -154,12 +156,13 @@ class Reckoning:
         self.ekf.P = memory.covariance.copy()
         self.ekf.marks = memory.marks
         self.ekf.model.recall(memory.model)
+        regressors = memory.regressors
+        self.ekf.regressors = None if regressors is None else regressors.copy()
         self._step_under_way = memory.step_under_way
         self.stands = memory.stands
         self._tracks.recall(memory.tracks)
         self._standstill.recall(memory.standstill)
-        self._imu_stamp = memory.imu_stamp
-        self._imu_interval = memory.imu_interval
+        self._imu.stamp, self._imu.interval = memory.imu_stamp, memory.imu_interval
         for name, count in memory.rejected_in_a_row.items():
             self._gates[name].rejected_in_a_row = count
         self.health = memory.health.copy()
@@ -225,20 +228,19 @@ class Reckoning:
             until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
             self._advance(until)
         tracks.take(m.stamp, m.left, m.right)
-        if not self._imu_is_alive(m.stamp):
+        if not self._imu.is_alive(m.stamp):
             self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)
         self.health.sensor("tracks").used += 1
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        before, self._imu_stamp = self._imu_stamp, m.stamp
-        if self._tracks.stamp is None:
+        began = self._tracks.stamp is not None
+        self._imu.tick(m.stamp, used=began)
+        if not began:
             # Not a robot at rest, but one of which nothing is known yet.
             self.health.sensor("imu").reject("before the first track speeds")
             return False
-        if before is not None:
-            self._imu_interval = min((m.stamp - before) * NANOSECOND, self._settings.hold)
         ekf = self.ekf
         rate = self._sensors.yaw_rate(m)
         bias_sigma = math.sqrt(ekf.P[s.GYRO_BIAS, s.GYRO_BIAS])
@@ -256,7 +258,7 @@ class Reckoning:
         used = self._update(
             "gyro",
             self._gates["gyro"],
-            self._sensors.gyro(rate, self._imu_interval, model, ekf.x, change),
+            self._sensors.gyro(rate, self._imu.interval, model, ekf.x, change),
             reopen=s.SLIP_W,
             kept=IMU_KEPT,
         )
@@ -279,7 +281,7 @@ class Reckoning:
             m.stamp,
             stands=self.stands,
             pushed=self._may_be_pushed(),
-            interval=self._imu_interval,
+            interval=self._imu.interval,
             rate=rate,
             force=None if force is None else self._sensors.to_the_left(force),
         )
@@ -310,7 +312,7 @@ class Reckoning:
     ) -> None:
         rough = self._disturbances.sideways_density(self.slip_sigma())
         reading = self._sensors.accelerometer(
-            force, self._imu_interval, model, linearised_at, self.ekf.x, change, rough
+            force, self._imu.interval, model, linearised_at, self.ekf.x, change, rough
         )
         self._update(
             "accelerometer",
@@ -321,43 +323,55 @@ class Reckoning:
         )
 
     def _take_position(self, m: PositionFix) -> bool:
-        self._advance(m.stamp)
+        foretold = self._pose_at(m.stamp)
         ekf, gate, health = self.ekf, self._gates["position"], self.health.sensor("position")
-        residual = np.array([m.x, m.y]) - ekf.x[:2]
-        spread = ekf.P[:2, :2] + m.variance * np.eye(2)
+        residual = np.array([m.x, m.y]) - foretold.values[:2]
+        rows = foretold.by_state[:2]
+        spread = rows @ ekf.P @ rows.T + foretold.covariance[:2, :2] + m.variance * np.eye(2)
         nis = float(residual @ np.linalg.solve(spread, residual))
         verdict = gate.judge(nis)
         if verdict == REJECTED:
             return health.judged(verdict, nis, degrees=2)
         if verdict == REACQUIRED:
-            ekf.reopen(s.X, s.Y, variance=float(residual @ residual))
+            expected = float(spread.diagonal().min())
+            ekf.reopen(s.X, s.Y, variance=reopening(float(residual @ residual), expected))
         health.judged(verdict, nis, degrees=2)
+        foretold_at = ekf.x.copy()
         for axis, value in enumerate((m.x, m.y)):
-            ekf.update_scalar(*pose_component(axis, value, m.variance, ekf.x))
+            ekf.update_scalar(*component(axis, value, m.variance, foretold, foretold_at, ekf.x))
         ekf.keep_inside_bounds()
         return True
 
     def _take_heading(self, m: HeadingFix) -> bool:
-        self._advance(m.stamp)
-        reading = pose_component(s.YAW, m.yaw, m.variance, self.ekf.x)
+        foretold, x = self._pose_at(m.stamp), self.ekf.x
+        reading = component(s.YAW, m.yaw, m.variance, foretold, x, x)
+        reading = reading._replace(residual=float(wrap_angle(reading.residual)))
         used = self._update("heading", self._gates["heading"], reading, reopen=s.YAW, kept=())
         self.ekf.keep_inside_bounds()
         return used
 
     def _take_body_velocity(self, m: BodyVelocity) -> bool:
-        self._begin_step(m.stamp)
-        model, linearised_at = self.model(), self.ekf.x.copy()
+        waits = self._waits_for_imu(m.stamp)
+        if not waits:
+            self._begin_step(m.stamp)
+        model, foretold_at = self.model(), self.ekf.x.copy()
+        if waits:
+            density = self._fast_slip_density(m.stamp, model)
+            foretold = twist_ahead(foretold_at, model, density, self._imu.interval)
+        else:
+            foretold = Foretold(model.twist, model.jacobian, np.zeros((3, 3)))
         used = True
         for axis, value in enumerate((m.v_x, m.v_y)):
             used &= self._update(
                 "body velocity",
                 self._gates[f"body velocity {'xy'[axis]}"],
-                twist_component(axis, value, m.variance, model, linearised_at, self.ekf.x),
+                component(axis, value, m.variance, foretold, foretold_at, self.ekf.x),
                 reopen=s.SLIP_X + axis,
                 kept=POSE_KEPT,
             )
         self.ekf.keep_inside_bounds()
-        self._advance(m.stamp)
+        if not waits:
+            self._advance(m.stamp)
         return used
 
     def _take_mark(self, m: Mark) -> bool:
@@ -376,13 +390,14 @@ class Reckoning:
         self, sensor: str, gate: Gate, reading: Reading, *, reopen: int, kept: tuple[int, ...]
     ) -> bool:
         """A gated scalar update; when re-acquiring, the state `reopen` is made uncertain first."""
-        nis = self.ekf.innovation(*reading).nis
-        verdict = gate.judge(nis)
+        innovation = self.ekf.innovation(*reading)
+        verdict = gate.judge(innovation.nis)
         if verdict == REACQUIRED:
-            self.ekf.reopen(reopen, variance=reading.residual * reading.residual)
+            variance = reopening(reading.residual * reading.residual, innovation.variance)
+            self.ekf.reopen(reopen, variance=variance)
         if verdict != REJECTED:
             self.ekf.update_scalar(*reading, kept=kept)
-        return self.health.sensor(sensor).judged(verdict, nis)
+        return self.health.sensor(sensor).judged(verdict, innovation.nis)
 
     def _may_be_pushed(self) -> bool:
         """Whether it may be turning with its tracks at rest."""
@@ -391,13 +406,30 @@ class Reckoning:
             max(abs(tracks.left), abs(tracks.right)) < self._settings.standstill.track_speed
             and not self.stands
             and self.stamp is not None
-            and self._imu_is_alive(self.stamp)
+            and self._imu.is_alive(self.stamp)
         )
 
-    def _imu_is_alive(self, stamp: int) -> bool:
-        """Whether an IMU sample may be expected that tells how the robot moved up to this stamp."""
-        newest = self._imu_stamp
-        return newest is not None and (stamp - newest) * NANOSECOND <= self._settings.hold
+    def _waits_for_imu(self, stamp: int) -> bool:
+        """Whether a stamp [ns] lies in a step that the next IMU sample is to end."""
+        if self.stamp is None or self._tracks.stamp is None:
+            return False
+        return stamp > self.stamp and self._imu.is_due_after(stamp)
+
+    def _pose_at(self, stamp: int) -> Foretold:
+        """The pose at a stamp [ns], to which the filter advances unless the IMU will tell the way."""
+        if self._waits_for_imu(stamp) and self.stamp is not None:
+            model, elapsed = self.model(), (stamp - self.stamp) * NANOSECOND
+            density = self._fast_slip_density(stamp, model)
+            return pose_ahead(self.ekf.x, model, density, elapsed)
+        self._advance(stamp)
+        return pose_now(self.ekf.x)
+
+    def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
+        """(3, 3) density of the fast slip from the estimate's stamp to a later one [ns]."""
+        start = stamp if self.stamp is None else self.stamp
+        return self._disturbances.fast_slip_density(
+            self._tracks, model.by_speeds, self.slip_sigma(), start, stamp
+        )
 
     def _track_change(self) -> TrackChange:
         tracks = self._tracks
@@ -427,8 +459,6 @@ class Reckoning:
         # The density is white, so it is its integral over the step that matters.
         dt = (stamp - self.stamp) * NANOSECOND
         self.ekf.begin_step(dt, *self._tracks.mean_speeds(self.stamp, stamp))
-        density = self._disturbances.fast_slip_density(
-            self._tracks, self.model().by_speeds, self.slip_sigma(), self.stamp, stamp
-        )
-        self.ekf.renew_fast_slip(density / dt)
+        model = self.ekf.smooth_regressors(dt, *self.track_speeds)
+        self.ekf.renew_fast_slip(self._fast_slip_density(stamp, model) / dt)
         self._step_under_way = True

@@ -12,11 +12,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from estimator import state as s
 from estimator.ekf import TwistModel
-from estimator.frames import Floats, wrap_angle
+from estimator.frames import Floats
 from estimator.measurements import ImuSample, Vector3
 from estimator.robot import Robot
 
@@ -194,14 +192,6 @@ def twist_component(
     """
     row = model.jacobian[axis]
     return Reading(value - model.twist.item(axis) - shift(row, x, linearised_at), row, variance)
-
-
-def pose_component(axis: int, value: float, variance: float, x: Floats) -> Reading:
-    """One component of the pose: `state.X`, `state.Y` [m] or `state.YAW` [rad], the nearest turn."""
-    row = np.zeros(s.SIZE)
-    row[axis] = 1.0
-    residual = value - x.item(axis)
-    return Reading(float(wrap_angle(residual)) if axis == s.YAW else residual, row, variance)
 
 
 def gyro_variance(

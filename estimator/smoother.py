@@ -221,7 +221,7 @@ class _Tape:
             filtered: what the filter said where rows were kept.
         """
         ekf = self._ekf
-        ekf.witness = ekf.marks = None
+        ekf.witness = ekf.marks = ekf.regressors = None
         count = len(self._rows)
         rows = Rows(count)
         adjoint, information = np.zeros(s.SIZE), np.zeros((s.SIZE, s.SIZE))

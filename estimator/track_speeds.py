@@ -7,9 +7,12 @@ import math
 import msgspec
 
 from estimator.log import NANOSECOND
+from estimator.stuck_tracks import Repeating
 
 # Time over which the change of the track speeds is averaged [s].
 ACCELERATION_AVERAGING = 0.05
+# Time constant of the smoothed speeds [s].
+SMOOTHING = 0.2
 # Speeds that are not renewed are taken to die away with this time constant, once they are too old [s].
 DYING_AWAY = 2.0
 
@@ -22,6 +25,13 @@ class TrackMemory(msgspec.Struct, frozen=True):
     right: float = 0.0
     interval: float = 0.02
     acceleration: tuple[float, float] = (0.0, 0.0)
+    smooth: tuple[float, float] = (0.0, 0.0)
+    repeating: tuple[Repeating, Repeating] | None = None
+
+
+def smoothing_share(interval: float, time_constant: float) -> float:
+    """Share of a new value in a smoothed one, at this time since the one before [s]."""
+    return -math.expm1(-interval / time_constant)
 
 
 class HeldTrackSpeeds:
@@ -38,6 +48,8 @@ class HeldTrackSpeeds:
         right: [m/s].
         interval: time between the newest two samples [s].
         acceleration: of the left and the right track, averaged [m/s²].
+        smooth: speeds of the left and the right track, smoothed [m/s].
+        repeating: how long each of them has read the same; None before the first sample.
     """
 
     def __init__(self, hold: float, gap_acceleration: float, fastest: float) -> None:
@@ -49,7 +61,15 @@ class HeldTrackSpeeds:
 
     def memory(self) -> TrackMemory:
         """What it goes by now."""
-        return TrackMemory(self.stamp, self.left, self.right, self.interval, self.acceleration)
+        return TrackMemory(
+            self.stamp,
+            self.left,
+            self.right,
+            self.interval,
+            self.acceleration,
+            self.smooth,
+            self.repeating,
+        )
 
     def recall(self, memory: TrackMemory) -> None:
         """Go by what it went by then."""
@@ -57,13 +77,17 @@ class HeldTrackSpeeds:
         self.left, self.right = memory.left, memory.right
         self.interval = memory.interval
         self.acceleration = memory.acceleration
+        self.smooth = memory.smooth
+        self.repeating = memory.repeating
 
     def take(self, stamp: int, left: float, right: float) -> None:
         """Take a new sample, later than the one before."""
+        share = 1.0
         if self.stamp is not None:
             interval = (stamp - self.stamp) * NANOSECOND
             if interval <= self._hold:
                 self.interval = interval
+                share = smoothing_share(interval, SMOOTHING)
                 weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
                 a_l, a_r = self.acceleration
                 self.acceleration = (
@@ -72,6 +96,22 @@ class HeldTrackSpeeds:
                 )
             else:
                 self.acceleration = (0.0, 0.0)
+        smooth_left, smooth_right = self.smooth
+        self.smooth = (
+            smooth_left + share * (left - smooth_left),
+            smooth_right + share * (right - smooth_right),
+        )
+        if self.repeating is None:
+            self.repeating = (
+                Repeating(left, stamp, stamp, (right,)),
+                Repeating(right, stamp, stamp, (left,)),
+            )
+        else:
+            of_left, of_right = self.repeating
+            self.repeating = (
+                of_left.after(stamp, left, right, self._hold),
+                of_right.after(stamp, right, left, self._hold),
+            )
         self.left, self.right, self.stamp = left, right, stamp
 
     @property
@@ -130,8 +170,25 @@ class HeldTrackSpeeds:
         """
         if self.stamp is None or end - self.stamp <= self._hold_ns:
             return 0.0
-        from_age, to_age = self._too_old(start), self._too_old(end)
+        return self._walked(start, end, self.stamp + self._hold_ns)
+
+    def stuck_densities(self, start: int, end: int) -> tuple[float, float]:
+        """The same of the left and of the right track alone, where its sensor is stuck [m²/s]."""
+        if self.repeating is None:
+            return 0.0, 0.0
+        left, right = self.repeating
+        return self._stuck_density(left, start, end), self._stuck_density(right, start, end)
+
+    def _stuck_density(self, track: Repeating, start: int, end: int) -> float:
+        since = track.stuck_from(self._hold) if track.repeats else None
+        return 0.0 if since is None else self._walked(start, end, since)
+
+    def _walked(self, start: int, end: int, since: int) -> float:
+        """Density of the error over a step of speeds that are not known since a stamp [m²/s]."""
+        from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
         dt = (end - start) * NANOSECOND
+        if dt <= 0.0:
+            return 0.0
         age = (to_age**2 - from_age**2) / (2.0 * dt)
         square = (to_age**3 - from_age**3) / (3.0 * dt)
         return min(self._gap_acceleration**2 * square, (2.0 * self._fastest) ** 2 * age)

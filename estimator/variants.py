@@ -20,6 +20,7 @@ from estimator.frames import Floats
 from estimator.friction_motion import (
     FRICTION,
     LENGTH,
+    ROLLING,
     Z_CM,
     FrictionMotion,
     nominal_parameters,
@@ -89,6 +90,8 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         y_CM: as a share of half the contact's length [-].
         z_CM: as a share of the height, or of 0.3 times half the gauge if that is more [-].
         walk: random walk of each, as a share of the above per √s of turning [1/√s].
+        ground_walk: the same of friction and rolling resistance, which change from place to place, where
+            the robot file knows the ground (`[soil]`).
     """
 
     zeta0: float = 0.02
@@ -105,6 +108,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y_CM: float = 0.05
     z_CM: float = 0.08
     walk: float = 0.01
+    ground_walk: float = 0.1
 
 
 # Constant ICRs: the shares that Table II's RMS errors are of the RMS track-speed difference over the
@@ -138,7 +142,7 @@ DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
     "differential": Adaptation(),
     "constant": Adaptation(epsilon0=0.1, walk=0.02),
     "inertia": Adaptation(walk=0.02),
-    "friction": Adaptation(walk=0.005),
+    "friction": Adaptation(walk=0.02),
 }
 
 
@@ -267,6 +271,14 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if variant.model == "constant":
         sigmas[[2, 4, 6, 7]] = 0.0
     return sigmas
+
+
+def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
+    """Random walks of the eight parameters (8,) at their full rate, per √s; zero like their sigmas."""
+    walks = np.full(8, adaptation.walk)
+    if variant.model == "friction" and robot.soil is not None:
+        walks[[FRICTION, ROLLING]] = adaptation.ground_walk
+    return np.asarray(parameter_sigmas(robot, variant, adaptation) * walks)
 
 
 def _friction_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:

@@ -29,7 +29,7 @@ from estimator.measurements import (
     PositionFix,
     TrackSpeeds,
 )
-from estimator.process_noise import FULL_TURNING
+from estimator.process_noise import share_of_walk
 from estimator.robot import Indices, Robot
 from estimator.sensor_models import SensorModels, TrackChange
 from estimator.settings import Settings
@@ -196,14 +196,15 @@ class ModelSampler:
         for k in range(1, count):
             stamp, (left, right) = int(stamps[k]), speeds[k].tolist()
             tracks.take(stamp, left, right)
-            sigma = self._slip_sigma(x, left, right)
+            sigma = self._slip_sigma(x, *tracks.smooth)
             begin = x.copy()
             self._ekf.x = begin
             self._ekf.begin_step(dt, left, right)
             begin[s.FAST_SLIP] = self._draw_fast_slip(begin, left, right, sigma[2], dt, rng)
             measurements.append(TrackSpeeds(stamp, left, right))
             measurements.append(self._imu(begin, tracks, int(stamps[k - 1]), stamp, sigma, dt, rng))
-            x = self._stepped(begin, left, right, sigma, dt, rng)
+            turning = share_of_walk(*tracks.smooth)
+            x = self._stepped(begin, left, right, sigma, turning, dt, rng)
             measurements += self._after(x, stamp, left, right, k, dt, rng)
             begins[k], states[k] = begin, x
             twists[k] = self._twist(x, left, right)
@@ -251,6 +252,7 @@ class ModelSampler:
         left: float,
         right: float,
         sigma: tuple[float, float, float],
+        turning: float,
         dt: float,
         rng: Generator,
     ) -> Floats:
@@ -264,7 +266,6 @@ class ModelSampler:
         )
         twist = self._twist(x, left, right, 0.5 * (x[s.SLIP] + after[s.SLIP]))
         after[s.POSE] = compose(x[s.POSE], exponential(twist[None] * dt)[0])
-        turning = min(1.0, abs(right - left) / FULL_TURNING)
         after += math.sqrt(dt) * (self._bias_walk + turning * self._parameter_walk) * draws
         return after
 

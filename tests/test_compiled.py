@@ -179,6 +179,9 @@ def everything():
                     continue
                 if 28.0 < time < 31.0:
                     m = TrackSpeeds(m.stamp, 0.0, 0.0)
+                # Stuck.
+                if 36.0 < time < 38.0:
+                    m = TrackSpeeds(m.stamp, 0.123, m.right)
             case ImuSample(stamp, (_, _, w), force):
                 if 15.0 < time < 16.0:
                     continue
@@ -197,9 +200,11 @@ def everything():
         measurements.append(m)
         if isinstance(m, PositionFix) and 10.0 < time < 26.0:
             away = 8.0 if 18.0 < time < 25.0 else 0.0
-            measurements[-1] = PositionFix(m.stamp, m.x + away, m.y, m.variance)
-            measurements.append(BodyVelocity(m.stamp, 0.4, 0.01, 0.01))
-            measurements.append(HeadingFix(m.stamp, 0.3 * rng.normal(), 0.5))
+            # Some with an IMU sample, some between two.
+            stamp = m.stamp + 7_000_000 * (int(time) % 2)
+            measurements[-1] = PositionFix(stamp, m.x + away, m.y, m.variance)
+            measurements.append(BodyVelocity(stamp, 0.4, 0.01, 0.01))
+            measurements.append(HeadingFix(stamp, 0.3 * rng.normal(), 0.5))
     # Some come late.
     arrival = [
         m.stamp + (400_000_000 if rng.random() < 0.03 else 0) - log.start for m in measurements
@@ -208,6 +213,8 @@ def everything():
 
 
 EVERYTHING = everything()
+# When the left track has been stuck for a second and a half.
+STUCK = min(m.stamp for m in EVERYTHING) + 37_500_000_000
 CASES = [
     *((variant, {}) for variant in VARIANTS),
     *(
@@ -268,6 +275,12 @@ def test_compiled_agrees_with_plain(variant, options):
         assert a.sensors[name].degrees < degrees * a.sensors[name].used
     assert compiled.twist == pytest.approx(plain.twist, abs=1e-10)
     assert compiled.indices == pytest.approx(plain.indices, abs=1e-10)
+
+
+def test_everything_has_a_stuck_track():
+    estimator, _ = fed("compiled", measurements=[m for m in EVERYTHING if m.stamp < STUCK])
+    tracks = estimator._reckoning._tracks
+    assert tracks.stuck_densities(STUCK, STUCK + 1)[0] > 0.0
 
 
 def everything_in_order():

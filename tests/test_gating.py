@@ -11,6 +11,7 @@ from estimator.gating import (
     REJECTED,
     Gate,
     GateSettings,
+    reopening,
 )
 from estimator.standstill import StandstillDetector, StandstillSettings
 
@@ -39,6 +40,12 @@ def test_one_admitted_sample_starts_the_count_anew():
     gate = Gate(1, GateSettings(patience=3))
     for nis in (100.0, 100.0, 100.0, 1.0, 100.0, 100.0, 100.0):
         assert gate.judge(nis) != REACQUIRED
+
+
+def test_a_state_is_made_as_uncertain_as_the_residual_is_large_but_not_beyond_all_bounds():
+    assert reopening(4.0, 0.01) == 4.0
+    # Beside what is left, the variance of the measurement must still be seen in double precision.
+    assert reopening(1e30, 0.01) + 1e-5 * 0.01 > reopening(1e30, 0.01)
 
 
 def second(value):

@@ -111,7 +111,7 @@ def test_covariance_along_a_motion_is_the_filters(variant):
     """Readings that are just as predicted leave the state on the motion; only the covariance moves."""
     settings = Settings(use_accelerometer=False)
     sensors = Sensors(gyro=True, position_sigma=0.05)
-    model = LinearisedModel(ALPHA, find_variant(variant), sensors, DT, settings)
+    model = LinearisedModel(ALPHA, find_variant(variant), sensors, DT, settings, as_filter=True)
     estimator = PoseEstimator(ALPHA, variant, settings=settings)
     # It is refused, but tells the interval of the next.
     estimator.feed(ImuSample(-1, (0.0, 0.0, 0.0)))
