@@ -227,7 +227,12 @@ class Reckoning:
             hole = tracks.is_hole(m.stamp)
             until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
             self._advance(until)
+        begins = tracks.stamp is None
         tracks.take(m.stamp, m.left, m.right)
+        if begins:
+            # The robot may be on its way already, and its slip with it.
+            for axis, sigma in enumerate(self.slip_sigma()):
+                self.ekf.reopen(s.SLIP_X + axis, variance=sigma * sigma)
         if not self._imu.is_alive(m.stamp):
             self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)

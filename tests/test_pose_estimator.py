@@ -806,3 +806,16 @@ def test_slip_of_a_variant_that_there_is_not_is_refused(robot):
     misspelt = msgspec.structs.replace(robot, slip={"inertia-onlin": Slip()})
     with pytest.raises(EstimatorError, match="did you mean 'inertia-online'"):
         PoseEstimator(misspelt, "differential")
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_robot_that_is_on_its_way_at_the_start_has_slip_already(variant):
+    estimator = PoseEstimator(ALPHA, variant)
+    estimator.feed(TrackSpeeds(EPOCH, 0.3, 0.6))
+    early = np.sqrt(np.diagonal(estimator.covariance)[s.SLIP])
+    drive(estimator, EPOCH + seconds(0.02), 5.0, 0.3, 0.6)
+    assert np.all(early > 0.0)
+    later = PoseEstimator(ALPHA, variant)
+    later.feed(TrackSpeeds(EPOCH, 0.0, 0.0))
+    # One that stands may be pushed around, but slips nowhere.
+    assert np.all(np.diagonal(later.covariance)[s.SLIP][:2] == 0.0)

@@ -142,6 +142,11 @@ class _Batch(smoother._Tape):
             each[s.FAST_SLIP] = 0.0
         self._new_source(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
 
+    def reopened(self, states, variance):
+        super().reopened(states, variance)
+        for index in states:
+            self._new_source(np.array([[variance]]), np.eye(s.SIZE)[:, [index]])
+
     def updated(self, residual, row, variance, change):
         self.seen.append(
             (residual, [row @ each for each in self.maps], row @ self.offset, variance)
