@@ -193,11 +193,16 @@ class Reckoning:
         """Speeds of the left and the right track that it goes by now [m/s]."""
         return self._tracks.speeds_at(self.stamp)
 
-    def slip_sigma(self) -> Vector3:
-        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s]."""
+    def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
+        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
+
+        Args:
+            pushed: whether the robot may be turning with its tracks at rest; None to find out.
+        """
         ekf = self.ekf
         eta = ekf.model.steering_efficiency(ekf.x[s.PARAMETERS])
-        return self._disturbances.slip_sigma(self._tracks, eta, pushed=self._may_be_pushed())
+        may_be = self._may_be_pushed() if pushed is None else pushed
+        return self._disturbances.slip_sigma(self._tracks, eta, pushed=may_be)
 
     # --- what it is told -------------------------------------------------------------------------
 
@@ -231,7 +236,7 @@ class Reckoning:
         tracks.take(m.stamp, m.left, m.right)
         if begins:
             # The robot may be on its way already, and its slip with it.
-            for axis, sigma in enumerate(self.slip_sigma()):
+            for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
                 self.ekf.reopen(s.SLIP_X + axis, variance=sigma * sigma)
         if not self._imu.is_alive(m.stamp):
             self._advance(m.stamp)
