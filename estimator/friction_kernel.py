@@ -66,8 +66,8 @@ SETTLED = 1e-7
 OVERSHOOT = 0.5
 # Step of the central difference by the contact length, as a share of it.
 DIFFERENCE = 1e-5
-# Slower turns show no indices [rad/s].
-TURNS = 0.05
+# Slower turns show no indices [rad/s]; those of turns are averaged over some time [s].
+TURNS, AVERAGING = 0.1, 0.5
 LARGEST_ETA = 20.0
 
 
@@ -152,11 +152,13 @@ def step_motion(
             workspace, jacobian,
         )  # fmt: skip
     B[:] = by_speeds[:3]
-    w = y[2]
+    w, turn = y[2], memory[TURN]
     if abs(w) > TURNS:
-        turn = memory[TURN]
-        turn[0], turn[1] = y[0] / w, (0.5 * (V_l + V_r) - y[1]) / w
-        turn[2] = min(LARGEST_ETA, max(1.0, (V_r - V_l) / (2.0 * ground.half_gauge * w)))
+        share = 1.0 - np.exp(-dt / AVERAGING)
+        eta = (V_r - V_l) / (2.0 * ground.half_gauge * w)
+        turn[0] += share * (y[0] / w - turn[0])
+        turn[1] += share * ((0.5 * (V_l + V_r) - y[1]) / w - turn[1])
+        turn[2] += share * (min(LARGEST_ETA, max(1.0, eta)) - turn[2])
 
 
 @compiled

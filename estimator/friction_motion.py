@@ -10,8 +10,8 @@ next.
 
 The parameters are what is uncertain of the vehicle on its ground, in physical units: friction and rolling
 resistance [-], half the contact's length and the three coordinates of the centre of mass [m]; two of the
-eight places stay empty. The model goes by no indices; those that it shows are of the newest motion that
-turned.
+eight places stay empty. The model goes by no indices; those that it shows are of the newest turns,
+averaged a little.
 
 Friction is that of `estimator.contact`, but slip below `REGULARISING_SPEED` fades it: track speeds are
 not known so well that the kink in Coulomb's law would be seen at less.
@@ -56,7 +56,7 @@ PARAMETER_NAMES: Final[tuple[str, ...]] = (
 STATES = 5
 # What the model remembers, laid out flat: the states, their derivatives by the parameters in rows, those
 # of the twist by the track speeds in rows, the parameters and the speeds that all this is at, the indices
-# of the newest turn, and whether there was a step yet.
+# of the newest turns, and whether there was a step yet.
 OF_STATES = slice(0, STATES)
 OF_SENSITIVITIES = slice(STATES, STATES * (1 + PARAMETERS))
 OF_SPEEDS = slice(OF_SENSITIVITIES.stop, OF_SENSITIVITIES.stop + 6)
