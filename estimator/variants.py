@@ -34,8 +34,9 @@ from estimator.presumed_contact import presumed_contact
 from estimator.robot import Indices, Robot, Slip
 from estimator.state import PARAMETER_NAMES as INDEX_PARAMETERS
 
-# How much more slip there is on ground that the robot file does not know.
-ON_UNKNOWN_GROUND = 2.0
+# How much more slip the friction model leaves on ground that the robot file does not know, and with
+# parameters that stay as the file has them.
+ON_UNKNOWN_GROUND, UNLEARNT = 2.0, 1.5
 # A centre of mass is known no better than if it were this share of half the gauge above the ground.
 LEAST_KNOWN_HEIGHT = 0.3
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
@@ -232,7 +233,8 @@ def motion_model(
 def slip_of(robot: Robot, variant: Variant) -> Slip:
     """The slip residual of a variant: the robot file's `[slip.<variant>]`, or the default.
 
-    Where the ground is not known (no `[soil]`) friction says less, and leaves more to the slip.
+    Where the ground is not known (no `[soil]`), or the parameters are not learnt, friction says less and
+    leaves more to the slip.
 
     Raises:
         EstimatorError: the robot file has slip for a variant that there is not.
@@ -242,6 +244,8 @@ def slip_of(robot: Robot, variant: Variant) -> Slip:
     default = DEFAULT_SLIP[variant.model]
     if variant.model == "friction" and robot.soil is None:
         default = default.scaled(ON_UNKNOWN_GROUND)
+    if variant.model == "friction" and not variant.online:
+        default = default.scaled(UNLEARNT)
     return robot.slip.get(variant.name, default)
 
 
