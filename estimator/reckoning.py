@@ -115,8 +115,7 @@ class Reckoning:
             "accelerometer": Gate(1, settings.gates),
             "position": Gate(2, settings.gates),
             "heading": Gate(1, settings.gates),
-            "body velocity x": Gate(1, settings.gates),
-            "body velocity y": Gate(1, settings.gates),
+            "body velocity": Gate(2, settings.gates),
         }
         self._standstill = StandstillDetector(settings.standstill, imu.gyro_noise_density)
         self._at_once = make_step(
@@ -334,23 +333,7 @@ class Reckoning:
 
     def _take_position(self, m: PositionFix) -> bool:
         foretold = self._pose_at(m.stamp)
-        ekf, gate, health = self.ekf, self._gates["position"], self.health.sensor("position")
-        residual = np.array([m.x, m.y]) - foretold.values[:2]
-        rows = foretold.by_state[:2]
-        spread = rows @ ekf.P @ rows.T + foretold.covariance[:2, :2] + m.variance * np.eye(2)
-        nis = float(residual @ np.linalg.solve(spread, residual))
-        verdict = gate.judge(nis)
-        if verdict == REJECTED:
-            return health.judged(verdict, nis, degrees=2)
-        if verdict == REACQUIRED:
-            expected = float(spread.diagonal().min())
-            ekf.reopen(s.X, s.Y, variance=reopening(float(residual @ residual), expected))
-        health.judged(verdict, nis, degrees=2)
-        foretold_at = ekf.x.copy()
-        for axis, value in enumerate((m.x, m.y)):
-            ekf.update_scalar(*component(axis, value, m.variance, foretold, foretold_at, ekf.x))
-        ekf.keep_inside_bounds()
-        return True
+        return self._update_pair("position", (m.x, m.y), m.variance, foretold, s.X, ())
 
     def _take_heading(self, m: HeadingFix) -> bool:
         foretold, x = self._pose_at(m.stamp), self.ekf.x
@@ -364,22 +347,16 @@ class Reckoning:
         waits = self._waits_for_imu(m.stamp)
         if not waits:
             self._begin_step(m.stamp)
-        model, foretold_at = self.model(), self.ekf.x.copy()
+        model = self.model()
         if waits:
             density = self._fast_slip_density(m.stamp, model)
-            foretold = twist_ahead(foretold_at, model, density, self._imu.interval)
+            foretold = twist_ahead(self.ekf.x, model, density, self._imu.interval)
         else:
             foretold = Foretold(model.twist, model.jacobian, np.zeros((3, 3)))
-        used = True
-        for axis, value in enumerate((m.v_x, m.v_y)):
-            used &= self._update(
-                "body velocity",
-                self._gates[f"body velocity {'xy'[axis]}"],
-                component(axis, value, m.variance, foretold, foretold_at, self.ekf.x),
-                reopen=s.SLIP_X + axis,
-                kept=POSE_KEPT,
-            )
-        self.ekf.keep_inside_bounds()
+        velocity = (m.v_x, m.v_y)
+        used = self._update_pair(
+            "body velocity", velocity, m.variance, foretold, s.SLIP_X, POSE_KEPT
+        )
         if not waits:
             self._advance(m.stamp)
         return used
@@ -408,6 +385,42 @@ class Reckoning:
         if verdict != REJECTED:
             self.ekf.update_scalar(*reading, kept=kept)
         return self.health.sensor(sensor).judged(verdict, innovation.nis)
+
+    def _update_pair(
+        self,
+        sensor: str,
+        values: tuple[float, float],
+        variance: float,
+        foretold: Foretold,
+        reopen: int,
+        kept: tuple[int, ...],
+    ) -> bool:
+        """A gated update with the first two of three numbers, both or none.
+
+        Args:
+            sensor: whose gate and counts these are.
+            values: what was measured.
+            variance: of each.
+            foretold: all three, at the present state.
+            reopen: the first of the two states that are made uncertain when re-acquiring.
+            kept: states that are not to be moved.
+        """
+        ekf, health, foretold_at = self.ekf, self.health.sensor(sensor), self.ekf.x.copy()
+        residual = np.array(values) - foretold.values[:2]
+        rows = foretold.by_state[:2]
+        spread = rows @ ekf.P @ rows.T + foretold.covariance[:2, :2] + variance * np.eye(2)
+        nis = float(residual @ np.linalg.solve(spread, residual))
+        verdict = self._gates[sensor].judge(nis)
+        if verdict == REACQUIRED:
+            expected = float(spread.diagonal().min())
+            both = (reopen, reopen + 1)
+            ekf.reopen(*both, variance=reopening(float(residual @ residual), expected))
+        if verdict != REJECTED:
+            for axis, value in enumerate(values):
+                reading = component(axis, value, variance, foretold, foretold_at, ekf.x)
+                ekf.update_scalar(*reading, kept=kept)
+            ekf.keep_inside_bounds()
+        return health.judged(verdict, nis, degrees=2)
 
     def _may_be_pushed(self) -> bool:
         """Whether it may be turning with its tracks at rest."""

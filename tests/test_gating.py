@@ -13,6 +13,9 @@ from estimator.gating import (
     GateSettings,
     reopening,
 )
+from estimator.measurements import BodyVelocity, ImuSample, TrackSpeeds
+from estimator.pose_estimator import PoseEstimator
+from estimator.robot import load_robot
 from estimator.standstill import StandstillDetector, StandstillSettings
 
 
@@ -102,3 +105,21 @@ def test_driving_on_ends_the_standstill_at_once():
     assert not detector.yaw_rate(second(1.0), 0.0, 0.0, 0.0)
     detector.track_speeds(second(1.02), 0.0, 0.0)
     assert not detector.yaw_rate(second(1.02), 0.0, 0.0, 0.0)
+
+
+def test_a_body_velocity_is_used_whole_or_not_at_all():
+    """One component beyond all doubt does not let the other in."""
+    robot = load_robot("auriga-alpha")
+    estimator = PoseEstimator(robot, "constant-online")
+    for step in range(100):
+        stamp = step * 20_000_000
+        estimator.feed(TrackSpeeds(stamp, 0.3, 0.3))
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0)))
+    stamp = estimator.stamp
+    state, covariance = estimator.state, estimator.covariance
+    assert not estimator.feed(BodyVelocity(stamp, 0.3, 5.0, 1e-4))
+    assert (estimator.state == state).all()
+    assert (estimator.covariance == covariance).all()
+    assert estimator.feed(BodyVelocity(stamp + 1, 0.3, 0.0, 1e-4))
+    counts = estimator.health.sensors["body velocity"]
+    assert (counts.used, counts.rejected, counts.degrees) == (1, {"gate": 1}, 2)

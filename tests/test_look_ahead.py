@@ -107,7 +107,7 @@ def test_what_agrees_with_the_motion_moves_nothing_and_leaves_the_stamp(engine):
     assert (np.abs(estimator.state - before) <= 1e-3 * sigmas + 1e-9).all()
     assert np.sqrt(np.diagonal(estimator.covariance))[0] < 0.9 * sigmas[0]
     health = estimator.health.sensors
-    assert [health[name].used for name in ("position", "heading", "body velocity")] == [1, 1, 2]
+    assert [health[name].used for name in ("position", "heading", "body velocity")] == [1, 1, 1]
 
 
 def test_without_an_imu_to_wait_for_the_estimate_goes_to_the_fix():
