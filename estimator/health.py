@@ -10,6 +10,8 @@ from estimator.gating import ADMITTED, REJECTED
 # A deviation that moves the twist by this share of the slip's standard deviation shows after some
 # hundred correlation times of the slip: in a minute or so of such motion.
 EXCITED = 0.1
+# So many judged measurements are recent.
+RECENT = 100
 
 
 @dataclass
@@ -22,6 +24,10 @@ class SensorHealth:
         nis_sum: sum of the normalised innovations squared of those that were used.
         degrees: sum of their degrees of freedom, which `nis_sum` should be near.
         late: how many came after newer ones and were taken in at their own stamps.
+        judged_count: how many the gate has judged.
+        newest_nis: normalised innovation squared of the newest that it has judged; None before.
+        recent_nis: mean over the newest hundred or so of them, those that were rejected included, per
+            degree of freedom; None before the first.
     """
 
     used: int = 0
@@ -29,6 +35,9 @@ class SensorHealth:
     nis_sum: float = 0.0
     degrees: int = 0
     late: int = 0
+    judged_count: int = 0
+    newest_nis: float | None = None
+    recent_nis: float | None = None
 
     @property
     def nis_per_degree(self) -> float:
@@ -47,6 +56,10 @@ class SensorHealth:
             nis: normalised innovation squared.
             degrees: its degrees of freedom.
         """
+        self.judged_count += 1
+        self.newest_nis = nis
+        before = self.recent_nis or 0.0
+        self.recent_nis = before + (nis / degrees - before) / min(self.judged_count, RECENT)
         if verdict == REJECTED:
             self.reject("gate")
             return False
@@ -58,7 +71,16 @@ class SensorHealth:
 
     def copy(self) -> SensorHealth:
         """The same counts, on their own."""
-        return SensorHealth(self.used, self.rejected.copy(), self.nis_sum, self.degrees, self.late)
+        return SensorHealth(
+            self.used,
+            self.rejected.copy(),
+            self.nis_sum,
+            self.degrees,
+            self.late,
+            self.judged_count,
+            self.newest_nis,
+            self.recent_nis,
+        )
 
     def add(self, other: SensorHealth) -> None:
         """Count what the other has counted, too."""
@@ -68,6 +90,9 @@ class SensorHealth:
         self.nis_sum += other.nis_sum
         self.degrees += other.degrees
         self.late += other.late
+        if self.judged_count < other.judged_count:
+            self.newest_nis, self.recent_nis = other.newest_nis, other.recent_nis
+        self.judged_count += other.judged_count
 
 
 @dataclass

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimator import state as s
+from estimator.gating import ADMITTED, REJECTED
 from estimator.health import EXCITED, Health, ParameterHealth, SensorHealth
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
@@ -95,3 +96,19 @@ def test_counts_add_up():
     assert total.standstill_updates == 5
     assert one.sensors["gyro"].rejected == {"gate": 1}
     assert other.sensors["gyro"].rejected == {"gate": 2, "x": 1}
+
+
+def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
+    health = SensorHealth()
+    for _ in range(5000):
+        health.judged(ADMITTED, 2.0, degrees=2)
+    assert health.recent_nis == pytest.approx(1.0)
+    for _ in range(300):
+        health.judged(REJECTED, 60.0, degrees=2)
+    assert health.newest_nis == 60.0
+    assert health.nis_per_degree == pytest.approx(1.0)
+    assert health.recent_nis == pytest.approx(30.0, rel=0.1)
+    assert health.copy() == health
+    both = SensorHealth()
+    both.add(health)
+    assert both == health
