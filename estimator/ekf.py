@@ -82,6 +82,9 @@ class Witness(Protocol):
     def renewed(self, covariance: Floats) -> None:
         """The fast slip was drawn anew, with this covariance (3, 3)."""
 
+    def replaced(self, covariance: Floats) -> None:
+        """The pose was replaced by another, independent of all else, with this covariance (3, 3)."""
+
     def reopened(self, states: tuple[int, ...], variance: float) -> None:
         """These states were made more uncertain, each by this variance."""
 
@@ -272,6 +275,22 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P[s.FAST_SLIP, :] = 0.0
         self.P[:, s.FAST_SLIP] = 0.0
         self.P[s.FAST_SLIP, s.FAST_SLIP] = covariance
+
+    def replace_pose(self, pose: Floats, covariance: Floats) -> None:
+        """Believe another pose, independent of all that was known.
+
+        Args:
+            pose: (3,) x, y [m], yaw [rad].
+            covariance: (3, 3) of it.
+        """
+        self.x[s.POSE] = pose
+        self.P[s.POSE, :] = 0.0
+        self.P[:, s.POSE] = 0.0
+        self.P[s.POSE, s.POSE] = covariance
+        if self.marks is not None:
+            self.marks = self.marks.renewed(s.POSE)
+        if self.witness is not None:
+            self.witness.replaced(covariance)
 
     def reopen(self, *states: int, variance: float) -> None:
         """Make states more uncertain, each by a variance and independently of all else."""

@@ -9,6 +9,13 @@ class EstimatorError(IcreckonError):
     """Bad robot file, bad parameters or a measurement that the estimator cannot take."""
 
 
+class SettingError(EstimatorError, ValueError):
+    """A figure or a choice that a structure of settings or of the robot file cannot take.
+
+    A ValueError too, so that msgspec, which reads files into these structures, says where in the file.
+    """
+
+
 def nearest_hint(found: str, allowed: list[str]) -> str:
     """A «did you mean» clause for a misspelt name.
 

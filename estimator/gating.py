@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import msgspec
 
+from estimator.checks import is_whole
+from estimator.errors import SettingError
+
 # Quantiles of the chi-square distribution at a right-tail probability of 1e-4, by degrees of freedom
 # (scipy.stats.chi2.isf, which is not imported here for the sake of a light library).
 CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
@@ -23,10 +26,20 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """When to stop rejecting.
 
     Attributes:
-        patience: after this many rejections in a row the next sample is taken as right.
+        patience: after this many rejections in a row the next sample is taken as right; at 0 none
+            is rejected.
+
+    Raises:
+        EstimatorError: `patience` is no whole number of at least 0.
     """
 
     patience: int = 10
+
+    def __post_init__(self) -> None:
+        if not is_whole(self.patience) or self.patience < 0:
+            raise SettingError(
+                f"GateSettings.patience must be a whole number, 0 or more, found {self.patience!r}"
+            )
 
 
 def verdict(nis: float, threshold: float, rejected_in_a_row: int, patience: int) -> int:
@@ -59,6 +72,11 @@ class Gate:
         self.threshold = CHI_SQUARE_1E4[degrees]
         self.patience = settings.patience
         self.rejected_in_a_row = 0
+
+    @property
+    def gives_up(self) -> bool:
+        """Whether it will believe the next, whatever it says."""
+        return self.rejected_in_a_row >= self.patience
 
     def judge(self, nis: float) -> int:
         """The verdict on a measurement of this normalised innovation squared, which is counted."""

@@ -34,6 +34,20 @@ class Foretold(NamedTuple):
     covariance: Floats
 
 
+class Surprise(NamedTuple):
+    """Two measured numbers against what was foretold of them.
+
+    Attributes:
+        residual: (2,) measured less foretold.
+        spread: (2, 2) covariance that it should have.
+        nis: normalised innovation squared, chi-square with two degrees of freedom.
+    """
+
+    residual: Floats
+    spread: Floats
+    nis: float
+
+
 def pose_now(x: Floats) -> Foretold:
     """The pose of a state (SIZE,)."""
     return Foretold(x[s.POSE].copy(), np.eye(s.SIZE)[s.POSE], np.zeros((3, 3)))

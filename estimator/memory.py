@@ -11,6 +11,7 @@ from estimator import state as s
 from estimator.health import Health
 from estimator.motion_model import NO_MEMORY
 from estimator.relative_motion import Marks
+from estimator.relocation import RefusedFix
 from estimator.standstill import StandstillMemory
 from estimator.track_speeds import TrackMemory
 
@@ -32,6 +33,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
         health: counts.
         marks: the motion since each mark, None where there is none.
         model: (m,) what the motion model remembers, see `estimator.motion_model.MotionModel`.
+        refused_fixes: position fixes that were refused since one was used.
         regressors: (3, 8) of the filter, see `estimator.ekf.IcrEkf`; None before its first step.
     """
 
@@ -49,6 +51,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
     marks: Marks | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
     regressors: np.ndarray[Any, Any] | None = None
+    refused_fixes: tuple[RefusedFix, ...] = ()
 
     def __post_init__(self) -> None:
         if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):

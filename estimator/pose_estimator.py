@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator import state as s
 from estimator.admission import STREAMS, Admission, as_plain, key_of
+from estimator.checks import require_kind, three_numbers
 from estimator.errors import EstimatorError
 from estimator.frames import Floats, paper_to_rep103
 from estimator.health import Health, ParameterHealth
@@ -18,7 +19,7 @@ from estimator.log import NANOSECOND
 from estimator.measurements import Measurement
 from estimator.reckoning import Reckoning
 from estimator.relative_motion import MOST_MARKS, Mark, RelativeMotion
-from estimator.robot import Robot
+from estimator.robot import Robot, require_robot
 from estimator.saved import SavedEstimator, read_saved, robot_constants, write_saved
 from estimator.settings import Settings
 from estimator.variants import find_variant, parameter_names, state_names, used_parameters
@@ -66,8 +67,8 @@ class PoseEstimator:
         start_sigma: its standard deviations [m, m, rad].
 
     Raises:
-        EstimatorError: there is no such variant, or a friction variant's robot has no stationary
-            motions on its ground.
+        EstimatorError: there is no such variant, an argument is not what it must be, or a friction
+            variant's robot has no stationary motions on its ground.
     """
 
     def __init__(
@@ -79,6 +80,15 @@ class PoseEstimator:
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
+        require_robot(robot)
+        require_kind("settings", settings, Settings, or_none=True)
+        start = three_numbers("start", start, "three finite numbers: x, y [m], yaw [rad]")
+        start_sigma = three_numbers(
+            "start_sigma",
+            start_sigma,
+            "three finite numbers, 0 or more: the standard deviations of x, y [m], yaw [rad]",
+            least=0.0,
+        )
         self.robot = robot
         self.variant = find_variant(variant)
         self.settings = settings if settings is not None else Settings()
@@ -339,6 +349,7 @@ class PoseEstimator:
             EstimatorError: the file is missing, damaged or of an unknown version, or it was saved for
                 another robot or by another variant.
         """
+        require_robot(robot)
         saved = read_saved(Path(path))
         saved.require_fit(robot, variant, str(path), to_go_on=True)
         estimator = cls(robot, saved.variant, settings=saved.settings)
@@ -380,6 +391,7 @@ class PoseEstimator:
         Raises:
             EstimatorError: as for `restore`, or `off` is negative.
         """
+        require_robot(robot)
         if not 0.0 <= off < np.inf:
             raise EstimatorError(f"off must be a time in seconds, zero or more, found {off!r}")
         saved = read_saved(Path(path))

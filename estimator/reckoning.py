@@ -14,7 +14,7 @@ from estimator.gating import REACQUIRED, REJECTED, Gate, reopening
 from estimator.health import Health
 from estimator.imu_clock import ImuClock
 from estimator.log import NANOSECOND
-from estimator.look_ahead import Foretold, component, pose_ahead, pose_now, twist_ahead
+from estimator.look_ahead import Foretold, Surprise, component, pose_ahead, pose_now, twist_ahead
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -28,6 +28,7 @@ from estimator.memory import FilterMemory
 from estimator.process_noise import Disturbances
 from estimator.propagation import step_on_se2
 from estimator.relative_motion import Mark, Marks
+from estimator.relocation import RefusedFix, relocation
 from estimator.robot import Robot
 from estimator.sensor_models import (
     STANDSTILL_VARIANCE,
@@ -110,6 +111,7 @@ class Reckoning:
             settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
         )
         self._imu = ImuClock(settings.hold)
+        self._refused_fixes: tuple[RefusedFix, ...] = ()
         self._gates = {
             "gyro": Gate(1, settings.gates),
             "accelerometer": Gate(1, settings.gates),
@@ -146,6 +148,7 @@ class Reckoning:
             self.ekf.marks,
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
+            self._refused_fixes,
         )
 
     def recall(self, memory: FilterMemory) -> None:
@@ -157,6 +160,7 @@ class Reckoning:
         self.ekf.model.recall(memory.model)
         regressors = memory.regressors
         self.ekf.regressors = None if regressors is None else regressors.copy()
+        self._refused_fixes = memory.refused_fixes
         self._step_under_way = memory.step_under_way
         self.stands = memory.stands
         self._tracks.recall(memory.tracks)
@@ -332,8 +336,21 @@ class Reckoning:
         )
 
     def _take_position(self, m: PositionFix) -> bool:
-        foretold = self._pose_at(m.stamp)
-        return self._update_pair("position", (m.x, m.y), m.variance, foretold, s.X, ())
+        foretold, gate = self._pose_at(m.stamp), self._gates["position"]
+        measured = (m.x, m.y)
+        believed = (foretold.values.item(0), foretold.values.item(1))
+        refused = (*self._refused_fixes, RefusedFix(*measured, m.variance, *believed))
+        nis = self._surprise(measured, m.variance, foretold).nis
+        found = relocation(refused) if gate.gives_up and nis > gate.threshold else None
+        if found is None:
+            used = self._update_pair("position", measured, m.variance, foretold, s.X, ())
+        else:
+            # The path is right in itself, but lies elsewhere: the heading is wrong, too.
+            self.ekf.replace_pose(*found.pose(self.ekf.x[s.POSE]))
+            verdict = gate.judge(nis)
+            used = self.health.sensor("position").judged(verdict, nis, degrees=2)
+        self._refused_fixes = () if used else refused
+        return used
 
     def _take_heading(self, m: HeadingFix) -> bool:
         foretold, x = self._pose_at(m.stamp), self.ekf.x
@@ -406,10 +423,7 @@ class Reckoning:
             kept: states that are not to be moved.
         """
         ekf, health, foretold_at = self.ekf, self.health.sensor(sensor), self.ekf.x.copy()
-        residual = np.array(values) - foretold.values[:2]
-        rows = foretold.by_state[:2]
-        spread = rows @ ekf.P @ rows.T + foretold.covariance[:2, :2] + variance * np.eye(2)
-        nis = float(residual @ np.linalg.solve(spread, residual))
+        residual, spread, nis = self._surprise(values, variance, foretold)
         verdict = self._gates[sensor].judge(nis)
         if verdict == REACQUIRED:
             expected = float(spread.diagonal().min())
@@ -421,6 +435,15 @@ class Reckoning:
                 ekf.update_scalar(*reading, kept=kept)
             ekf.keep_inside_bounds()
         return health.judged(verdict, nis, degrees=2)
+
+    def _surprise(
+        self, values: tuple[float, float], variance: float, foretold: Foretold
+    ) -> Surprise:
+        """How far two measured numbers are from the first two of those foretold."""
+        residual = np.array(values) - foretold.values[:2]
+        rows = foretold.by_state[:2]
+        spread = rows @ self.ekf.P @ rows.T + foretold.covariance[:2, :2] + variance * np.eye(2)
+        return Surprise(residual, spread, float(residual @ np.linalg.solve(spread, residual)))
 
     def _may_be_pushed(self) -> bool:
         """Whether it may be turning with its tracks at rest."""

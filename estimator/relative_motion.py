@@ -152,10 +152,10 @@ class Marks(msgspec.Struct, frozen=True):
             0.5 * (covariance + covariance.T),
         )
 
-    def renewed(self) -> Marks:
-        """After the fast slip was drawn anew."""
+    def renewed(self, states: slice = s.FAST_SLIP) -> Marks:
+        """After states were drawn anew: the fast slip, or a pose that was lost."""
         cross = self.cross.copy()
-        cross[:, s.FAST_SLIP] = 0.0
+        cross[:, states] = 0.0
         return Marks(self.stamps, self.poses, cross, self.covariance)
 
     def updated(

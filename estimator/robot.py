@@ -13,9 +13,10 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from estimator.checks import require_finite, require_not_negative, require_positive
 from estimator.config import convert, read_toml
 from estimator.contact import Body, Contact, Soil, equally_spaced
-from estimator.errors import EstimatorError, nearest_hint
+from estimator.errors import EstimatorError, SettingError, nearest_hint
 from estimator.frames import Floats, rep103_to_paper, rpy_to_matrix
 from estimator.motion_model import VehicleConstants
 
@@ -23,28 +24,8 @@ ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
 # A gyro that reads z alone must have at least this share of the vertical along its z axis.
 LEAST_UPRIGHT = 0.1
-
-
-def _require_finite(name: str, *values: float) -> None:
-    for value in values:
-        if not np.isfinite(value):
-            raise ValueError(f"{name} must be finite, found {value!r}")
-
-
 # That of a vehicle whose file says nothing of it [s].
 LOAD_LAG = 0.2
-
-
-def _require_positive(name: str, value: float) -> None:
-    if np.isnan(value):
-        raise ValueError(f"{name} must be a positive number, found nan: it is not filled in")
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be a positive number, found {value!r}")
-
-
-def _require_not_negative(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} must be zero or a positive number, found {value!r}")
 
 
 class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -85,12 +66,12 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "max_track_speed",
             "load_lag",
         ):
-            _require_positive(name, getattr(self, name))
-        _require_finite("centre_of_mass", *self.centre_of_mass)
+            require_positive(name, getattr(self, name))
+        require_finite("centre_of_mass", *self.centre_of_mass)
         if self.contact_points < 2:
-            raise ValueError(f"contact_points must be at least 2, found {self.contact_points!r}")
+            raise SettingError(f"contact_points must be at least 2, found {self.contact_points!r}")
         if self.yaw_inertia is not None:
-            _require_positive("yaw_inertia", self.yaw_inertia)
+            require_positive("yaw_inertia", self.yaw_inertia)
 
 
 class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -118,9 +99,9 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:
-            _require_finite(name, getattr(self, name))
+            require_finite(name, getattr(self, name))
         if not self.eta0 >= 1.0:
-            raise ValueError(
+            raise SettingError(
                 f"eta0 must be at least 1 (1 is the ideal differential drive), found {self.eta0!r}"
             )
 
@@ -137,9 +118,9 @@ class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y_ICR: float = 0.0
 
     def __post_init__(self) -> None:
-        _require_finite("y_ICR", self.y_ICR)
+        require_finite("y_ICR", self.y_ICR)
         if not -np.inf < self.x_ICRl < 0.0 < self.x_ICRr < np.inf:
-            raise ValueError(
+            raise SettingError(
                 f"x_ICRl < 0 < x_ICRr must hold, found {self.x_ICRl!r} and {self.x_ICRr!r}"
             )
 
@@ -175,10 +156,10 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     accelerometer_bias_walk: float = 1e-3
 
     def __post_init__(self) -> None:
-        _require_finite("rotation_rpy_deg", *self.rotation_rpy_deg)
-        _require_finite("position", *self.position)
+        require_finite("rotation_rpy_deg", *self.rotation_rpy_deg)
+        require_finite("position", *self.position)
         for name in ("gyro_scale", "gyro_noise_density", "accelerometer_noise_density"):
-            _require_positive(name, getattr(self, name))
+            require_positive(name, getattr(self, name))
         for name in (
             "gyro_scale_sigma",
             "gyro_bias_sigma",
@@ -186,10 +167,10 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "accelerometer_bias_sigma",
             "accelerometer_bias_walk",
         ):
-            _require_not_negative(name, getattr(self, name))
+            require_not_negative(name, getattr(self, name))
         roll, pitch, _ = np.radians(self.rotation_rpy_deg)
         if self.gyro_axes == "z" and abs(np.cos(roll) * np.cos(pitch)) < LEAST_UPRIGHT:
-            raise ValueError(
+            raise SettingError(
                 'gyro_axes = "z" needs a z axis that is not level, '
                 f"found rotation_rpy_deg = {list(self.rotation_rpy_deg)!r}"
             )
@@ -208,7 +189,7 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:
-            _require_not_negative(name, getattr(self, name))
+            require_not_negative(name, getattr(self, name))
 
 
 class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -228,6 +209,9 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         time_constant: correlation time of the process [s].
         white_time: the white noise of w has the density of a process of the same standard deviation
             and this (short) correlation time [s].
+
+    Raises:
+        EstimatorError: a figure is negative or no finite number, or `time_constant` is zero.
     """
 
     turning_x: float = 0.05
@@ -240,9 +224,9 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     white_time: float = 0.1
 
     def __post_init__(self) -> None:
+        require_positive("time_constant", self.time_constant)
         for name in self.__struct_fields__:
-            _require_not_negative(name, getattr(self, name))
-        _require_positive("time_constant", self.time_constant)
+            require_not_negative(name, getattr(self, name))
 
     def scaled(self, factor: float) -> Slip:
         """The same, of another size."""
@@ -286,10 +270,10 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
 
     def __post_init__(self) -> None:
         if self.format != FORMAT:
-            raise ValueError(f"format {self.format!r} is not known; this version reads {FORMAT}")
+            raise SettingError(f"format {self.format!r} is not known; this version reads {FORMAT}")
         icr, gauge = self.constant_icr, self.vehicle.track_gauge
         if icr is not None and icr.x_ICRr - icr.x_ICRl < gauge:
-            raise ValueError(
+            raise SettingError(
                 f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, "
                 f"found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
             )
@@ -383,3 +367,16 @@ def load_robot(name_or_path: str | Path) -> Robot:
                 " (or give the path of a .toml file)"
             )
     return convert(read_toml(path, EstimatorError), Robot, str(path), EstimatorError)
+
+
+def require_robot(robot: object) -> None:
+    """Refuse what is no robot, such as the path of its file.
+
+    Raises:
+        EstimatorError: the message says how to get one.
+    """
+    if not isinstance(robot, Robot):
+        given = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"
+        raise EstimatorError(
+            f"robot must be a Robot, found {type(robot).__name__} {robot!r}; use load_robot({given})"
+        )

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import msgspec
 
-from estimator.errors import EstimatorError
+from estimator.checks import (
+    is_finite,
+    require_choice,
+    require_flag,
+    require_kind,
+    require_not_negative,
+)
+from estimator.errors import SettingError
 from estimator.gating import GateSettings
+from estimator.motion import Form
 from estimator.robot import Slip
 from estimator.standstill import StandstillSettings
 from estimator.variants import Adaptation
 
 Engine = Literal["compiled", "plain"]
+Inertia = Literal["tracks", "imu"]
 
 # Working through more than this again would take longer than anyone can wait [s].
 LONGEST_HISTORY = 60.0
+# Times beyond are none: thirty years [s].
+LONGEST_TIME = 1e9
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -38,11 +49,15 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         use_accelerometer: whether the accelerometers update the filter.
         gates: chi-square gates.
         standstill: standstill detection.
+
+    Raises:
+        EstimatorError: there is no such choice, a figure is out of its range or no finite number, or
+            something else stands where a structure of settings belongs.
     """
 
     engine: Engine = "compiled"
-    form: Literal["smooth", "literal"] = "smooth"
-    inertia: Literal["tracks", "imu"] = "tracks"
+    form: Form = "smooth"
+    inertia: Inertia = "tracks"
     slip: Slip | None = None
     adaptation: Adaptation | None = None
     hold: float = 0.3
@@ -54,7 +69,22 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     standstill: StandstillSettings = StandstillSettings()
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.history <= LONGEST_HISTORY:
-            raise EstimatorError(
-                f"history must be from 0 to {LONGEST_HISTORY:g} s, found {self.history!r}"
+        for name, choices in (("engine", Engine), ("form", Form), ("inertia", Inertia)):
+            require_choice(f"Settings.{name}", getattr(self, name), get_args(choices))
+        require_kind("Settings.slip", self.slip, Slip, or_none=True)
+        require_kind("Settings.adaptation", self.adaptation, Adaptation, or_none=True)
+        require_kind("Settings.gates", self.gates, GateSettings)
+        require_kind("Settings.standstill", self.standstill, StandstillSettings)
+        for name in ("hold", "longest_gap"):
+            value = getattr(self, name)
+            if not (is_finite(value) and 0.0 < value <= LONGEST_TIME):
+                raise SettingError(
+                    f"Settings.{name} must be a time of more than 0 s, and no more than "
+                    f"{LONGEST_TIME:g} s, found {value!r}"
+                )
+        require_not_negative("Settings.gap_acceleration", self.gap_acceleration)
+        require_flag("Settings.use_accelerometer", self.use_accelerometer)
+        if not (is_finite(self.history) and 0.0 <= self.history <= LONGEST_HISTORY):
+            raise SettingError(
+                f"Settings.history must be from 0 to {LONGEST_HISTORY:g} s, found {self.history!r}"
             )

@@ -180,6 +180,10 @@ class _Tape:
         """See `Witness`."""
         self._renew(s.FAST_SLIP, covariance)
 
+    def replaced(self, covariance: Floats) -> None:
+        """See `Witness`."""
+        self._renew(s.POSE, covariance)
+
     def _renew(self, states: slice, covariance: Floats) -> None:
         self._delta[states] = 0.0
         P = self._optimal_P

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from estimator import state as s
+from estimator.checks import require_not_negative
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.frames import Floats
 from estimator.friction_motion import (
@@ -93,6 +94,9 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         walk: random walk of each, as a share of the above per √s of turning [1/√s].
         ground_walk: the same of friction and rolling resistance, which change from place to place, where
             the robot file knows the ground (`[soil]`).
+
+    Raises:
+        EstimatorError: a figure is negative or no finite number.
     """
 
     zeta0: float = 0.02
@@ -110,6 +114,10 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     z_CM: float = 0.08
     walk: float = 0.01
     ground_walk: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            require_not_negative(f"Adaptation.{name}", getattr(self, name))
 
 
 # Constant ICRs: the shares that Table II's RMS errors are of the RMS track-speed difference over the
@@ -153,12 +161,29 @@ def find_variant(name: str) -> Variant:
     Raises:
         EstimatorError: there is none; the message names the nearest.
     """
-    try:
-        return VARIANTS[name]
-    except KeyError:
-        raise EstimatorError(
-            f"no filter variant {name!r}{nearest_hint(name, list(VARIANTS))}"
-        ) from None
+    found = VARIANTS.get(name) if isinstance(name, str) else None
+    if found is None:
+        raise EstimatorError(f"no filter variant {name!r}{nearest_hint(str(name), list(VARIANTS))}")
+    return found
+
+
+def default_adaptation(variant: str, **changes: float) -> Adaptation:
+    """The adaptation that a variant has where `Settings` say nothing, with some figures of one's own.
+
+    Args:
+        variant: name of the filter variant.
+        changes: figures of `Adaptation` that are to be others, in its units.
+
+    Raises:
+        EstimatorError: there is no such variant or figure, or a figure cannot be.
+    """
+    default = DEFAULT_ADAPTATION[find_variant(variant).model]
+    for name in changes:
+        if name not in default.__struct_fields__:
+            raise EstimatorError(
+                f"Adaptation has no {name!r}{nearest_hint(name, list(default.__struct_fields__))}"
+            )
+    return msgspec.structs.replace(default, **changes)
 
 
 def parameter_names(variant: Variant) -> tuple[str, ...]:
@@ -171,8 +196,14 @@ def used_parameters(variant: Variant) -> tuple[str, ...]:
     return tuple(name for name in parameter_names(variant) if not name.startswith("unused"))
 
 
-def state_names(variant: Variant) -> tuple[str, ...]:
-    """Names (SIZE,) of a variant's states."""
+def state_names(variant: Variant | str) -> tuple[str, ...]:
+    """Names (SIZE,) of the states of a variant, or of the variant of that name.
+
+    Raises:
+        EstimatorError: there is no variant of that name.
+    """
+    if not isinstance(variant, Variant):
+        variant = find_variant(variant)
     names = list(s.STATE_NAMES)
     names[s.PARAMETERS] = parameter_names(variant)
     return tuple(names)

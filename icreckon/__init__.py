@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     from estimator import motion as motion
     from estimator.errors import EstimatorError as EstimatorError
     from estimator.errors import IcreckonError as IcreckonError
+    from estimator.gating import GateSettings as GateSettings
     from estimator.health import Health as Health
     from estimator.health import ParameterHealth as ParameterHealth
+    from estimator.health import SensorHealth as SensorHealth
     from estimator.log import FixSeries as FixSeries
     from estimator.log import ImuSeries as ImuSeries
     from estimator.log import Log as Log
@@ -26,8 +28,10 @@ if TYPE_CHECKING:
     from estimator.measurements import PositionFix as PositionFix
     from estimator.measurements import TrackSpeeds as TrackSpeeds
     from estimator.pose_estimator import PoseEstimator as PoseEstimator
+    from estimator.pose_estimator import Snapshot as Snapshot
     from estimator.relative_motion import RelativeMotion as RelativeMotion
     from estimator.robot import Robot as Robot
+    from estimator.robot import Slip as Slip
     from estimator.robot import load_robot as load_robot
     from estimator.robot import robot_names as robot_names
     from estimator.run import Run as Run
@@ -38,8 +42,13 @@ if TYPE_CHECKING:
     from estimator.settings import Settings as Settings
     from estimator.smoother import Smoothing as Smoothing
     from estimator.smoother import smooth as smooth
+    from estimator.standstill import StandstillSettings as StandstillSettings
+    from estimator.state import STATE_NAMES as STATE_NAMES
     from estimator.trajectory import Trajectory as Trajectory
     from estimator.variants import VARIANTS as VARIANTS
+    from estimator.variants import Adaptation as Adaptation
+    from estimator.variants import default_adaptation as default_adaptation
+    from estimator.variants import state_names as state_names
     from replay.bag_writer import write_log as write_log
     from replay.bags import read_log as read_log
     from replay.comparison import compare as compare
@@ -61,11 +70,13 @@ if TYPE_CHECKING:
 # Modules that are handed on whole.
 _MODULES = {"kinematics": "estimator.kinematics", "motion": "estimator.motion"}
 _HOMES = {
+    "Adaptation": "estimator.variants",
     "BodyVelocity": "estimator.measurements",
     "EncoderSpec": "simulation.noise",
     "EstimatorError": "estimator.errors",
     "FixSeries": "estimator.log",
     "FixSpec": "simulation.noise",
+    "GateSettings": "estimator.gating",
     "HeadingFix": "estimator.measurements",
     "Health": "estimator.health",
     "IcreckonError": "estimator.errors",
@@ -83,10 +94,15 @@ _HOMES = {
     "ReplayError": "replay.errors",
     "Robot": "estimator.robot",
     "Run": "estimator.run",
+    "STATE_NAMES": "estimator.state",
     "Scenario": "simulation.scenario",
+    "SensorHealth": "estimator.health",
     "Settings": "estimator.settings",
     "SimulationError": "simulation.errors",
+    "Slip": "estimator.robot",
     "Smoothing": "estimator.smoother",
+    "Snapshot": "estimator.pose_estimator",
+    "StandstillSettings": "estimator.standstill",
     "TrackSpeedSeries": "estimator.log",
     "TrackSpeeds": "estimator.measurements",
     "Trajectory": "estimator.trajectory",
@@ -94,6 +110,7 @@ _HOMES = {
     "TwistSeries": "estimator.log",
     "VARIANTS": "estimator.variants",
     "compare": "replay.comparison",
+    "default_adaptation": "estimator.variants",
     "drift": "estimator.scores",
     "inspect": "replay.inspection",
     "load_robot": "estimator.robot",
@@ -105,6 +122,7 @@ _HOMES = {
     "run": "estimator.run",
     "simulate": "simulation.scenario",
     "smooth": "estimator.smoother",
+    "state_names": "estimator.variants",
     "summarise": "replay.results",
     "velocity_errors": "estimator.scores",
     "write_log": "replay.bag_writer",

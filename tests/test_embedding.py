@@ -4,9 +4,11 @@ import contextlib
 import importlib.util
 import io
 import re
+import sys
 from itertools import pairwise
 from types import ModuleType, SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -92,8 +94,52 @@ def test_restored_and_warm_started_are_what_the_guide_says(guide):
 def test_every_example_says_something(guide):
     _, printed = guide
     assert re.match(r"\d\.\d s: ", printed[0])
-    assert "with visual odometry" in printed[1]
-    assert "learning now" in printed[3]
+    assert all(printed)
+    text = "".join(printed)
+    for said in ("in the map: [", "with visual odometry: ", "the motion would show: ['"):
+        assert said in text
+    # What is kept fixed has no share, and the others are learnt.
+    (learnt,) = re.findall(r"eta0: \S+, share nan\nepsilon0: \S+, share (\S+)\n", text)
+    assert float(learnt) < 1.0
+
+
+def test_the_kept_parameter_is_the_robot_files(guide):
+    names, _ = guide
+    assert names["kept"].parameters["eta0"] == names["robot"].indices.eta0
+    assert names["kept"].parameters["epsilon0"] != names["robot"].indices.epsilon0
+
+
+def in_the_map(names):
+    """The true pose at the end in the map of the guide."""
+    x, y, yaw = names["log"].truth.poses.poses[-1]
+    x0, y0, yaw0 = (names[name] for name in ("x0", "y0", "yaw0"))
+    cos, sin = np.cos(yaw0), np.sin(yaw0)
+    return np.array([x0 + cos * x - sin * y, y0 + sin * x + cos * y, yaw0 + yaw])
+
+
+def test_a_start_in_a_map_is_found(guide):
+    names, _ = guide
+    wrong = names["mapped"].pose - in_the_map(names)
+    assert np.hypot(*wrong[:2]) < 0.2
+    assert abs(wrong[2]) < 0.05
+    assert names["mapped"].health.rejections() == {}
+
+
+@pytest.mark.parametrize("off", [0.5, 1.0])
+def test_position_fixes_tell_a_heading_that_is_not_far_off_if_it_is_not_said_to_be_exact(
+    guide, off
+):
+    names, _ = guide
+    start = (names["x0"], names["y0"], names["yaw0"] - off)
+    unsure = icreckon.PoseEstimator(names["robot"], start=start, start_sigma=(0.5, 0.5, 3.0))
+    sure = icreckon.PoseEstimator(names["robot"], start=start)
+    for measurement in names["log"].measurements():
+        is_fix = isinstance(measurement, icreckon.PositionFix)
+        for estimator in (unsure, sure):
+            estimator.feed(names["in_map"](measurement) if is_fix else measurement)
+    assert abs(unsure.pose[2] - in_the_map(names)[2]) < 0.1
+    assert unsure.health.rejections() == {}
+    assert sure.health.rejections()["position: gate"] >= 5
 
 
 # --- the node ---------------------------------------------------------------------------------------
@@ -196,6 +242,93 @@ def test_an_estimate_becomes_odometry(node):
         assert (full[np.ix_([0, 1, 5], [0, 1, 5])] == known).all()
         assert (full.diagonal()[2:5] == 1e6).all()
         assert np.linalg.eigvalsh(full).min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("log", "side"),
+    [
+        ({}, "left"),
+        ({"imu": {"topic": "/imu"}}, "left"),
+        ({"tracks": {"topic": "/odom"}}, "left"),
+        ({"tracks": {"topic": "/joints", "left": ["a"]}}, "right"),
+        ({"tracks": {"topic": "/joints", "left": ["a"], "right": []}}, "right"),
+        ({"tracks": {"topic": "/joints", "left": "a", "right": "b"}}, "left"),
+    ],
+)
+def test_a_robot_file_without_joints_is_refused(node, log, side):
+    robot = msgspec.structs.replace(icreckon.load_robot("auriga-alpha"), log=log)
+    with pytest.raises(icreckon.EstimatorError, match=rf"no joints of the {side} .*\[log.tracks\]"):
+        node.joints_of(robot)
+
+
+class FakeNode:
+    """As much of rclpy.node.Node as the node uses before it spins."""
+
+    def __init__(self, name):
+        self.name, self.parameters, self.topics = name, {}, []
+
+    def declare_parameter(self, name, value):
+        self.parameters[name] = FAKE_PARAMETERS.get(name, value)
+
+    def get_parameter(self, name):
+        return SimpleNamespace(value=self.parameters[name])
+
+    def create_publisher(self, _kind, topic, _depth):
+        self.topics.append(topic)
+
+    def create_subscription(self, _kind, topic, _callback, _qos):
+        self.topics.append(topic)
+
+    def create_timer(self, _period, _callback):
+        pass
+
+    def destroy_node(self):
+        pass
+
+
+FAKE_PARAMETERS: dict[str, str] = {}
+
+
+@pytest.fixture
+def fake_ros(monkeypatch):
+    """Modules in place of those of ROS; the nodes that were spun."""
+    spun = []
+    modules = {
+        "rclpy": {"init": lambda: None, "spin": spun.append, "try_shutdown": lambda: None},
+        "rclpy.node": {"Node": FakeNode},
+        "rclpy.qos": {"qos_profile_sensor_data": None},
+        "nav_msgs": {},
+        "nav_msgs.msg": {"Odometry": None},
+        "sensor_msgs": {},
+        "sensor_msgs.msg": {"Imu": None, "JointState": None},
+    }
+    for name, content in modules.items():
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    return spun
+
+
+def test_the_node_spins_with_a_robot_that_names_its_joints(node, fake_ros, monkeypatch):
+    monkeypatch.setitem(FAKE_PARAMETERS, "robot", "auriga-alpha")
+    node.main()
+    (spun,) = fake_ros
+    assert spun.topics == ["odom", "joint_states", "imu"]
+    assert (spun.left, spun.right) == node.joints_of(icreckon.load_robot("auriga-alpha"))
+
+
+def test_the_node_ends_with_a_line_where_the_robot_file_will_not_do(
+    node, fake_ros, monkeypatch, tmp_path
+):
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        'name = "bare"\n[vehicle]\nmass = 80.0\ntrack_gauge = 0.6\nsprocket_radius = 0.1\n',
+        encoding="utf-8",
+    )
+    monkeypatch.setitem(FAKE_PARAMETERS, "robot", str(path))
+    with pytest.raises(SystemExit, match=r"ros2_node: the robot file of 'bare' names no joints"):
+        node.main()
+    assert fake_ros == []
 
 
 def test_the_node_is_importable_without_ros_and_says_so_only_when_run(node):

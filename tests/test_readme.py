@@ -4,13 +4,16 @@ import os
 import re
 import shutil
 import subprocess
+import tomllib
 import venv
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from estimator.robot import load_robot
+from estimator.contact import Soil
+from estimator.robot import ConstantIcr, Imu, Indices, Tracks, Vehicle, load_robot
+from estimator.variants import VARIANTS, used_parameters
 from readme import ROOT, code_blocks
 from replay.topics import topic_map
 from simulation.scenario import load_scenario
@@ -56,6 +59,39 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
             assert f"\n{field.name} = " in text, field.name
     for field in msgspec.structs.fields(robot.slip["inertia-online"]):
         assert f"\n{field.name} = " in text, field.name
+
+
+def test_the_docs_list_the_defaults_of_a_robot_file_and_what_it_requires(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "robot-file.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `\[(\w+)\]` \| (.*) \|$", page, flags=re.MULTILINE))
+    tables = (Vehicle, Indices, ConstantIcr, Imu, Tracks, Soil)
+    assert list(rows) == ["vehicle", "indices", "constant_icr", "imu", "tracks", "soil"]
+    for table, row in zip(tables, rows.values(), strict=True):
+        said = tomllib.loads("\n".join(re.findall(r"`(\w+ = [^`]*)`", row)))
+        for field in msgspec.structs.fields(table):
+            if field.required:
+                assert f"`{field.name}`" in page
+            elif field.default is None:
+                assert f"`{field.name}` " in row
+            else:
+                default = field.default
+                assert said[field.name] == (list(default) if type(default) is tuple else default)
+    # With what is required, and no more, a file loads.
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        'name = "a"\n[vehicle]\nmass = 80.0\ntrack_gauge = 0.6\nsprocket_radius = 0.1\n'
+        "[constant_icr]\nx_ICRl = -0.4\nx_ICRr = 0.4\n",
+        encoding="utf-8",
+    )
+    assert load_robot(path).imu == Imu()
+
+
+def test_the_docs_name_the_unit_of_every_parameter() -> None:
+    page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"^\| models \| parameter .*\n((?:\|.*\n)+)", page, flags=re.MULTILINE)
+    named = re.findall(r"`(\w+)`", table)
+    variants = (VARIANTS["inertia-online"], VARIANTS["friction-online"])
+    assert sorted(named) == sorted(name for one in variants for name in used_parameters(one))
 
 
 def test_the_scenario_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) -> None:

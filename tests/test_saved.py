@@ -3,6 +3,7 @@
 import copy
 import json
 import pickle
+import re
 
 import msgspec
 import numpy as np
@@ -183,7 +184,18 @@ CHANGES = {
     "no history": lambda c: c.update(history=None),
     "an unknown gate": lambda c: c["now"]["rejected_in_a_row"].update(sonar=1),
     "a wrong setting": lambda c: c["settings"].update(history=-1.0),
+    "a wrong gate": lambda c: c["settings"]["gates"].update(patience=-1),
 }
+
+
+def test_a_wrong_setting_in_a_file_is_named_with_its_place(saved):
+    rewrite(saved, lambda c: c["settings"].update(adaptation={"eta0": -1.0}))
+    said = (
+        "saved.json: not as icreckon writes it: Adaptation.eta0 must be zero or a positive number, "
+        "found -1.0 - at `$.settings.adaptation`"
+    )
+    with pytest.raises(EstimatorError, match=re.escape(said)):
+        PoseEstimator.restore(saved, ALPHA)
 
 
 @pytest.mark.parametrize("change", CHANGES)

@@ -2,7 +2,8 @@
 
     python3 ros2_node.py --ros-args -p robot:=robot.toml -r joint_states:=/joint_states -r imu:=/imu/data
 
-The robot file names the joints of each side and the sprocket radius ([log.tracks], [vehicle]). Frames
+The robot file names the joints of each side and the sprocket radius ([log.tracks], [vehicle]). It needs
+a ROS 2 whose Python is 3.11 or later: Jazzy, or a newer one. Frames
 are those of REP-105: the pose is that of `base_link` in `odom`, the twist is in `base_link` (REP-103: x
 forward, y left, z up). Everything above `main` works without ROS.
 """
@@ -23,6 +24,23 @@ ABSENT = -1.0
 def stamp_of(message):
     """The stamp of a message's header in nanoseconds."""
     return message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+
+
+def joints_of(robot):
+    """Names of the left and of the right joints, from the robot file.
+
+    Raises:
+        icreckon.EstimatorError: the robot file does not name them.
+    """
+    tracks = robot.log.get("tracks", {})
+    sides = tracks.get("left"), tracks.get("right")
+    for side, names in zip(("left", "right"), sides, strict=True):
+        if not (names and isinstance(names, list) and all(isinstance(name, str) for name in names)):
+            raise icreckon.EstimatorError(
+                f"the robot file of {robot.name!r} names no joints of the {side} side: add the table "
+                '[log.tracks] with topic = "/joint_states", left = ["..."] and right = ["..."]'
+            )
+    return sides
 
 
 def track_speeds_of(message, left, right, sprocket_radius):
@@ -99,7 +117,7 @@ def main():
             self.declare_parameter("variant", "inertia-online")
             robot = icreckon.load_robot(self.get_parameter("robot").value)
             self.estimator = icreckon.PoseEstimator(robot, self.get_parameter("variant").value)
-            self.tracks = robot.log["tracks"]
+            self.left, self.right = joints_of(robot)
             self.radius = robot.vehicle.sprocket_radius
             self.odometry = self.create_publisher(Odometry, "odom", 10)
             self.create_subscription(
@@ -109,9 +127,7 @@ def main():
             self.create_timer(60.0, self.report)
 
         def on_joints(self, message):
-            self.feed(
-                track_speeds_of(message, self.tracks["left"], self.tracks["right"], self.radius)
-            )
+            self.feed(track_speeds_of(message, self.left, self.right, self.radius))
 
         def on_imu(self, message):
             if self.feed(imu_sample_of(message)):
@@ -126,7 +142,11 @@ def main():
                 self.get_logger().warning(f"refused so far: {refused}")
 
     rclpy.init()
-    node = Reckoner()
+    try:
+        node = Reckoner()
+    except icreckon.IcreckonError as problem:  # of the robot file, say
+        rclpy.try_shutdown()
+        raise SystemExit(f"ros2_node: {problem}") from None
     try:
         rclpy.spin(node)
     except KeyboardInterrupt:
