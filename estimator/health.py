@@ -131,7 +131,7 @@ class Health:
 
 @dataclass(frozen=True)
 class ParameterHealth:
-    """How well one of the eight parameters is known, and whether the present motion shows it.
+    """How well one of the parameters is known, and whether the present motion shows it.
 
     Attributes:
         sigma: its standard deviation now, in its own unit (docs/model.md).
