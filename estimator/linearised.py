@@ -6,34 +6,21 @@ measurement. `estimator.observability` and `estimator.cramer_rao` ask what it co
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator import state as s
-from estimator.ekf import IcrEkf, TwistModel
+from estimator.assumptions import assumptions
+from estimator.ekf import IMU_KEPT, IcrEkf, TwistModel
 from estimator.frames import Floats
 from estimator.log import NANOSECOND
-from estimator.process_noise import Disturbances
-from estimator.propagation import step_on_se2
 from estimator.robot import Robot
 from estimator.sensor_models import STANDSTILL_SIGMA, SensorModels, TrackChange
 from estimator.settings import Settings
 from estimator.track_speeds import HeldTrackSpeeds
-from estimator.variants import (
-    DEFAULT_ADAPTATION,
-    Variant,
-    initial_parameters,
-    motion_model,
-    parameter_sigmas,
-    parameter_walks,
-    slip_of,
-)
-
-# What the filter lets the IMU not move: its pose is continuous, and only fixes tell the track scale.
-IMU_KEPT = (s.X, s.Y, s.YAW, s.TRACK_SCALE)
+from estimator.variants import Variant
 
 
 @dataclass(frozen=True)
@@ -111,7 +98,7 @@ class LinearisedModel:
         sigmas: (SIZE,) its standard deviations at the start; zero where nothing is estimated.
 
     Raises:
-        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+        EstimatorError: a friction variant's robot has no contact with the ground.
     """
 
     def __init__(
@@ -126,22 +113,9 @@ class LinearisedModel:
     ) -> None:
         settings = settings or Settings()
         self._as_filter = as_filter
-        adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
-        spread = parameter_sigmas(robot, variant, adaptation)
-        self.start = np.zeros(s.SIZE)
-        self.start[s.PARAMETERS] = initial_parameters(robot, variant)
-        self.sigmas = np.zeros(s.SIZE)
-        self.sigmas[s.PARAMETERS] = spread
-        self.sigmas[s.GYRO_BIAS] = robot.imu.gyro_bias_sigma
-        self.sigmas[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_sigma
-        self.sigmas[s.TRACK_SCALE] = robot.tracks.scale_sigma
-        self.sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
-        self._ekf = IcrEkf(
-            motion_model(robot, variant, settings.form, slip_in_inertia=settings.inertia == "imu")
-        )
+        model, self.start, self.sigmas, self._disturbances = assumptions(robot, variant, settings)
+        self._ekf = IcrEkf(model)
         self._models = SensorModels(robot)
-        slip = settings.slip or slip_of(robot, variant)
-        self._disturbances = Disturbances(robot, slip, parameter_walks(robot, variant, adaptation))
         self._tracks = HeldTrackSpeeds(
             settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
         )
@@ -194,27 +168,17 @@ class LinearisedModel:
         sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
         density = self._disturbances.fast_slip_density(tracks, model.by_speeds, sigma, start, end)
         noise = self._disturbances.of_step(tracks, sigma)
-        transition = self._transition(x, left, right, noise.time_constant)
-        # From a state without uncertainty, what is left after a prediction is the noise of the step.
-        self._ekf.x, self._ekf.P = np.array(x, dtype=float), np.zeros((s.SIZE, s.SIZE))
+        during = self._during(x, model, sigma[1], start)
+        self._ekf.x = np.array(x, dtype=float)
         self._ekf.predict_motion(dt, left, right, noise)
+        F, Q = self._ekf.F, self._ekf.Q
         return LinearisedStep(
             density / dt,
-            self._during(x, model, sigma[1], start),
-            transition,
-            np.array(self._ekf.P),
+            during,
+            F,
+            Q,
             self._after(x if after is None else after, left, right),
         )
-
-    def _transition(self, x: Floats, left: float, right: float, tau: float) -> Floats:
-        ratio = self._dt / tau
-        model = self.twist_model(x, left, right, -math.expm1(-ratio) / ratio)
-        _, by_yaw, by_motion = step_on_se2(float(x[s.YAW]), model.twist * self._dt)
-        F: Floats = np.eye(s.SIZE)
-        F[s.POSE] += by_motion @ model.jacobian * self._dt
-        F[s.POSITION, s.YAW] += by_yaw
-        F[s.SLIP, s.SLIP] = math.exp(-ratio) * np.eye(3)
-        return F
 
     def _during(self, x: Floats, model: TwistModel, sideways: float, now: int) -> list[Shown]:
         tracks, sensors = self._tracks, self._sensors

@@ -26,7 +26,7 @@ from estimator.linearised import LinearisedModel, Sensors, stepped
 from estimator.propagation import step_on_se2
 from estimator.robot import Robot
 from estimator.settings import Settings
-from estimator.variants import find_variant, parameter_names
+from estimator.variants import find_variant, state_names
 
 # What is not known where no robot file says it: the pose [m, m, rad], H [-], and the two scales [-].
 POSE_SIGMA = (1.0, 1.0, 1.0)
@@ -116,18 +116,17 @@ def observe(
         The singular values of the stacked measurements with their directions, and what is left.
 
     Raises:
-        EstimatorError: no such variant, a friction variant's robot without stationary motions, or
+        EstimatorError: no such variant, a friction variant's robot without contact with the ground, or
             speeds that are not (n, 2).
     """
     if speeds.ndim != 2 or speeds.shape[1] != 2 or not len(speeds):
         raise EstimatorError(f"speeds must have shape (n, 2), found {speeds.shape}")
     found = find_variant(variant)
     linearised = LinearisedModel(robot, found, sensors, dt, settings)
-    state_names = list(s.STATE_NAMES)
-    state_names[s.PARAMETERS] = parameter_names(found)
+    all_names = state_names(found)
     sigmas = _units(linearised.sigmas, sensors)
-    if "H" in state_names:
-        sigmas[state_names.index("H")] = H_SIGMA
+    if "H" in all_names:
+        sigmas[all_names.index("H")] = H_SIGMA
     asked = np.flatnonzero(sigmas)
     unit = sigmas[asked]
     x = linearised.start.copy()
@@ -151,7 +150,7 @@ def observe(
     square = np.linalg.qr(np.vstack([stacked, np.zeros((len(asked), len(asked)))]), mode="r")
     _, values, directions = np.linalg.svd(square)
     left_over = np.sqrt(np.diagonal(P)[asked].clip(0.0)) / unit
-    names = tuple(state_names[index] for index in asked)
+    names = tuple(all_names[index] for index in asked)
     return Observability(names, unit, values, directions, left_over)
 
 

@@ -68,7 +68,7 @@ class PoseEstimator:
 
     Raises:
         EstimatorError: there is no such variant, an argument is not what it must be, or a friction
-            variant's robot has no stationary motions on its ground.
+            variant's robot has no contact with the ground.
     """
 
     def __init__(

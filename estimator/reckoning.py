@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from estimator import state as s
+from estimator.assumptions import assumptions
 from estimator.ekf import IMU_KEPT, POSE_KEPT, TwistModel
 from estimator.engines import make_ekf, make_step
 from estimator.frames import Floats, wrap_angle
@@ -25,7 +26,6 @@ from estimator.measurements import (
     Vector3,
 )
 from estimator.memory import FilterMemory
-from estimator.process_noise import Disturbances
 from estimator.propagation import step_on_se2
 from estimator.relative_motion import Mark, Marks
 from estimator.relocation import RefusedFix, relocation
@@ -40,15 +40,7 @@ from estimator.sensor_models import (
 from estimator.settings import Settings
 from estimator.standstill import StandstillDetector
 from estimator.track_speeds import HeldTrackSpeeds
-from estimator.variants import (
-    DEFAULT_ADAPTATION,
-    Variant,
-    initial_parameters,
-    motion_model,
-    parameter_sigmas,
-    parameter_walks,
-    slip_of,
-)
+from estimator.variants import Variant
 
 
 class Reckoning:
@@ -69,7 +61,7 @@ class Reckoning:
         parameter_sigmas: (8,) standard deviations of the parameters at the start.
 
     Raises:
-        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+        EstimatorError: a friction variant's robot has no contact with the ground.
     """
 
     def __init__(
@@ -80,31 +72,19 @@ class Reckoning:
         start: tuple[float, float, float],
         start_sigma: tuple[float, float, float],
     ) -> None:
-        imu = robot.imu
-        adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
-        self.parameter_sigmas = parameter_sigmas(robot, variant, adaptation)
-        model = motion_model(
-            robot, variant, settings.form, slip_in_inertia=settings.inertia == "imu"
-        )
+        model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
+        self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
+        sigmas[s.POSE] = start_sigma
         self.ekf = make_ekf(settings.engine, model)
+        self.ekf.x = state
         self.ekf.x[s.POSE] = start
-        self.ekf.x[s.PARAMETERS] = initial_parameters(robot, variant)
-        spread = np.zeros(s.SIZE)
-        spread[s.POSE] = start_sigma
-        spread[s.PARAMETERS] = self.parameter_sigmas
-        spread[s.GYRO_BIAS] = imu.gyro_bias_sigma
-        spread[s.ACCELEROMETER_BIAS] = imu.accelerometer_bias_sigma
-        spread[s.TRACK_SCALE] = robot.tracks.scale_sigma
-        spread[s.GYRO_SCALE] = imu.gyro_scale_sigma
-        self.ekf.P = np.diag(spread**2)
+        self.ekf.P = np.diag(sigmas**2)
 
         self.stamp: int | None = None
         self.stands = False
         self.health = Health()
         self._settings = settings
         self._sensors = SensorModels(robot)
-        slip = settings.slip or slip_of(robot, variant)
-        self._disturbances = Disturbances(robot, slip, parameter_walks(robot, variant, adaptation))
         # Whether the fast slip of the next step is drawn, and the pose has not got there yet.
         self._step_under_way = False
         self._tracks = HeldTrackSpeeds(
@@ -119,7 +99,7 @@ class Reckoning:
             "heading": Gate(1, settings.gates),
             "body velocity": Gate(2, settings.gates),
         }
-        self._standstill = StandstillDetector(settings.standstill, imu.gyro_noise_density)
+        self._standstill = StandstillDetector(settings.standstill, robot.imu.gyro_noise_density)
         self._at_once = make_step(
             settings.engine,
             self.ekf,
@@ -340,15 +320,18 @@ class Reckoning:
         measured = (m.x, m.y)
         believed = (foretold.values.item(0), foretold.values.item(1))
         refused = (*self._refused_fixes, RefusedFix(*measured, m.variance, *believed))
-        nis = self._surprise(measured, m.variance, foretold).nis
-        found = relocation(refused) if gate.gives_up and nis > gate.threshold else None
+        surprise = self._surprise(measured, m.variance, foretold)
+        lost = gate.gives_up and surprise.nis > gate.threshold
+        found = relocation(refused) if lost else None
         if found is None:
-            used = self._update_pair("position", measured, m.variance, foretold, s.X, ())
+            used = self._update_pair(
+                "position", measured, m.variance, foretold, surprise, reopen=s.X, kept=()
+            )
         else:
             # The path is right in itself, but lies elsewhere: the heading is wrong, too.
             self.ekf.replace_pose(*found.pose(self.ekf.x[s.POSE]))
-            verdict = gate.judge(nis)
-            used = self.health.sensor("position").judged(verdict, nis, degrees=2)
+            verdict = gate.judge(surprise.nis)
+            used = self.health.sensor("position").judged(verdict, surprise.nis, degrees=2)
         self._refused_fixes = () if used else refused
         return used
 
@@ -371,8 +354,15 @@ class Reckoning:
         else:
             foretold = Foretold(model.twist, model.jacobian, np.zeros((3, 3)))
         velocity = (m.v_x, m.v_y)
+        surprise = self._surprise(velocity, m.variance, foretold)
         used = self._update_pair(
-            "body velocity", velocity, m.variance, foretold, s.SLIP_X, POSE_KEPT
+            "body velocity",
+            velocity,
+            m.variance,
+            foretold,
+            surprise,
+            reopen=s.SLIP_X,
+            kept=POSE_KEPT,
         )
         if not waits:
             self._advance(m.stamp)
@@ -409,6 +399,8 @@ class Reckoning:
         values: tuple[float, float],
         variance: float,
         foretold: Foretold,
+        surprise: Surprise,
+        *,
         reopen: int,
         kept: tuple[int, ...],
     ) -> bool:
@@ -419,11 +411,12 @@ class Reckoning:
             values: what was measured.
             variance: of each.
             foretold: all three, at the present state.
+            surprise: of the values.
             reopen: the first of the two states that are made uncertain when re-acquiring.
             kept: states that are not to be moved.
         """
         ekf, health, foretold_at = self.ekf, self.health.sensor(sensor), self.ekf.x.copy()
-        residual, spread, nis = self._surprise(values, variance, foretold)
+        residual, spread, nis = surprise
         verdict = self._gates[sensor].judge(nis)
         if verdict == REACQUIRED:
             expected = float(spread.diagonal().min())

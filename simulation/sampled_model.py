@@ -19,6 +19,7 @@ import numpy as np
 from numpy.random import Generator
 
 from estimator import state as s
+from estimator.assumptions import assumptions
 from estimator.ekf import IcrEkf
 from estimator.frames import compose
 from estimator.measurements import (
@@ -33,16 +34,8 @@ from estimator.process_noise import share_of_walk
 from estimator.robot import Indices, Robot
 from estimator.sensor_models import SensorModels, TrackChange
 from estimator.settings import Settings
-from estimator.slip import slip_components
 from estimator.track_speeds import HeldTrackSpeeds
-from estimator.variants import (
-    DEFAULT_ADAPTATION,
-    Variant,
-    initial_parameters,
-    motion_model,
-    parameter_sigmas,
-    slip_of,
-)
+from estimator.variants import Variant
 from simulation.errors import SimulationError
 from simulation.kinematic_truth import has_single_motion
 from simulation.sampling import EPOCH, Floats, Stamps
@@ -123,7 +116,7 @@ class ModelSampler:
             drawn with [-].
 
     Raises:
-        EstimatorError: a friction variant's robot has no stationary motions on its ground.
+        EstimatorError: a friction variant's robot has no contact with the ground.
     """
 
     def __init__(
@@ -138,28 +131,11 @@ class ModelSampler:
     ) -> None:
         self._robot, self._variant, self._settings = robot, variant, settings
         self._fixes, self._terms = fixes or Fixes(), terms or Terms()
-        self._slip = settings.slip or slip_of(robot, variant)
-        adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
-        self._mean = np.zeros(s.SIZE)
-        self._mean[s.PARAMETERS] = initial_parameters(robot, variant)
-        spread = np.zeros(s.SIZE)
-        spread[s.POSE] = start_sigma
-        spread[s.PARAMETERS] = share * parameter_sigmas(robot, variant, adaptation)
-        spread[s.GYRO_BIAS] = share * robot.imu.gyro_bias_sigma
-        spread[s.ACCELEROMETER_BIAS] = share * robot.imu.accelerometer_bias_sigma
-        spread[s.TRACK_SCALE] = share * robot.tracks.scale_sigma
-        spread[s.GYRO_SCALE] = share * robot.imu.gyro_scale_sigma
-        self._spread = spread
-        self._parameter_walk = np.zeros(s.SIZE)
-        self._parameter_walk[s.PARAMETERS] = adaptation.walk * parameter_sigmas(
-            robot, variant, adaptation
-        )
-        self._bias_walk = np.zeros(s.SIZE)
-        self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
-        self._bias_walk[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_walk
-        self._ekf = IcrEkf(
-            motion_model(robot, variant, settings.form, slip_in_inertia=settings.inertia == "imu")
-        )
+        model, self._mean, sigmas, self._disturbances = assumptions(robot, variant, settings)
+        self._slip = self._disturbances.slip
+        self._spread = share * sigmas
+        self._spread[s.POSE] = start_sigma
+        self._ekf = IcrEkf(model)
         self._models = SensorModels(robot)
 
     def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:
@@ -196,7 +172,8 @@ class ModelSampler:
         for k in range(1, count):
             stamp, (left, right) = int(stamps[k]), speeds[k].tolist()
             tracks.take(stamp, left, right)
-            sigma = self._slip_sigma(x, *tracks.smooth)
+            eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
+            sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
             begin = x.copy()
             self._ekf.x = begin
             self._ekf.begin_step(dt, left, right)
@@ -227,12 +204,6 @@ class ModelSampler:
         if slip is not None:
             self._ekf.x[s.SLIP] = slip
         return self._ekf.twist_model(left, right).twist.copy()
-
-    def _slip_sigma(self, x: Floats, left: float, right: float) -> tuple[float, float, float]:
-        eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
-        gauge = self._robot.vehicle.track_gauge * max(1.0, eta)
-        forward, sideways, turning = slip_components(left, right, self._slip, gauge)
-        return float(forward), float(sideways), float(turning)
 
     def _draw_fast_slip(
         self, x: Floats, left: float, right: float, sigma_w: float, dt: float, rng: Generator
@@ -266,7 +237,8 @@ class ModelSampler:
         )
         twist = self._twist(x, left, right, 0.5 * (x[s.SLIP] + after[s.SLIP]))
         after[s.POSE] = compose(x[s.POSE], exponential(twist[None] * dt)[0])
-        after += math.sqrt(dt) * (self._bias_walk + turning * self._parameter_walk) * draws
+        known = self._disturbances
+        after += math.sqrt(dt) * (known.bias_walk + turning * known.parameter_walk) * draws
         return after
 
     def _imu(
@@ -289,7 +261,7 @@ class ModelSampler:
             (a_left, a_right), tracks.acceleration_window, density**2 / dt, tracks.age(begun)
         )
         calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
-        sideways = 2.0 * sigma[1] ** 2 / self._slip.time_constant
+        sideways = self._disturbances.sideways_density(sigma)
         still = (0.0, 0.0, 0.0)
         gyro = self._models.gyro(0.0, dt, model, x, change)
         least = self._models.gyro(0.0, dt, model, x, calm).variance

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-import estimator.reckoning
+import estimator.assumptions
 from estimator import motion, state
 from estimator.compiled_ekf import CompiledEkf
 from estimator.ekf import IcrEkf, ProcessNoise
@@ -396,7 +396,7 @@ class Sluggish:
 def sluggish(monkeypatch):
     def use(time_constant):
         monkeypatch.setattr(
-            estimator.reckoning, "motion_model", lambda *_, **__: Sluggish(time_constant)
+            estimator.assumptions, "motion_model", lambda *_, **__: Sluggish(time_constant)
         )
 
     return use

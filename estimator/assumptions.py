@@ -1,0 +1,65 @@
+"""What a filter of one robot and variant takes for granted: its motion model, start and disturbances."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator import state as s
+from estimator.frames import Floats
+from estimator.motion_model import MotionModel
+from estimator.process_noise import Disturbances
+from estimator.robot import Robot
+from estimator.settings import Settings
+from estimator.variants import (
+    DEFAULT_ADAPTATION,
+    Variant,
+    initial_parameters,
+    motion_model,
+    parameter_sigmas,
+    parameter_walks,
+    slip_of,
+)
+
+
+class Assumptions(NamedTuple):
+    """What there is before the first measurement.
+
+    Attributes:
+        model: the motion model, new.
+        state: (SIZE,) the state at the start, at the origin.
+        sigmas: (SIZE,) its standard deviations; zero where nothing is estimated, and for the pose.
+        disturbances: the process noise.
+    """
+
+    model: MotionModel
+    state: Floats
+    sigmas: Floats
+    disturbances: Disturbances
+
+
+def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptions:
+    """What the filter of a robot and variant assumes.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no contact with the ground.
+    """
+    adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
+    model = motion_model(
+        robot,
+        variant,
+        settings.form,
+        slip_in_inertia=settings.inertia == "imu",
+        adaptation=adaptation,
+    )
+    state, sigmas = np.zeros(s.SIZE), np.zeros(s.SIZE)
+    state[s.PARAMETERS] = initial_parameters(robot, variant)
+    sigmas[s.PARAMETERS] = parameter_sigmas(robot, variant, adaptation)
+    sigmas[s.GYRO_BIAS] = robot.imu.gyro_bias_sigma
+    sigmas[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_sigma
+    sigmas[s.TRACK_SCALE] = robot.tracks.scale_sigma
+    sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
+    slip = settings.slip or slip_of(robot, variant)
+    walks = parameter_walks(robot, variant, adaptation)
+    return Assumptions(model, state, sigmas, Disturbances(robot, slip, walks))
