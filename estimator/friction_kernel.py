@@ -23,16 +23,17 @@ load.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.contact_kernel import (
     COLUMNS,
     Ground,
     add_track_forces,
     compiled,
+    mass_matrix,
     point_loads,
     solve_3,
 )
+from estimator.frames import Floats
 from estimator.friction_motion import (
     AT_PARAMETERS,
     AT_SPEEDS,
@@ -50,8 +51,6 @@ from estimator.friction_motion import (
     Y_CM,
     Z_CM,
 )
-
-Floats = NDArray[np.float64]
 
 # No substep is longer than this [s].
 LONGEST_SUBSTEP = 0.0101
@@ -143,13 +142,13 @@ def step_motion(
     substeps = int(max(1.0, np.ceil(dt / LONGEST_SUBSTEP)))
     h = dt / substeps
     here = with_parameters(ground, nominal, at)
+    mass = mass_matrix(here.mass, here.centre[0], here.centre[1], yaw_inertia)
     by_speeds = np.zeros((STATES, 2))
     workspace = np.empty((6, len(ground.x)))
-    jacobian = np.empty((3, COLUMNS))
     for _ in range(substeps):
         _substep(
-            ground, nominal, here, yaw_inertia, load_lag, estimated, V_l, V_r, h, y, S, by_speeds,
-            workspace, jacobian,
+            ground, nominal, at, here, mass, load_lag, estimated, V_l, V_r, h, y, S, by_speeds,
+            workspace,
         )  # fmt: skip
     B[:] = by_speeds[:3]
     w, turn = y[2], memory[TURN]
@@ -165,8 +164,9 @@ def step_motion(
 def _substep(
     ground: Ground,
     nominal: Floats,
+    parameters: Floats,
     here: Ground,
-    yaw_inertia: float,
+    mass: Floats,
     load_lag: float,
     estimated: Floats,
     V_l: float,
@@ -176,14 +176,13 @@ def _substep(
     S: Floats,
     by_speeds: Floats,
     workspace: Floats,
-    jacobian: Floats,
 ) -> None:
     """One step of the scheme: states (5,), their derivatives (5, 6) and those by the speeds (5, 2)."""
     M = here.mass
     x_CM, y_CM, _ = here.centre
-    mass = _mass_matrix(here, yaw_inertia)
     loads, by_right, by_forward = workspace[0], workspace[1], workspace[2]
-    start, v, values = y.copy(), y[:3].copy(), np.empty(3)
+    start, v = y.copy(), y[:3].copy()
+    values, jacobian = np.empty(3), np.empty((3, COLUMNS))
     point_loads(here, y[3], y[4], loads, by_right, by_forward)
     v_x, v_y, w = start[0], start[1], start[2]
     right, forward = M * w * (v_y + x_CM * w), M * w * (y_CM * w - v_x)
@@ -194,77 +193,95 @@ def _substep(
     keep = np.exp(-h / load_lag)
     matrix = mass - h * jacobian[:, :3]
 
-    # By the parameters: of the forces at this motion, and of the inertia, mass and motion before.
     by_parameter = np.zeros((3, PARAMETERS))
     _forces_by_parameter(
-        ground, nominal, here, estimated, V_l, V_r, start, v, values, jacobian, workspace,
-        by_parameter,
+        ground, nominal, parameters, here.weight, estimated, V_l, V_r, start, v, values, jacobian,
+        workspace, by_parameter,
     )  # fmt: skip
-    side, rise = np.empty(3), np.empty(3)
     d_x, d_y, d_w = v[0] - v_x, v[1] - v_y, v[2] - w
+    centre = (x_CM, y_CM)
+    direct, scratch = np.empty(3), np.empty((3, 3))
     for k in range(PARAMETERS):
         if estimated[k] == 0.0:
             continue
-        s_x, s_y, s_w = S[0, k], S[1, k], S[2, k]
-        i_right = M * (s_w * (v_y + 2.0 * x_CM * w) + w * s_y)
-        i_forward = M * (s_w * (2.0 * y_CM * w - v_x) - w * s_x)
-        i_moment = x_CM * i_forward - y_CM * i_right
-        m_x = m_y = m_w = 0.0
+        # The force of inertia and the change of momentum by the centre of mass.
+        direct[:] = 0.0
         if k == X_CM:
-            i_right += M * w * w
-            i_moment += forward - y_CM * M * w * w
-            m_y, m_w = M * d_w, M * (d_y + 2.0 * x_CM * d_w)
+            direct[0] = h * M * w * w
+            direct[1] = -M * d_w
+            direct[2] = h * (forward - y_CM * M * w * w) - M * (d_y + 2.0 * x_CM * d_w)
         elif k == Y_CM:
-            i_forward += M * w * w
-            i_moment += x_CM * M * w * w - right
-            m_x, m_w = -M * d_w, M * (2.0 * y_CM * d_w - d_x)
-        for row in range(3):
-            moved = mass[row, 0] * s_x + mass[row, 1] * s_y + mass[row, 2] * s_w
-            by_loads = jacobian[row, 5] * S[3, k] + jacobian[row, 6] * S[4, k]
-            by_parameter[row, k] += by_loads
-            side[row] = moved + h * by_parameter[row, k]
-        side[0] += h * i_right - m_x
-        side[1] += h * i_forward - m_y
-        side[2] += h * i_moment - m_w
-        solve_3(matrix, side, rise)
-        for row in range(3):
-            S[row, k] = rise[row]
-        for row in range(2):
-            by_v = (
-                jacobian[row, 0] * rise[0] + jacobian[row, 1] * rise[1] + jacobian[row, 2] * rise[2]
-            )
-            S[3 + row, k] = keep * S[3 + row, k] - (1.0 - keep) * (by_v + by_parameter[row, k])
-
+            direct[0] = M * d_w
+            direct[1] = h * M * w * w
+            direct[2] = h * (x_CM * M * w * w - right) - M * (2.0 * y_CM * d_w - d_x)
+        _differentiate(
+            M, centre, start, h, keep, mass, matrix, jacobian, by_parameter[:, k], direct, S[:, k],
+            scratch,
+        )  # fmt: skip
+    direct[:] = 0.0
     for track in range(2):
-        b_x, b_y, b_w = by_speeds[0, track], by_speeds[1, track], by_speeds[2, track]
-        i_right = M * (b_w * (v_y + 2.0 * x_CM * w) + w * b_y)
-        i_forward = M * (b_w * (2.0 * y_CM * w - v_x) - w * b_x)
-        explicit = np.empty(3)
-        for row in range(3):
-            explicit[row] = (
-                jacobian[row, 3 + track]
-                + jacobian[row, 5] * by_speeds[3, track]
-                + jacobian[row, 6] * by_speeds[4, track]
-            )
-            moved = mass[row, 0] * b_x + mass[row, 1] * b_y + mass[row, 2] * b_w
-            side[row] = moved + h * explicit[row]
-        side[0] += h * i_right
-        side[1] += h * i_forward
-        side[2] += h * (x_CM * i_forward - y_CM * i_right)
-        solve_3(matrix, side, rise)
-        for row in range(3):
-            by_speeds[row, track] = rise[row]
-        for row in range(2):
-            by_v = (
-                jacobian[row, 0] * rise[0] + jacobian[row, 1] * rise[1] + jacobian[row, 2] * rise[2]
-            )
-            by_speeds[3 + row, track] = keep * by_speeds[3 + row, track] - (1.0 - keep) * (
-                by_v + explicit[row]
-            )
+        of_track = jacobian[:, 3 + track]
+        _differentiate(
+            M, centre, start, h, keep, mass, matrix, jacobian, of_track, direct,
+            by_speeds[:, track], scratch,
+        )  # fmt: skip
 
     y[:3] = v
     for row in range(2):
         y[3 + row] = keep * start[3 + row] - (1.0 - keep) * values[row]
+
+
+@compiled
+def _differentiate(
+    M: float,
+    centre: tuple[float, float],
+    start: Floats,
+    h: float,
+    keep: float,
+    mass: Floats,
+    matrix: Floats,
+    jacobian: Floats,
+    by_force: Floats,
+    direct: Floats,
+    slopes: Floats,
+    scratch: Floats,
+) -> None:
+    """Bring derivatives of the states by one quantity from the start of a substep to its end.
+
+    Args:
+        M: mass [kg].
+        centre: x_CM, y_CM [m].
+        start: (5,) states at the start.
+        h: length of the substep [s].
+        keep: k.
+        mass: (3, 3) mass matrix A.
+        matrix: (3, 3) A - h dF/dv at the end.
+        jacobian: (3, COLUMNS) of the forces there.
+        by_force: (3,) derivative of the forces by the quantity at given twist and loads.
+        direct: (3,) derivative of h I - A (v' - v) by it at given twists.
+        slopes: (5,) overwritten.
+        scratch: (3, 3) overwritten.
+    """
+    x_CM, y_CM = centre
+    v_x, v_y, w = start[0], start[1], start[2]
+    s_x, s_y, s_w = slopes[0], slopes[1], slopes[2]
+    right = M * (s_w * (v_y + 2.0 * x_CM * w) + w * s_y)
+    forward = M * (s_w * (2.0 * y_CM * w - v_x) - w * s_x)
+    inertia = (right, forward, x_CM * forward - y_CM * right)
+    explicit, side, rise = scratch[0], scratch[1], scratch[2]
+    for row in range(3):
+        explicit[row] = by_force[row] + jacobian[row, 5] * slopes[3] + jacobian[row, 6] * slopes[4]
+        side[row] = h * (explicit[row] + inertia[row]) + direct[row]
+        for column in range(3):
+            side[row] += mass[row, column] * slopes[column]
+    solve_3(matrix, side, rise)
+    for row in range(3):
+        slopes[row] = rise[row]
+    for row in range(2):
+        total = explicit[row]
+        for column in range(3):
+            total += jacobian[row, column] * rise[column]
+        slopes[3 + row] = keep * slopes[3 + row] - (1.0 - keep) * total
 
 
 @compiled
@@ -344,7 +361,8 @@ def _gradient(
 def _forces_by_parameter(
     ground: Ground,
     nominal: Floats,
-    here: Ground,
+    at: Floats,
+    weight: float,
     estimated: Floats,
     V_l: float,
     V_r: float,
@@ -360,12 +378,7 @@ def _forces_by_parameter(
     Forces are linear in friction, in rolling resistance and in the loads, which the centre of mass acts
     through; only the contact's length needs a difference.
     """
-    z_CM = here.centre[2]
-    at = np.empty(PARAMETERS)
-    at[FRICTION] = nominal[FRICTION] * here.friction[0, 0] / ground.friction[0, 0]
-    at[ROLLING] = here.rolling_resistance[0]
-    at[LENGTH] = nominal[LENGTH] * here.outline[2] / ground.outline[2]
-    at[X_CM], at[Y_CM], at[Z_CM] = here.centre
+    z_CM = at[Z_CM]
     loads, by_right, by_forward = workspace[3], workspace[4], workspace[5]
     other, slopes = np.zeros(3), np.zeros((3, COLUMNS))
     if estimated[FRICTION] != 0.0 or estimated[ROLLING] != 0.0:
@@ -380,8 +393,8 @@ def _forces_by_parameter(
             by_parameter[row, ROLLING] = rolling
             by_parameter[row, FRICTION] = (values[row] - at[ROLLING] * rolling) / at[FRICTION]
     for row in range(3):
-        by_parameter[row, X_CM] = jacobian[row, 5] * here.weight / z_CM
-        by_parameter[row, Y_CM] = jacobian[row, 6] * here.weight / z_CM
+        by_parameter[row, X_CM] = jacobian[row, 5] * weight / z_CM
+        by_parameter[row, Y_CM] = jacobian[row, 6] * weight / z_CM
         by_parameter[row, Z_CM] = (jacobian[row, 5] * start[3] + jacobian[row, 6] * start[4]) / z_CM
     if estimated[LENGTH] != 0.0:
         step = DIFFERENCE * nominal[LENGTH]
@@ -392,20 +405,8 @@ def _forces_by_parameter(
             point_loads(there, start[3], start[4], loads, by_right, by_forward)
             other[:] = 0.0
             add_track_forces(
-                there, v[0], v[1], v[2], V_l, V_r, loads, by_right, by_forward, other, slopes
-            )
+                there, v[0], v[1], v[2], V_l, V_r, loads, by_right, by_forward,
+                other, slopes,
+            )  # fmt: skip
             for row in range(3):
                 by_parameter[row, LENGTH] += 0.5 * sign * other[row] / step
-
-
-@compiled
-def _mass_matrix(ground: Ground, yaw_inertia: float) -> Floats:
-    """Mass matrix (3, 3) about the origin."""
-    M = ground.mass
-    x, y, _ = ground.centre
-    matrix = np.zeros((3, 3))
-    matrix[0, 0] = matrix[1, 1] = M
-    matrix[0, 2] = matrix[2, 0] = -M * y
-    matrix[1, 2] = matrix[2, 1] = M * x
-    matrix[2, 2] = yaw_inertia + M * (x * x + y * y)
-    return matrix

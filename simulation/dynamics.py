@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from estimator.contact import Body, Contact, ground
+from estimator.contact import Contact, ground
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import GRAVITY
 from estimator.robot import LOAD_LAG, Robot
@@ -163,6 +163,7 @@ def drive(
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
     """
+    from estimator.contact_kernel import mass_matrix
     from simulation.dynamics_kernel import Tolerance, Vehicle, integrate
 
     count = len(speeds)
@@ -185,10 +186,11 @@ def drive(
             [SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW], dtype=float
         )
         part = slice(first, last + 1)
+        mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
         taken = integrate(
             Vehicle(
                 ground(loaded_contact),
-                np.asarray(np.linalg.inv(mass_matrix(body, inertia)), float),
+                np.asarray(np.linalg.inv(mass), float),
                 load_lag,
             ),
             rows,
@@ -230,18 +232,6 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
     speeds[0] = commands[0]
     lag(np.ascontiguousarray(commands), step, time_constant, speeds)
     return speeds, (commands - speeds) / time_constant
-
-
-def mass_matrix(body: Body, yaw_inertia: float) -> Floats:
-    """Mass matrix (3, 3) about the origin of v_x, v_y, w.
-
-    Args:
-        body: mass and centre of mass.
-        yaw_inertia: about the vertical through the centre of mass [kg m²].
-    """
-    M, x, y = body.mass, body.x_CM, body.y_CM
-    about_origin = yaw_inertia + M * (x * x + y * y)
-    return np.array([[M, 0.0, -M * y], [0.0, M, M * x], [-M * y, M * x, about_origin]])
 
 
 def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:

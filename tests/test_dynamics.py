@@ -20,6 +20,7 @@ from estimator.contact import (
     track_forces,
     vertical_loads,
 )
+from estimator.contact_kernel import mass_matrix
 from estimator.kinematics import GRAVITY, PaperTwist
 from estimator.robot import LOAD_LAG, load_robot
 from estimator.steady import solve_steady
@@ -29,7 +30,6 @@ from simulation.dynamics import (
     drive,
     follow,
     gravity_in_body,
-    mass_matrix,
 )
 from simulation.errors import SimulationError
 from simulation.terrain import Patch, Payload
@@ -88,7 +88,7 @@ def test_the_robot_of_the_paper_ends_there_too():
 def test_an_independent_integrator_gives_the_same_motion():
     times = np.arange(0.0, 4.0 + 0.5 * STEP, STEP)
     contact = replace(CONTACT, soil=msgspec.structs.replace(CONTACT.soil, regularising_speed=0.01))
-    inverse = np.linalg.inv(mass_matrix(BODY, INERTIA))
+    inverse = np.linalg.inv(mass_matrix(BODY.mass, BODY.x_CM, BODY.y_CM, INERTIA))
     gravity = -GRAVITY * np.sin(np.radians(8.0))
 
     def rates(time: float, state: np.ndarray) -> np.ndarray:
