@@ -15,10 +15,13 @@ from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
     ImuSample,
+    Matrix3,
     Measurement,
+    PoseFix,
     PositionFix,
     TrackSpeeds,
     Vector3,
+    ZeroVelocity,
 )
 from estimator.relative_motion import Mark
 
@@ -30,6 +33,8 @@ STREAMS: dict[type[Measurement], str] = {
     PositionFix: "position",
     HeadingFix: "heading",
     BodyVelocity: "body velocity",
+    PoseFix: "pose",
+    ZeroVelocity: "zero velocity",
 }
 # What is worked through in order: measurements, and marks behind them.
 Event = Measurement | Mark
@@ -44,6 +49,9 @@ CLOCK_WITNESSES = 10
 ABSURD_SPEED = 10.0
 # No gyro of a vehicle reads more [rad/s], and no accelerometer [m/s²].
 ABSURD_RATE, ABSURD_FORCE = 100.0, 1000.0
+# Elements of a covariance may differ from their mirror images by this share of its standard deviations,
+# and no less than this share of them must be left in any direction.
+ASYMMETRY, LEAST_SHARE = 1e-6, 1e-9
 
 
 def key_of(event: Event) -> Key:
@@ -77,8 +85,14 @@ def as_plain(measurement: Measurement) -> Measurement:
         )
     values = [getattr(measurement, name) for name in kind.__match_args__[1:]]
     is_plain = type(measurement) is kind and type(measurement.stamp) is int
+    is_plain = is_plain and kind is not PoseFix and kind is not ZeroVelocity
     if is_plain and all(type(value) is float for value in values):
         return measurement
+    if isinstance(measurement, ZeroVelocity):
+        return ZeroVelocity(stamp, _three("sigma", measurement.sigma))
+    if isinstance(measurement, PoseFix):
+        x, y, yaw = _three("x, y, yaw", (measurement.x, measurement.y, measurement.yaw))
+        return PoseFix(stamp, x, y, yaw, _three_rows("covariance", measurement.covariance))
     make: Any = kind
     try:
         return make(stamp, *map(float, values))  # type: ignore[no-any-return]
@@ -121,8 +135,8 @@ def kind_of(measurement: Measurement) -> type[Measurement]:
         if isinstance(measurement, kind):
             return kind
     raise EstimatorError(
-        f"no measurement: {measurement!r}; feed TrackSpeeds, ImuSample, PositionFix, HeadingFix "
-        "or BodyVelocity"
+        f"no measurement: {measurement!r}; feed TrackSpeeds, ImuSample, PositionFix, HeadingFix, "
+        "BodyVelocity, PoseFix or ZeroVelocity"
     )
 
 
@@ -132,6 +146,16 @@ def _three(name: str, values: Any) -> Vector3:
         return float(first), float(second), float(third)
     except (TypeError, ValueError):
         raise EstimatorError(f"{name} must be three numbers, found {values!r}") from None
+
+
+def _three_rows(name: str, rows: Any) -> Matrix3:
+    try:
+        first, second, third = rows
+        return _three(name, first), _three(name, second), _three(name, third)
+    except (TypeError, ValueError, EstimatorError):
+        raise EstimatorError(
+            f"{name} must be three rows of three numbers, found {rows!r}"
+        ) from None
 
 
 class Admission:
@@ -171,6 +195,16 @@ class Admission:
                 if _largest(rates) > ABSURD_RATE:
                     return "absurd rate"
                 return "absurd force" if force and _largest(force) > ABSURD_FORCE else None
+            case PoseFix():
+                if not _are_finite((measurement.x, measurement.y, measurement.yaw)):
+                    return "not finite"
+                return _objection_to_covariance(measurement.covariance)
+            case ZeroVelocity():
+                sigma = measurement.sigma
+                positive = _are_finite(sigma) and all(
+                    one > 0.0 < one * one < math.inf for one in sigma
+                )
+                return None if positive else "sigma not positive"
             case PositionFix():
                 values: Sequence[float] = (measurement.x, measurement.y)
             case HeadingFix():
@@ -206,6 +240,21 @@ def _is_plain(values: Any) -> bool:
         return False
     first, second, third = values
     return type(first) is type(second) is type(third) is float
+
+
+def _objection_to_covariance(covariance: Matrix3) -> str | None:
+    matrix = np.array(covariance)
+    if not np.isfinite(matrix).all():
+        return "not finite"
+    variances = matrix.diagonal()
+    if variances.min() <= 0.0:
+        return "variance not positive"
+    sigmas = np.sqrt(variances)
+    correlation = matrix / sigmas / sigmas[:, None]
+    if np.abs(correlation - correlation.T).max() > ASYMMETRY:
+        return "covariance not symmetric"
+    least = np.linalg.eigvalsh(0.5 * (correlation + correlation.T))[0]
+    return None if least >= LEAST_SHARE else "covariance not positive definite"
 
 
 def _largest(values: Sequence[float]) -> float:

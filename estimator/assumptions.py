@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import state as s
+from estimator.errors import SettingError, nearest_hint
 from estimator.frames import Floats
 from estimator.motion_model import MotionModel
 from estimator.process_noise import Disturbances
@@ -20,6 +21,7 @@ from estimator.variants import (
     parameter_sigmas,
     parameter_walks,
     slip_of,
+    state_names,
 )
 
 
@@ -43,7 +45,8 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
     """What the filter of a robot and variant assumes.
 
     Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground.
+        EstimatorError: a friction variant's robot has no contact with the ground, or
+            `Settings.considered` has a name that the variant has not.
     """
     adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
     model = motion_model(
@@ -62,4 +65,23 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
     sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
     slip = settings.slip or slip_of(robot, variant)
     walks = parameter_walks(robot, variant, adaptation)
-    return Assumptions(model, state, sigmas, Disturbances(robot, slip, walks))
+    disturbances = Disturbances(robot, slip, walks)
+    for index in considered_states(variant, settings):
+        disturbances.bias_walk[index] = disturbances.parameter_walk[index] = 0.0
+    return Assumptions(model, state, sigmas, disturbances)
+
+
+def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
+    """Which states `Settings.considered` names.
+
+    Raises:
+        EstimatorError: there is no such parameter, bias or scale; the message names the nearest.
+    """
+    names = state_names(variant)
+    allowed = [name for name in names[s.LEARNT] if not name.startswith("unused")]
+    for name in settings.considered:
+        if name not in allowed:
+            raise SettingError(
+                f"Settings.considered cannot hold {name!r}{nearest_hint(name, allowed)}"
+            )
+    return tuple(sorted({names.index(name) for name in settings.considered}))

@@ -5,6 +5,8 @@ Bounds of parameters p are rows of a (8,) and b in a p >= b.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from estimator import state as s
@@ -24,8 +26,20 @@ def index_bounds(gauge: float) -> Floats:
     Args:
         gauge: L [m].
     """
-    rows = np.zeros((3, 9))
-    rows[0, [ETA0, 8]] = 1.0, 1.0
-    rows[1, [ETA0, EPSILON0, 8]] = 0.5 * gauge, 1.0, BOUND_MARGIN
-    rows[2, [ETA0, EPSILON0, 8]] = 0.5 * gauge, -1.0, BOUND_MARGIN
-    return rows
+    return np.array(bound_rows(gauge))
+
+
+def bound_rows(gauge: Any) -> tuple[tuple[Any, ...], ...]:
+    """The same as tuples; the gauge may be any kind of number."""
+    half = 0.5 * gauge
+    return (
+        _row(1.0, 0.0, 1.0),
+        _row(half, 1.0, BOUND_MARGIN),
+        _row(half, -1.0, BOUND_MARGIN),
+    )
+
+
+def _row(eta0: Any, epsilon0: float, least: float) -> tuple[Any, ...]:
+    row: list[Any] = [0.0] * 9
+    row[ETA0], row[EPSILON0], row[8] = eta0, epsilon0, least
+    return tuple(row)

@@ -18,21 +18,20 @@ from estimator.process_noise import Disturbances
 from estimator.sensor_models import SensorModels
 from estimator.track_speeds import HeldTrackSpeeds, smoothing_share
 
+# A verdict, see `estimator.gating`; the residual, the variance that it should have, and its NIS.
+Judged = tuple[int, float, float, float]
+
 
 class Verdicts(NamedTuple):
     """What the gates said of an IMU sample.
 
     Attributes:
-        gyro: see `estimator.gating`.
-        gyro_nis: normalised innovation squared.
-        accelerometer: the same, or None where it was not asked.
-        accelerometer_nis: normalised innovation squared.
+        gyro: of the yaw rate [rad/s].
+        accelerometer: of the specific force to the left [m/s²], or None where it was not asked.
     """
 
-    gyro: int
-    gyro_nis: float
-    accelerometer: int | None
-    accelerometer_nis: float
+    gyro: Judged
+    accelerometer: Judged | None
 
 
 class CompiledStep:
@@ -67,6 +66,7 @@ class CompiledStep:
             ]
         )
         self._walks = np.stack([disturbances.bias_walk, disturbances.parameter_walk])
+        self._considered = sum(1 << index for index in ekf.considered)
 
     def take(
         self,
@@ -117,6 +117,7 @@ class CompiledStep:
             share,
             self._numbers,
             self._walks,
+            self._considered,
             stands,
             pushed,
             dt,
@@ -136,6 +137,5 @@ class CompiledStep:
             self._gyro.rejected_in_a_row,
             self._accelerometer.rejected_in_a_row,
         )
-        of_gyro, gyro_nis, of_accelerometer, accelerometer_nis = verdicts
-        asked = of_accelerometer != NOT_ASKED
-        return Verdicts(of_gyro, gyro_nis, of_accelerometer if asked else None, accelerometer_nis)
+        of_gyro, of_accelerometer = verdicts
+        return Verdicts(of_gyro, of_accelerometer if of_accelerometer[0] != NOT_ASKED else None)

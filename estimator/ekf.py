@@ -32,6 +32,9 @@ POSE_KEPT = (s.X, s.Y, s.YAW)
 # What the IMU does not move either: it sees the track scale only through what else is wrong with the
 # yaw rate, and would call it all scale. Fixes and body velocities show it for what it is.
 IMU_KEPT = (*POSE_KEPT, s.TRACK_SCALE)
+# What being told that the robot stands does not move: nothing but the slip, which was another until it
+# stopped, and would have biases and parameters take the blame for that.
+STANDING_KEPT = (*POSE_KEPT, *range(s.LEARNT.start, s.LEARNT.stop))
 # Time constant of the derivatives by the parameters [s]: a longer one leaves less of the noise, and comes
 # so late that parameters are learnt from what the robot does no longer.
 REGRESSOR_SMOOTHING = 0.05
@@ -121,6 +124,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             step, when they are those of the moment.
         marks: the motion since each mark, None where there is none; it changes nothing else.
         witness: is told of all that is done; None where nobody is to be told.
+        considered: states that nothing moves and no measurement makes more certain; what is not known of
+            them counts in all else (Schmidt-Kalman).
     """
 
     def __init__(self, model: MotionModel) -> None:
@@ -128,6 +133,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.regressors: Floats | None = None
         self.marks: Marks | None = None
         self.witness: Witness | None = None
+        self.considered: tuple[int, ...] = ()
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
         self.model = model
@@ -321,9 +327,12 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             residual: measured less predicted.
             row: (SIZE,) Jacobian of the prediction.
             variance: of the measurement.
-            kept: states that are not to be moved, whatever their correlations say; the covariance
-                takes that into account (Schmidt-Kalman; the Joseph form holds for any gain).
+            kept: states that are not to be moved, besides those considered, whatever their correlations
+                say; the covariance takes that into account (Schmidt-Kalman; the Joseph form holds for
+                any gain).
         """
+        if self.considered:
+            kept = tuple(sorted({*kept, *self.considered}))
         witness = self.witness
         before = self.x if witness is None else self.x.copy()
         cross, gain, expected = self._correct(residual, row, variance, kept)
@@ -353,6 +362,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         stays, which is on the safe side (Simon, Optimal State Estimation, section 7.5).
         """
         before, P = self.x, self.P
+        considered = list(self.considered)
         for _ in range(BOUND_ROUNDS):
             moved = False
             for bound in range(len(self._bounds)):
@@ -360,14 +370,16 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 short = float(least - direction.dot(self.x[s.PARAMETERS]))
                 if short <= ROUNDING:
                     continue
-                cross = direction.dot(P[s.PARAMETERS])
-                spread = float(direction.dot(cross[s.PARAMETERS]))
+                of_state = np.zeros(s.SIZE)
+                of_state[s.PARAMETERS] = direction
+                of_state[considered] = 0.0
+                cross = of_state[s.PARAMETERS].dot(P[s.PARAMETERS])
+                cross[considered] = 0.0
+                spread = float(of_state[s.PARAMETERS].dot(cross[s.PARAMETERS]))
                 if spread <= 0.0:
                     continue
                 self.x = self.x + cross * (short / spread)
                 if self.marks is not None:
-                    of_state = np.zeros(s.SIZE)
-                    of_state[s.PARAMETERS] = direction
                     self.marks = self.marks.projected(of_state, short / spread)
                 moved = True
             if not moved:

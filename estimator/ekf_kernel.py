@@ -226,8 +226,15 @@ def update(
             P[i, j] -= gain[i] * half[j] + gain[j] * half[i]
 
 
-def move_inside(x: Floats, P: Floats, bounds: Floats) -> None:
-    """See `IcrEkf.keep_inside_bounds`."""
+def move_inside(x: Floats, P: Floats, bounds: Floats, considered: int) -> None:
+    """See `IcrEkf.keep_inside_bounds`.
+
+    Args:
+        x: (SIZE,) the state.
+        P: (SIZE, SIZE) its covariance.
+        bounds: (n, 9) of the parameters.
+        considered: the states that nothing moves, a bit each.
+    """
     cross = np.empty(SIZE)
     for _ in range(BOUND_ROUNDS):
         moved = False
@@ -239,14 +246,17 @@ def move_inside(x: Floats, P: Floats, bounds: Floats) -> None:
                 continue
             cross[:] = 0.0
             for k in range(8):
-                for j in range(SIZE):
-                    cross[j] += bounds[bound, k] * P[PARAMETERS + k, j]
+                if not (considered >> (PARAMETERS + k)) & 1:
+                    for j in range(SIZE):
+                        cross[j] += bounds[bound, k] * P[PARAMETERS + k, j]
             spread = 0.0
             for k in range(8):
-                spread += bounds[bound, k] * cross[PARAMETERS + k]
+                if not (considered >> (PARAMETERS + k)) & 1:
+                    spread += bounds[bound, k] * cross[PARAMETERS + k]
             if spread > 0.0:
                 for j in range(SIZE):
-                    x[j] += cross[j] * (short / spread)
+                    if not (considered >> j) & 1:
+                        x[j] += cross[j] * (short / spread)
                 moved = True
         if not moved:
             break

@@ -7,10 +7,13 @@ take floats and arrays alike (and complex numbers, for complex-step differentiat
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from estimator.choices import select
 
 Floats = NDArray[np.float64]
 
@@ -70,10 +73,13 @@ def arc_factors(angle: float) -> tuple[float, float]:
     They turn a constant body velocity into the chord of the arc that it drives
     (the exponential map of SE(2); Sola et al., A micro Lie theory, eq. 158).
     """
-    if abs(angle) < 1e-4:
-        square = angle * angle
-        return 1.0 - square / 6.0, angle * (0.5 - square / 24.0)
-    return float(np.sin(angle) / angle), float((1.0 - np.cos(angle)) / angle)
+    is_small = abs(angle) < 1e-4
+    square = angle * angle
+    divisor = select(is_small, 1.0, angle)
+    return (
+        float(select(is_small, 1.0 - square / 6.0, math.sin(angle) / divisor)),
+        float(select(is_small, angle * (0.5 - square / 24.0), (1.0 - math.cos(angle)) / divisor)),
+    )
 
 
 def quaternion_to_yaw(quaternion: ArrayLike) -> Floats:

@@ -17,6 +17,7 @@ CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 # What a gate says of a measurement: to be used, not to be used, to be used with the state that it
 # measures made uncertain first.
 ADMITTED, REJECTED, REACQUIRED = range(3)
+VERDICTS = ("admitted", "rejected", "reacquired")
 # A state is not made more uncertain than this many times the variance that the residual should have had:
 # double precision would lose that beside it.
 LARGEST_REOPENING = 1e10
@@ -78,9 +79,13 @@ class Gate:
         """Whether it will believe the next, whatever it says."""
         return self.rejected_in_a_row >= self.patience
 
+    def verdict(self, nis: float) -> int:
+        """The verdict on a measurement of this normalised innovation squared, not yet counted."""
+        return verdict(nis, self.threshold, self.rejected_in_a_row, self.patience)
+
     def judge(self, nis: float) -> int:
-        """The verdict on a measurement of this normalised innovation squared, which is counted."""
-        return self.count(verdict(nis, self.threshold, self.rejected_in_a_row, self.patience))
+        """The same, counted."""
+        return self.count(self.verdict(nis))
 
     def count(self, verdict: int) -> int:
         """Count a verdict, and hand it back."""

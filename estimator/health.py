@@ -4,14 +4,40 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
-from estimator.gating import ADMITTED, REJECTED
+from estimator.gating import ADMITTED, REACQUIRED, REJECTED, VERDICTS
 
 # A deviation that moves the twist by this share of the slip's standard deviation shows after some
 # hundred correlation times of the slip: in a minute or so of such motion.
 EXCITED = 0.1
+# Why a measurement that comes late is not taken in.
+TOO_OLD, HISTORY_FULL = "older than Settings.history", "history is full"
 # So many judged measurements are recent.
 RECENT = 100
+# Stamp [ns], verdict (see `estimator.gating`), residual and its covariance, see `JudgedInnovation`; made
+# with each step, and plain because that is quick.
+Judged = tuple[int, int, tuple[float, ...], tuple[tuple[float, ...], ...]]
+
+
+class JudgedInnovation(NamedTuple):
+    """A measurement against what the filter expected of it, as its gate saw the two.
+
+    Of the gyro the residual is in rad/s, of the accelerometer (to the left) in m/s², of positions x, y in
+    m, of headings in rad, of poses x, y, yaw in m and rad, of body velocities forward, left in m/s, of
+    zero velocities v_x, v_y, w in m/s and rad/s. Positions and poses are in the axes of odom.
+
+    Attributes:
+        stamp: of the measurement [ns].
+        verdict: "admitted", "rejected", or "reacquired": used after too many rejections in a row.
+        residual: (n,) measured less expected; angles from -pi to pi.
+        covariance: (n, n) that the residual should have: of the estimate and of the measurement.
+    """
+
+    stamp: int
+    verdict: str
+    residual: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
 
 
 @dataclass
@@ -28,6 +54,8 @@ class SensorHealth:
         newest_nis: normalised innovation squared of the newest that it has judged; None before.
         recent_nis: mean over the newest hundred or so of them, those that were rejected included, per
             degree of freedom; None before the first.
+        newest_judged: the newest that it has judged, for `newest`; None before.
+        reacquired: how many were used after too many rejections in a row, whatever they said.
     """
 
     used: int = 0
@@ -38,6 +66,21 @@ class SensorHealth:
     judged_count: int = 0
     newest_nis: float | None = None
     recent_nis: float | None = None
+    newest_judged: Judged | None = None
+    reacquired: int = 0
+
+    @property
+    def too_late(self) -> int:
+        """How many came too late to be taken in; they are among those `rejected`, and not `late`."""
+        return self.rejected.get(TOO_OLD, 0) + self.rejected.get(HISTORY_FULL, 0)
+
+    @property
+    def newest(self) -> JudgedInnovation | None:
+        """The innovation of the newest that the gate has judged; None before."""
+        if self.newest_judged is None:
+            return None
+        stamp, verdict, residual, covariance = self.newest_judged
+        return JudgedInnovation(stamp, VERDICTS[verdict], residual, covariance)
 
     @property
     def nis_per_degree(self) -> float:
@@ -48,14 +91,22 @@ class SensorHealth:
         """Count one that did not update the filter."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
 
-    def judged(self, verdict: int, nis: float, degrees: int = 1) -> bool:
+    def judged(
+        self,
+        verdict: int,
+        nis: float,
+        degrees: int = 1,
+        judged: Judged | None = None,
+    ) -> bool:
         """Count what a gate has judged; whether it was used.
 
         Args:
             verdict: see `estimator.gating`.
             nis: normalised innovation squared.
             degrees: its degrees of freedom.
+            judged: the innovation itself.
         """
+        self.newest_judged = judged
         self.judged_count += 1
         self.newest_nis = nis
         before = self.recent_nis or 0.0
@@ -66,6 +117,8 @@ class SensorHealth:
         if verdict == ADMITTED:
             self.nis_sum += nis
             self.degrees += degrees
+        elif verdict == REACQUIRED:
+            self.reacquired += 1
         self.used += 1
         return True
 
@@ -80,6 +133,8 @@ class SensorHealth:
             self.judged_count,
             self.newest_nis,
             self.recent_nis,
+            self.newest_judged,
+            self.reacquired,
         )
 
     def add(self, other: SensorHealth) -> None:
@@ -90,17 +145,28 @@ class SensorHealth:
         self.nis_sum += other.nis_sum
         self.degrees += other.degrees
         self.late += other.late
+        self.reacquired += other.reacquired
         if self.judged_count < other.judged_count:
             self.newest_nis, self.recent_nis = other.newest_nis, other.recent_nis
+            self.newest_judged = other.newest_judged
         self.judged_count += other.judged_count
 
 
 @dataclass
 class Health:
-    """Counts of all kinds of measurements, by name, and of the standstill updates."""
+    """Counts of all kinds of measurements, by name, and of what the filter has made of them.
+
+    Attributes:
+        sensors: by name.
+        standstill_updates: how many IMU samples of a robot that was found standing.
+        track_gaps: how many gaps in the track speeds were bridged, longer than `Settings.hold`.
+        stuck_tracks: how often the sensor of a track was found stuck.
+    """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
     standstill_updates: int = 0
+    track_gaps: int = 0
+    stuck_tracks: int = 0
 
     def sensor(self, name: str) -> SensorHealth:
         """The counts of one kind, made when first asked for."""
@@ -120,13 +186,15 @@ class Health:
     def copy(self) -> Health:
         """The same counts, on their own."""
         sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        return Health(sensors, self.standstill_updates)
+        return Health(sensors, self.standstill_updates, self.track_gaps, self.stuck_tracks)
 
     def add(self, other: Health) -> None:
         """Count what the other has counted, too."""
         for name, sensor in other.sensors.items():
             self.sensor(name).add(sensor)
         self.standstill_updates += other.standstill_updates
+        self.track_gaps += other.track_gaps
+        self.stuck_tracks += other.stuck_tracks
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import msgspec
 
 from estimator.admission import Event, Key, event_of, event_row, key_of
 from estimator.errors import EstimatorError
+from estimator.health import HISTORY_FULL, TOO_OLD
 from estimator.log import NANOSECOND
 from estimator.memory import FilterMemory
 from estimator.reckoning import Reckoning
@@ -91,11 +92,11 @@ class History:
         if not keys or key > keys[-1]:
             return None
         if key[0] < keys[-1][0] - self._span:
-            return "older than Settings.history"
+            return TOO_OLD
         if keys[bisect_left(keys, key)] == key:
             return "duplicate stamp"
         if key < self._checkpoints[0].after:
-            return "history is full"
+            return HISTORY_FULL
         return None
 
     def starts_after(self, key: Key) -> bool:

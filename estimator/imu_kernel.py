@@ -65,6 +65,7 @@ def imu_step(
     regressors_share: float,
     numbers: Floats,
     walks: Floats,
+    considered: int,
     stands: bool,
     pushed: bool,
     dt: float,
@@ -102,6 +103,7 @@ def imu_step(
         regressors_share: ... by this share.
         numbers: of the robot, see `estimator.compiled_step`.
         walks: (2, SIZE) random walks of the biases, and of the parameters at their full rate, per √s.
+        considered: the states that nothing moves, a bit each.
         stands: whether the robot was found standing.
         pushed: whether it may be turning with its tracks at rest.
         dt: of the step [s].
@@ -127,7 +129,8 @@ def imu_step(
         accelerometer_rejected: of the accelerometer's.
 
     Returns:
-        Verdict on the gyro and its NIS, and the same of the accelerometer, `NOT_ASKED` where it was not.
+        Of the gyro: verdict, residual, the variance that this should have, and its NIS; the same of the
+        accelerometer, with `NOT_ASKED` for a verdict where it was not.
     """
     slip = SlipNumbers(
         numbers[0],
@@ -141,6 +144,7 @@ def imu_step(
     )
     imu = ImuConstants(numbers[8], numbers[9], numbers[10], numbers[11])
     threshold, patience = numbers[12], int(numbers[13])
+    kept = KEPT | considered
     gauge = constants[0]
     acceleration = (acceleration_left, acceleration_right)
     change = TrackChange(acceleration, window, speed_variance, age)
@@ -168,7 +172,7 @@ def imu_step(
             residual = 0.0 - twist[axis] - shift(row, x, linearised_at)
             multiply(P, row, cross)
             expected = inner(row, cross) + STANDSTILL_VARIANCE[axis]
-            update(x, P, residual, cross, expected, KEPT, gain)
+            update(x, P, residual, cross, expected, kept, gain)
         fill_twist(x, kind, constants, memory, left, right, 1.0, twist, jacobian, by_speeds)
         _put(regressors, jacobian)
         linearised_at[:] = x
@@ -180,11 +184,22 @@ def imu_step(
     row[s.GYRO_SCALE] += twist[2]
     residual = rate - scale * twist[2] - x[s.GYRO_BIAS]
     variance = gyro_variance(imu, interval, by_speeds[2], change)
-    of_gyro, gyro_nis = _gated(
-        x, P, residual, row, variance, threshold, gyro_rejected, patience, s.SLIP_W, cross, gain
+    of_gyro = _gated(
+        x,
+        P,
+        residual,
+        row,
+        variance,
+        threshold,
+        gyro_rejected,
+        patience,
+        s.SLIP_W,
+        kept,
+        cross,
+        gain,
     )
 
-    of_accelerometer, accelerometer_nis = NOT_ASKED, 0.0
+    of_accelerometer = (NOT_ASKED, 0.0, 0.0, 0.0)
     if with_force and not stands:
         eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
         sigma = slip_at(smooth_left, smooth_right, slip, gauge, eta, pushed)
@@ -194,7 +209,7 @@ def imu_step(
             row[k] = forecast.by_w * jacobian[2, k] + forecast.by_v_x * jacobian[0, k]
         row[s.ACCELEROMETER_BIAS] += 1.0
         predicted = forecast.predicted + linearised_at[s.ACCELEROMETER_BIAS]
-        of_accelerometer, accelerometer_nis = _gated(
+        of_accelerometer = _gated(
             x,
             P,
             force - predicted - shift(row, x, linearised_at),
@@ -204,10 +219,11 @@ def imu_step(
             accelerometer_rejected,
             patience,
             s.ACCELEROMETER_BIAS,
+            kept,
             cross,
             gain,
         )
-    move_inside(x, P, bounds)
+    move_inside(x, P, bounds, considered)
 
     eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
     sigma = slip_at(smooth_left, smooth_right, slip, gauge, eta, pushed)
@@ -232,7 +248,7 @@ def imu_step(
     pose_rows, with_pose = np.empty((3, SIZE)), np.empty((3, SIZE))
     time_constant = slip.time_constant
     move(x, P, dt, twist, jacobian, sigma, time_constant, walk, pose_rows, with_pose)
-    return of_gyro, gyro_nis, of_accelerometer, accelerometer_nis
+    return of_gyro, of_accelerometer
 
 
 def _put(regressors: Floats, jacobian: Floats) -> None:
@@ -252,22 +268,27 @@ def _gated(
     rejected: int,
     patience: int,
     reopen: int,
+    kept: int,
     cross: Floats,
     gain: Floats,
 ) -> Any:
-    """A gated update, see `Reckoning`; returns the verdict and the NIS."""
+    """See `estimator.gated.update`; returns the verdict, residual, its variance, and its NIS."""
     multiply(P, row, cross)
-    expected = inner(row, cross) + variance
+    foretold = expected = inner(row, cross) + variance
     nis = residual * residual / expected
     found = verdict(nis, threshold, rejected, patience)
     if found == REJECTED:
-        return found, nis
+        return found, residual, foretold, nis
     if found == REACQUIRED:
-        P[reopen, reopen] += reopening(residual * residual, expected)
+        wider = reopening(residual * residual, expected)
+        if (kept >> reopen) & 1:
+            variance += wider * (row[reopen] * row[reopen])
+        else:
+            P[reopen, reopen] += wider
         multiply(P, row, cross)
         expected = inner(row, cross) + variance
-    update(x, P, residual, cross, expected, KEPT, gain)
-    return found, nis
+    update(x, P, residual, cross, expected, kept, gain)
+    return found, residual, foretold, nis
 
 
 def _divided(density: Any, dt: float) -> Any:

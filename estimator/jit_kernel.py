@@ -31,30 +31,41 @@ INNER: dict[str, Any] = {
 def jit(function: Callable[..., Any]) -> Any:
     """A function for other compiled ones to call."""
     if function not in COMPILED:
-        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function))
+        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function, {}))
     return COMPILED[function]
 
 
-def entry(function: Callable[..., Any]) -> Any:
+def entry(
+    function: Callable[..., Any], made: str = "", callees: dict[str, Any] | None = None
+) -> Any:
     """A compiled function for Python to call; what it was compiled to is kept beside the source.
 
     numba keeps it until the file of the function itself changes. So its name there says what all the
-    files of this package hold, those of the functions that it calls among them.
+    files of this package hold, those of the functions that it calls among them. It lets go of the
+    interpreter while it works.
+
+    Args:
+        function: the function.
+        made: tells apart those that are made of one function with different `callees`.
+        callees: name -> what takes its place in the function.
     """
-    twin = _with_compiled_callees(function)
-    twin.__qualname__ = f"{function.__qualname__}.{_sources()}"
+    twin = _with_compiled_callees(function, callees or {})
+    twin.__qualname__ = f"{function.__qualname__}{made}.{_sources()}"
     try:
-        return njit(cache=True, error_model="numpy")(twin)
+        return njit(cache=True, error_model="numpy", nogil=True)(twin)
     except RuntimeError:  # there is no place to keep it
-        return njit(error_model="numpy")(twin)
+        return njit(error_model="numpy", nogil=True)(twin)
 
 
-def _with_compiled_callees(function: Any) -> FunctionType:
-    names = dict(function.__globals__)
+def _with_compiled_callees(function: Any, callees: dict[str, Any]) -> FunctionType:
+    names = dict(function.__globals__) | callees
     for name in function.__code__.co_names:
         callee = names.get(name)
         if isinstance(callee, FunctionType) and callee.__module__.startswith("estimator."):
-            names[name] = jit(callee)
+            if callees:
+                names[name] = njit(**INNER)(_with_compiled_callees(callee, callees))
+            else:
+                names[name] = jit(callee)
     twin = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
     twin.__module__ = function.__module__
     return twin
@@ -64,7 +75,7 @@ def _sources() -> str:
     """A digest of the files of this package."""
     if not _DIGEST:
         digest = hashlib.sha256()
-        for path in sorted(Path(__file__).parent.glob("*.py")):
+        for path in sorted(Path(__file__).parent.rglob("*.py")):
             digest.update(path.read_bytes())
         _DIGEST.append(digest.hexdigest()[:12])
     return _DIGEST[0]

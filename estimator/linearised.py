@@ -16,8 +16,9 @@ from estimator.assumptions import assumptions
 from estimator.ekf import IMU_KEPT, IcrEkf, TwistModel
 from estimator.frames import Floats
 from estimator.log import NANOSECOND
+from estimator.measurements import STANDSTILL_SIGMA
 from estimator.robot import Robot
-from estimator.sensor_models import STANDSTILL_SIGMA, SensorModels, TrackChange
+from estimator.sensor_models import SensorModels, TrackChange
 from estimator.settings import Settings
 from estimator.track_speeds import HeldTrackSpeeds
 from estimator.variants import Variant

@@ -8,7 +8,7 @@ counted, never repaired.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,7 +40,7 @@ class ImuSeries:
     """IMU samples in the IMU's own axes.
 
     `stamps` (n,) [ns]; `angular_velocity` (n, 3) [rad/s]; `linear_acceleration` (n, 3) [m/s²],
-    specific force, or None where the IMU has no accelerometer.
+    specific force, a row NaN where a sample has none, or None where the IMU has no accelerometer.
     """
 
     stamps: Stamps
@@ -121,6 +121,8 @@ class Log:
         truth: the truth, or None.
         dropped: how many samples were dropped, as "stream: reason" -> count.
         notes: what a reader found worth telling the user.
+        others: measurements for which there is no series (body velocities, pose fixes, zero velocities,
+            headings without a position), in the order of their stamps; files have no place for them.
     """
 
     name: str
@@ -130,6 +132,27 @@ class Log:
     truth: Truth | None = None
     dropped: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    others: tuple[Measurement, ...] = ()
+
+    @classmethod
+    def from_measurements(
+        cls, measurements: Iterable[Measurement], name: str = "measurements"
+    ) -> Log:
+        """A log of measurements in any order, to `run` a filter over or to `smooth`.
+
+        What cannot be right by itself is dropped and counted, and of two of one kind with one stamp all
+        but the first.
+
+        Args:
+            measurements: as an estimator is fed them.
+            name: what to call it in tables and figures.
+
+        Raises:
+            EstimatorError: something is no measurement.
+        """
+        from estimator.gathering import gathered
+
+        return gathered(measurements, name)
 
     @property
     def start(self) -> int:
@@ -154,7 +177,7 @@ class Log:
         return filled
 
     def measurements(self) -> Iterator[Measurement]:
-        """All measurements in the order of their stamps; at equal stamps tracks, IMU, fixes."""
+        """All measurements in the order of their stamps; at equal stamps tracks, IMU, fixes, others."""
         streams: list[tuple[Stamps, list[Measurement]]] = [
             (
                 self.tracks.stamps,
@@ -171,6 +194,8 @@ class Log:
         if self.fixes is not None:
             for stamps, fixes in _fixes(self.fixes):
                 streams.append((stamps, fixes))
+        stamps_of_others = np.array([one.stamp for one in self.others], dtype=np.int64)
+        streams.append((stamps_of_others, list(self.others)))
         stamps = np.concatenate([stream[0] for stream in streams])
         samples = [sample for stream in streams for sample in stream[1]]
         for index in np.argsort(stamps, kind="stable").tolist():
@@ -258,7 +283,9 @@ def _imu_samples(imu: ImuSeries) -> list[Measurement]:
     rates = [tuple(row) for row in imu.angular_velocity.tolist()]
     forces: list[Any] = [None] * len(rates)
     if imu.linear_acceleration is not None:
-        forces = [tuple(row) for row in imu.linear_acceleration.tolist()]
+        absent = np.asarray(np.isnan(imu.linear_acceleration).all(axis=1)).tolist()
+        rows = zip(imu.linear_acceleration.tolist(), absent, strict=True)
+        forces = [None if none else tuple(row) for row, none in rows]
     return [
         ImuSample(stamp, rate, force)
         for stamp, rate, force in zip(imu.stamps.tolist(), rates, forces, strict=True)

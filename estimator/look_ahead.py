@@ -35,12 +35,12 @@ class Foretold(NamedTuple):
 
 
 class Surprise(NamedTuple):
-    """Two measured numbers against what was foretold of them.
+    """Numbers that were measured together against what was foretold of them.
 
     Attributes:
-        residual: (2,) measured less foretold.
-        spread: (2, 2) covariance that it should have.
-        nis: normalised innovation squared, chi-square with two degrees of freedom.
+        residual: (n,) measured less foretold.
+        spread: (n, n) covariance that it should have.
+        nis: normalised innovation squared, chi-square with n degrees of freedom.
     """
 
     residual: Floats

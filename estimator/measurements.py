@@ -10,6 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 Vector3 = tuple[float, float, float]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
+
+# What a standing robot's velocity is known to be zero within [m/s, m/s, rad/s].
+STANDSTILL_SIGMA: Vector3 = (1e-3, 1e-3, 1e-4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,4 +95,38 @@ class BodyVelocity:
     variance: float
 
 
-Measurement = TrackSpeeds | ImuSample | PositionFix | HeadingFix | BodyVelocity
+@dataclass(frozen=True, slots=True)
+class PoseFix:
+    """Pose of `base_link` in `odom`, of localisation in a map or of scan matching, say.
+
+    Attributes:
+        stamp: time [ns].
+        x: [m].
+        y: [m].
+        yaw: [rad].
+        covariance: (3, 3) of x, y, yaw [m², m rad, rad²], symmetric and positive definite.
+    """
+
+    stamp: int
+    x: float
+    y: float
+    yaw: float
+    covariance: Matrix3
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroVelocity:
+    """The robot stands: its brakes are on, it is docked.
+
+    Attributes:
+        stamp: time [ns].
+        sigma: what v_x, v_y and w are zero within, standard deviations [m/s, m/s, rad/s].
+    """
+
+    stamp: int
+    sigma: Vector3 = STANDSTILL_SIGMA
+
+
+Measurement = (
+    TrackSpeeds | ImuSample | PositionFix | HeadingFix | BodyVelocity | PoseFix | ZeroVelocity
+)

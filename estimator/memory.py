@@ -34,6 +34,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
         marks: the motion since each mark, None where there is none.
         model: (m,) what the motion model remembers, see `estimator.motion_model.MotionModel`.
         refused_fixes: position fixes that were refused since one was used.
+        stood_at: stamp of the newest zero velocity that was used [ns], or None.
         regressors: (3, 8) of the filter, see `estimator.ekf.IcrEkf`; None before its first step.
     """
 
@@ -52,6 +53,7 @@ class FilterMemory(msgspec.Struct, frozen=True):
     model: np.ndarray[Any, Any] = NO_MEMORY
     regressors: np.ndarray[Any, Any] | None = None
     refused_fixes: tuple[RefusedFix, ...] = ()
+    stood_at: int | None = None
 
     def __post_init__(self) -> None:
         if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):

@@ -55,9 +55,9 @@ class PoseEstimator:
     slip, unless there is none.
 
     Measurements may come in any order, as late as `Settings.history`: each is taken in at its own stamp
-    (at equal stamps tracks, IMU, position, heading, body velocity), and what came after it is worked
-    through again. The estimate is the same as if all had come in time; it changes at once when a late
-    measurement is fed, its pose by what that says about the way since its stamp.
+    (at equal stamps tracks, IMU, position, heading, body velocity, pose, zero velocity), and what came
+    after it is worked through again. The estimate is the same as if all had come in time; it changes at
+    once when a late measurement is fed, its pose by what that says about the way since its stamp.
 
     Args:
         robot: the robot, see `load_robot`.
@@ -67,8 +67,9 @@ class PoseEstimator:
         start_sigma: its standard deviations [m, m, rad].
 
     Raises:
-        EstimatorError: there is no such variant, an argument is not what it must be, or a friction
-            variant's robot has no contact with the ground.
+        EstimatorError: there is no such variant, an argument is not what it must be, a friction variant's
+            robot has no contact with the ground, or `Settings.considered` has a name that the variant
+            has not.
     """
 
     def __init__(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimator import state as s
+from estimator.choices import select
 from estimator.ekf import ProcessNoise
 from estimator.frames import Floats
 from estimator.measurements import Vector3
@@ -70,7 +71,12 @@ class Disturbances:
             eta: typical steering efficiency index [-].
             pushed: whether the robot may be turning with its tracks at rest.
         """
-        return slip_at(*tracks.smooth, self._slip, self._track_gauge, eta, pushed)
+        left, right = tracks.smooth
+        return self.slip_of(left, right, eta, pushed=pushed)
+
+    def slip_of(self, left: float, right: float, eta: float, *, pushed: bool = False) -> Vector3:
+        """The same at given track speeds [m/s]."""
+        return slip_at(left, right, self._slip, self._track_gauge, eta, pushed)
 
     def sideways_density(self, sigma: Vector3) -> float:
         """Density of the change of the sideways slip [m²/s³] at a `slip_sigma`."""
@@ -140,7 +146,7 @@ def slip_at(
         pushed: whether the robot may be turning with its tracks at rest.
     """
     forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
-    return forward, sideways, PUSHED_W if pushed else turning
+    return forward, sideways, select(pushed, PUSHED_W, turning)
 
 
 def sideways_density(sigma_y: float, time_constant: float) -> float:

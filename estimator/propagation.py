@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from estimator.choices import select
 from estimator.frames import arc_factors
 
 Triple = tuple[float, float, float]
@@ -43,10 +44,10 @@ def step_on_se2(yaw: float, motion: Any) -> PoseStep:
     """Increment of a pose by a body motion: forward, to the left [m], counter-clockwise [rad]."""
     dx, dy, angle = motion[0], motion[1], motion[2]
     a, b = arc_factors(angle)
-    if abs(angle) < 1e-4:
-        a_slope, b_slope = -angle / 3.0, 0.5 - angle * angle / 8.0
-    else:
-        a_slope, b_slope = (math.cos(angle) - a) / angle, (math.sin(angle) - b) / angle
+    is_small = abs(angle) < 1e-4
+    divisor = select(is_small, 1.0, angle)
+    a_slope = select(is_small, -angle / 3.0, (math.cos(angle) - a) / divisor)
+    b_slope = select(is_small, 0.5 - angle * angle / 8.0, (math.sin(angle) - b) / divisor)
     cos, sin = math.cos(yaw), math.sin(yaw)
     chord_x, chord_y = a * dx - b * dy, b * dx + a * dy
     turn_x, turn_y = a_slope * dx - b_slope * dy, b_slope * dx + a_slope * dy

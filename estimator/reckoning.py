@@ -7,23 +7,27 @@ import math
 import numpy as np
 
 from estimator import state as s
-from estimator.assumptions import assumptions
-from estimator.ekf import IMU_KEPT, POSE_KEPT, TwistModel
+from estimator.assumptions import assumptions, considered_states
+from estimator.ekf import IMU_KEPT, POSE_KEPT, STANDING_KEPT, TwistModel
 from estimator.engines import make_ekf, make_step
 from estimator.frames import Floats, wrap_angle
-from estimator.gating import REACQUIRED, REJECTED, Gate, reopening
+from estimator.gated import Judge, surprise_of, update, update_jointly, update_pair
+from estimator.gating import REJECTED, Gate
 from estimator.health import Health
 from estimator.imu_clock import ImuClock
+from estimator.joint import Joint
 from estimator.log import NANOSECOND
-from estimator.look_ahead import Foretold, Surprise, component, pose_ahead, pose_now, twist_ahead
+from estimator.look_ahead import Foretold, component, pose_ahead, pose_now, twist_ahead
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
     ImuSample,
     Measurement,
+    PoseFix,
     PositionFix,
     TrackSpeeds,
     Vector3,
+    ZeroVelocity,
 )
 from estimator.memory import FilterMemory
 from estimator.propagation import step_on_se2
@@ -32,13 +36,13 @@ from estimator.relocation import RefusedFix, relocation
 from estimator.robot import Robot
 from estimator.sensor_models import (
     STANDSTILL_VARIANCE,
-    Reading,
     SensorModels,
     TrackChange,
     twist_component,
 )
 from estimator.settings import Settings
 from estimator.standstill import StandstillDetector
+from estimator.stuck_tracks import Repeating
 from estimator.track_speeds import HeldTrackSpeeds
 from estimator.variants import Variant
 
@@ -61,7 +65,8 @@ class Reckoning:
         parameter_sigmas: (8,) standard deviations of the parameters at the start.
 
     Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground.
+        EstimatorError: a friction variant's robot has no contact with the ground, or
+            `Settings.considered` has a name that the variant has not.
     """
 
     def __init__(
@@ -79,6 +84,7 @@ class Reckoning:
         self.ekf.x = state
         self.ekf.x[s.POSE] = start
         self.ekf.P = np.diag(sigmas**2)
+        self.ekf.considered = considered_states(variant, settings)
 
         self.stamp: int | None = None
         self.stands = False
@@ -92,12 +98,16 @@ class Reckoning:
         )
         self._imu = ImuClock(settings.hold)
         self._refused_fixes: tuple[RefusedFix, ...] = ()
+        # Stamp of the newest zero velocity that was used.
+        self._stood_at: int | None = None
         self._gates = {
             "gyro": Gate(1, settings.gates),
             "accelerometer": Gate(1, settings.gates),
             "position": Gate(2, settings.gates),
             "heading": Gate(1, settings.gates),
             "body velocity": Gate(2, settings.gates),
+            "pose": Gate(3, settings.gates),
+            "zero velocity": Gate(3, settings.gates),
         }
         self._standstill = StandstillDetector(settings.standstill, robot.imu.gyro_noise_density)
         self._at_once = make_step(
@@ -129,6 +139,7 @@ class Reckoning:
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
             self._refused_fixes,
+            self._stood_at,
         )
 
     def recall(self, memory: FilterMemory) -> None:
@@ -141,6 +152,7 @@ class Reckoning:
         regressors = memory.regressors
         self.ekf.regressors = None if regressors is None else regressors.copy()
         self._refused_fixes = memory.refused_fixes
+        self._stood_at = memory.stood_at
         self._step_under_way = memory.step_under_way
         self.stands = memory.stands
         self._tracks.recall(memory.tracks)
@@ -202,6 +214,10 @@ class Reckoning:
                 return self._take_heading(measurement)
             case BodyVelocity():
                 return self._take_body_velocity(measurement)
+            case PoseFix():
+                return self._take_pose(measurement)
+            case ZeroVelocity():
+                return self._take_zero_velocity(measurement)
             case Mark():
                 return self._take_mark(measurement)
 
@@ -215,8 +231,12 @@ class Reckoning:
             hole = tracks.is_hole(m.stamp)
             until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
             self._advance(until)
-        begins = tracks.stamp is None
+            self.health.track_gaps += hole
+        begins, before = tracks.stamp is None, tracks.repeating
+        repeats = m.left == tracks.left or m.right == tracks.right
         tracks.take(m.stamp, m.left, m.right)
+        if repeats:
+            self._count_stuck_tracks(before, tracks.repeating)
         if begins:
             # The robot may be on its way already, and its slip with it.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -248,16 +268,16 @@ class Reckoning:
             self._update_standstill()
         model, linearised_at = self.model(), ekf.x.copy()
         change = self._track_change()
-        used = self._update(
-            "gyro",
-            self._gates["gyro"],
+        used = update(
+            ekf,
+            self._judge("gyro", m.stamp),
             self._sensors.gyro(rate, self._imu.interval, model, ekf.x, change),
             reopen=s.SLIP_W,
             kept=IMU_KEPT,
         )
         force = m.linear_acceleration
         if force is not None and self._settings.use_accelerometer and not self.stands:
-            self._update_accelerometer(force, model, linearised_at, change)
+            self._update_accelerometer(m.stamp, force, model, linearised_at, change)
         ekf.keep_inside_bounds()
         self._advance(m.stamp)
         return used
@@ -281,15 +301,18 @@ class Reckoning:
         if verdicts is None:
             return None
         self.stamp = m.stamp
-        health, gates = self.health, self._gates
         if self.stands:
-            health.standstill_updates += 1
-        gates["gyro"].count(verdicts.gyro)
-        used = health.sensor("gyro").judged(verdicts.gyro, verdicts.gyro_nis)
-        if verdicts.accelerometer is not None:
-            gates["accelerometer"].count(verdicts.accelerometer)
-            of_accelerometer = health.sensor("accelerometer")
-            of_accelerometer.judged(verdicts.accelerometer, verdicts.accelerometer_nis)
+            self.health.standstill_updates += 1
+        gates, health = self._gates, self.health
+        (verdict, residual, variance, nis), of_accelerometer = verdicts
+        gates["gyro"].count(verdict)
+        judged = m.stamp, verdict, (residual,), ((variance,),)
+        used = health.sensor("gyro").judged(verdict, nis, 1, judged)
+        if of_accelerometer is not None:
+            verdict, residual, variance, nis = of_accelerometer
+            gates["accelerometer"].count(verdict)
+            judged = m.stamp, verdict, (residual,), ((variance,),)
+            health.sensor("accelerometer").judged(verdict, nis, 1, judged)
         return used
 
     def _update_standstill(self) -> None:
@@ -301,37 +324,34 @@ class Reckoning:
             self.ekf.update_scalar(*reading, kept=IMU_KEPT)
 
     def _update_accelerometer(
-        self, force: Vector3, model: TwistModel, linearised_at: Floats, change: TrackChange
+        self,
+        stamp: int,
+        force: Vector3,
+        model: TwistModel,
+        linearised_at: Floats,
+        change: TrackChange,
     ) -> None:
         rough = self._disturbances.sideways_density(self.slip_sigma())
         reading = self._sensors.accelerometer(
             force, self._imu.interval, model, linearised_at, self.ekf.x, change, rough
         )
-        self._update(
-            "accelerometer",
-            self._gates["accelerometer"],
-            reading,
-            reopen=s.ACCELEROMETER_BIAS,
-            kept=IMU_KEPT,
-        )
+        judge = self._judge("accelerometer", stamp)
+        update(self.ekf, judge, reading, reopen=s.ACCELEROMETER_BIAS, kept=IMU_KEPT)
 
     def _take_position(self, m: PositionFix) -> bool:
-        foretold, gate = self._pose_at(m.stamp), self._gates["position"]
-        measured = (m.x, m.y)
+        foretold, measured = self._pose_at(m.stamp), (m.x, m.y)
         believed = (foretold.values.item(0), foretold.values.item(1))
         refused = (*self._refused_fixes, RefusedFix(*measured, m.variance, *believed))
-        surprise = self._surprise(measured, m.variance, foretold)
-        lost = gate.gives_up and surprise.nis > gate.threshold
+        judge = self._judge("position", m.stamp)
+        surprise = surprise_of(self.ekf, measured, m.variance, foretold)
+        lost = judge.gate.gives_up and surprise.nis > judge.gate.threshold
         found = relocation(refused) if lost else None
         if found is None:
-            used = self._update_pair(
-                "position", measured, m.variance, foretold, surprise, reopen=s.X, kept=()
-            )
+            used = update_pair(self.ekf, judge, measured, m.variance, foretold, reopen=s.X, kept=())
         else:
             # The path is right in itself, but lies elsewhere: the heading is wrong, too.
             self.ekf.replace_pose(*found.pose(self.ekf.x[s.POSE]))
-            verdict = gate.judge(surprise.nis)
-            used = self.health.sensor("position").judged(verdict, surprise.nis, degrees=2)
+            used = judge.judge(surprise) != REJECTED
         self._refused_fixes = () if used else refused
         return used
 
@@ -339,30 +359,49 @@ class Reckoning:
         foretold, x = self._pose_at(m.stamp), self.ekf.x
         reading = component(s.YAW, m.yaw, m.variance, foretold, x, x)
         reading = reading._replace(residual=float(wrap_angle(reading.residual)))
-        used = self._update("heading", self._gates["heading"], reading, reopen=s.YAW, kept=())
+        judge = self._judge("heading", m.stamp)
+        used = update(self.ekf, judge, reading, reopen=s.YAW, kept=())
         self.ekf.keep_inside_bounds()
+        return used
+
+    def _take_pose(self, m: PoseFix) -> bool:
+        foretold, x = self._pose_at(m.stamp), self.ekf.x
+        residual = np.array((m.x, m.y, m.yaw)) - foretold.values
+        residual[2] = wrap_angle(residual[2])
+        joint = Joint.of(residual, np.array(m.covariance), foretold, x)
+        judge = self._judge("pose", m.stamp)
+        used = update_jointly(self.ekf, judge, joint, reopen=s.X, kept=())
+        if used:
+            # Where these lie is of no interest any more: the heading was measured, too.
+            self._refused_fixes = ()
+        return used
+
+    def _take_zero_velocity(self, m: ZeroVelocity) -> bool:
+        # At the estimate's own stamp it is about the next step, too: the one before is done with.
+        over = self.stamp == m.stamp and self._tracks.stamp is not None
+        waits = over or self._waits_for_imu(m.stamp)
+        if not waits:
+            self._begin_step(m.stamp)
+        before, self._stood_at = self._stood_at, m.stamp
+        foretold = self._twist_at(m.stamp, waits=waits)
+        noise = np.diag(np.square(m.sigma))
+        joint = Joint.of(-foretold.values, noise, foretold, self.ekf.x)
+        judge = self._judge("zero velocity", m.stamp)
+        used = update_jointly(self.ekf, judge, joint, reopen=s.SLIP_X, kept=STANDING_KEPT)
+        if not used:
+            self._stood_at = before
+        elif waits:
+            self.ekf.renew_fast_slip(foretold.covariance)
+        if not waits:
+            self._advance(m.stamp)
         return used
 
     def _take_body_velocity(self, m: BodyVelocity) -> bool:
         waits = self._waits_for_imu(m.stamp)
-        if not waits:
-            self._begin_step(m.stamp)
-        model = self.model()
-        if waits:
-            density = self._fast_slip_density(m.stamp, model)
-            foretold = twist_ahead(self.ekf.x, model, density, self._imu.interval)
-        else:
-            foretold = Foretold(model.twist, model.jacobian, np.zeros((3, 3)))
-        velocity = (m.v_x, m.v_y)
-        surprise = self._surprise(velocity, m.variance, foretold)
-        used = self._update_pair(
-            "body velocity",
-            velocity,
-            m.variance,
-            foretold,
-            surprise,
-            reopen=s.SLIP_X,
-            kept=POSE_KEPT,
+        foretold = self._twist_at(m.stamp, waits=waits)
+        judge, velocity = self._judge("body velocity", m.stamp), (m.v_x, m.v_y)
+        used = update_pair(
+            self.ekf, judge, velocity, m.variance, foretold, reopen=s.SLIP_X, kept=POSE_KEPT
         )
         if not waits:
             self._advance(m.stamp)
@@ -380,63 +419,18 @@ class Reckoning:
 
     # --- how it works ----------------------------------------------------------------------------
 
-    def _update(
-        self, sensor: str, gate: Gate, reading: Reading, *, reopen: int, kept: tuple[int, ...]
-    ) -> bool:
-        """A gated scalar update; when re-acquiring, the state `reopen` is made uncertain first."""
-        innovation = self.ekf.innovation(*reading)
-        verdict = gate.judge(innovation.nis)
-        if verdict == REACQUIRED:
-            variance = reopening(reading.residual * reading.residual, innovation.variance)
-            self.ekf.reopen(reopen, variance=variance)
-        if verdict != REJECTED:
-            self.ekf.update_scalar(*reading, kept=kept)
-        return self.health.sensor(sensor).judged(verdict, innovation.nis)
+    def _judge(self, sensor: str, stamp: int) -> Judge:
+        """Of a sensor's measurement at a stamp [ns]."""
+        return Judge(stamp, self._gates[sensor], self.health.sensor(sensor))
 
-    def _update_pair(
-        self,
-        sensor: str,
-        values: tuple[float, float],
-        variance: float,
-        foretold: Foretold,
-        surprise: Surprise,
-        *,
-        reopen: int,
-        kept: tuple[int, ...],
-    ) -> bool:
-        """A gated update with the first two of three numbers, both or none.
-
-        Args:
-            sensor: whose gate and counts these are.
-            values: what was measured.
-            variance: of each.
-            foretold: all three, at the present state.
-            surprise: of the values.
-            reopen: the first of the two states that are made uncertain when re-acquiring.
-            kept: states that are not to be moved.
-        """
-        ekf, health, foretold_at = self.ekf, self.health.sensor(sensor), self.ekf.x.copy()
-        residual, spread, nis = surprise
-        verdict = self._gates[sensor].judge(nis)
-        if verdict == REACQUIRED:
-            expected = float(spread.diagonal().min())
-            both = (reopen, reopen + 1)
-            ekf.reopen(*both, variance=reopening(float(residual @ residual), expected))
-        if verdict != REJECTED:
-            for axis, value in enumerate(values):
-                reading = component(axis, value, variance, foretold, foretold_at, ekf.x)
-                ekf.update_scalar(*reading, kept=kept)
-            ekf.keep_inside_bounds()
-        return health.judged(verdict, nis, degrees=2)
-
-    def _surprise(
-        self, values: tuple[float, float], variance: float, foretold: Foretold
-    ) -> Surprise:
-        """How far two measured numbers are from the first two of those foretold."""
-        residual = np.array(values) - foretold.values[:2]
-        rows = foretold.by_state[:2]
-        spread = rows @ self.ekf.P @ rows.T + foretold.covariance[:2, :2] + variance * np.eye(2)
-        return Surprise(residual, spread, float(residual @ np.linalg.solve(spread, residual)))
+    def _count_stuck_tracks(
+        self, before: tuple[Repeating, ...] | None, after: tuple[Repeating, ...] | None
+    ) -> None:
+        """Those that were found stuck with the newest sample."""
+        hold = self._settings.hold
+        for one, other in zip(before or (), after or (), strict=False):
+            if other.stuck_from(hold) is not None and one.stuck_from(hold) is None:
+                self.health.stuck_tracks += 1
 
     def _may_be_pushed(self) -> bool:
         """Whether it may be turning with its tracks at rest."""
@@ -445,6 +439,7 @@ class Reckoning:
             max(abs(tracks.left), abs(tracks.right)) < self._settings.standstill.track_speed
             and not self.stands
             and self.stamp is not None
+            and (self._stood_at is None or self._stood_at < self.stamp)
             and self._imu.is_alive(self.stamp)
         )
 
@@ -462,6 +457,16 @@ class Reckoning:
             return pose_ahead(self.ekf.x, model, density, elapsed)
         self._advance(stamp)
         return pose_now(self.ekf.x)
+
+    def _twist_at(self, stamp: int, *, waits: bool) -> Foretold:
+        """The twist at a stamp [ns], to which a step begins unless that waits for the IMU to end it."""
+        if not waits:
+            self._begin_step(stamp)
+        model = self.model()
+        if not waits:
+            return Foretold(model.twist, model.jacobian, np.zeros((3, 3)))
+        density = self._fast_slip_density(stamp, model)
+        return twist_ahead(self.ekf.x, model, density, self._imu.interval)
 
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
         """(3, 3) density of the fast slip from the estimate's stamp to a later one [ns]."""

@@ -11,7 +11,7 @@ Least-squares estimation of transformation parameters between two point patterns
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,25 +78,55 @@ def relocation(refused: tuple[RefusedFix, ...]) -> Relocation | None:
     Args:
         refused: fixes in a row.
     """
-    if len(refused) < FEWEST:
+    fit = laid_over(np.array(refused), len(refused))
+    if not fit[0]:
         return None
-    rows = np.array(refused)
-    measured, believed, variance = rows[:, :2], rows[:, 3:], float(rows[:, 2].max())
-    moved_to, middle = measured.mean(axis=0), believed.mean(axis=0)
-    z, p = measured - moved_to, believed - middle
-    extent = float((p * p).sum())
-    if extent <= 0.0:
-        return None
-    turn = math.atan2(float((p[:, 0] * z[:, 1] - p[:, 1] * z[:, 0]).sum()), float((p * z).sum()))
+    _, turn, turn_variance, x, y, to_x, to_y, variance = fit
+    return Relocation(turn, turn_variance, np.array([x, y]), np.array([to_x, to_y]), variance)
+
+
+def laid_over(rows: Any, count: int) -> Any:
+    """The fit itself, in plain numbers, for numba too.
+
+    Args:
+        rows: (n, 5) refused fixes in a row.
+        count: how many of the rows count.
+
+    Returns:
+        Whether it fits; the turn [rad] and its variance; the middle of the believed path, and where
+        that belongs [m]; the variance of each coordinate there [m²].
+    """
+    none = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    to_x = to_y = x = y = variance = 0.0
+    for k in range(count):
+        to_x += rows[k, 0] / count
+        to_y += rows[k, 1] / count
+        variance = max(variance, rows[k, 2])
+        x += rows[k, 3] / count
+        y += rows[k, 4] / count
+    extent = along = across = 0.0
+    for k in range(count):
+        p_x, p_y = rows[k, 3] - x, rows[k, 4] - y
+        z_x, z_y = rows[k, 0] - to_x, rows[k, 1] - to_y
+        extent += p_x * p_x + p_y * p_y
+        along += p_x * z_x + p_y * z_y
+        across += p_x * z_y - p_y * z_x
+    if count < FEWEST or extent <= 0.0:
+        return none
+    turn = math.atan2(across, along)
     cos, sin = math.cos(turn), math.sin(turn)
-    left = z - p @ np.array([[cos, sin], [-sin, cos]])
-    left_variance = float((left * left).sum()) / (2.0 * len(rows) - 3.0)
-    spread = extent / len(rows)
-    if left_variance > LEFT_OVER * variance + WARPED**2 * spread:
-        return None
+    left = 0.0
+    for k in range(count):
+        p_x, p_y = rows[k, 3] - x, rows[k, 4] - y
+        left_x = rows[k, 0] - to_x - (cos * p_x - sin * p_y)
+        left_y = rows[k, 1] - to_y - (sin * p_x + cos * p_y)
+        left += left_x * left_x + left_y * left_y
+    left_variance = left / (2.0 * count - 3.0)
+    if left_variance > LEFT_OVER * variance + WARPED * WARPED * extent / count:
+        return none
     noise = max(variance, left_variance)
     turn_variance = noise / extent
     sigma = math.sqrt(turn_variance)
     if sigma > KNOWN_TURN or abs(turn) < CLEAR_TURN * sigma:
-        return None
-    return Relocation(turn, turn_variance, middle, moved_to, noise)
+        return none
+    return (True, turn, turn_variance, x, y, to_x, to_y, noise)

@@ -12,14 +12,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from estimator import state as s
 from estimator.ekf import TwistModel
 from estimator.frames import Floats
-from estimator.measurements import ImuSample, Vector3
+from estimator.measurements import STANDSTILL_SIGMA, ImuSample, Vector3
 from estimator.robot import Robot
 
-# What a standing robot's velocity is known to be zero within [m/s, m/s, rad/s].
-STANDSTILL_SIGMA = (1e-3, 1e-3, 1e-4)
+# Of a standing robot's velocity.
 STANDSTILL_VARIANCE = tuple(sigma * sigma for sigma in STANDSTILL_SIGMA)
 # Share of the change of the track speeds that may be wrong because it comes late.
 ACCELERATION_DOUBT = 0.2
@@ -114,6 +115,17 @@ class SensorModels:
         if self._imu.gyro_axes == "z":
             return sample.angular_velocity[2] / (self._upward[2] * self._imu.gyro_scale)
         return _dot(self._upward, sample.angular_velocity) / self._imu.gyro_scale
+
+    def yaw_rates(self, angular_velocities: Floats) -> Floats:
+        """The same of samples (n, 3) [rad/s]."""
+        x, y, z = angular_velocities.T
+        if self._imu.gyro_axes == "z":
+            return np.asarray(z / (self._upward[2] * self._imu.gyro_scale))
+        return np.asarray(_dot(self._upward, (x, y, z)) / self._imu.gyro_scale)
+
+    def to_the_left_of(self, forces: Floats) -> Floats:
+        """Of specific forces (n, 3), what `to_the_left` says [m/s²]."""
+        return np.asarray(_dot(self._leftward, forces.T))
 
     def to_the_left(self, force: Vector3) -> float:
         """Of a specific force in the IMU's axes, the part to the left of base_link [m/s²]."""

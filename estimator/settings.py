@@ -47,6 +47,9 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             nothing older than the newest is taken.
         longest_gap: a stamp this much ahead of the newest is not believed, unless ten in a row are [s].
         use_accelerometer: whether the accelerometers update the filter.
+        considered: names of parameters, biases and scales (see `state_names`) that are uncertain and stay
+            so: they keep value and standard deviation, and are allowed for in all that is estimated
+            (Schmidt-Kalman).
         gates: chi-square gates.
         standstill: standstill detection.
 
@@ -65,6 +68,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     history: float = 1.0
     longest_gap: float = 100.0
     use_accelerometer: bool = True
+    considered: tuple[str, ...] = ()
     gates: GateSettings = GateSettings()
     standstill: StandstillSettings = StandstillSettings()
 
@@ -84,6 +88,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
         require_not_negative("Settings.gap_acceleration", self.gap_acceleration)
         require_flag("Settings.use_accelerometer", self.use_accelerometer)
+        names = self.considered
+        if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names)):
+            raise SettingError(
+                "Settings.considered must be a tuple of names of states, as in ('gyro_scale',), "
+                f"found {names!r}"
+            )
         if not (is_finite(self.history) and 0.0 <= self.history <= LONGEST_HISTORY):
             raise SettingError(
                 f"Settings.history must be from 0 to {LONGEST_HISTORY:g} s, found {self.history!r}"

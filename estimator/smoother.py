@@ -41,6 +41,7 @@ import numpy as np
 
 from estimator import state as s
 from estimator.ekf import IDENTITY, SLIP_DIAGONAL, IcrEkf
+from estimator.errors import EstimatorError
 from estimator.frames import Floats
 from estimator.log import Log
 from estimator.pose_estimator import PoseEstimator, Snapshot
@@ -89,8 +90,13 @@ def smooth(
         progress: called now and then with the stamp [ns] that the filter has reached.
 
     Raises:
-        EstimatorError: no such variant, or a log without track speeds.
+        EstimatorError: no such variant, a log without track speeds, or states that are only considered.
     """
+    if settings is not None and settings.considered:
+        raise EstimatorError(
+            "smoothing corrects all that it can, and cannot leave alone what Settings.considered names "
+            f"({', '.join(settings.considered)}); smooth without it, or give these no uncertainty"
+        )
     estimator = _TapedEstimator(
         robot, variant, settings=settings, start=start, start_sigma=start_sigma
     )

@@ -34,6 +34,59 @@ def smoothing_share(interval: float, time_constant: float) -> float:
     return -math.expm1(-interval / time_constant)
 
 
+def acceleration_after(
+    acceleration: float, interval: float, speed: float, speed_before: float
+) -> float:
+    """The averaged acceleration of a track after one more sample [m/s²].
+
+    Args:
+        acceleration: before it [m/s²].
+        interval: since the sample before [s].
+        speed: that was sampled [m/s].
+        speed_before: of the sample before [m/s].
+    """
+    weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
+    return acceleration + weight * (speed - speed_before - acceleration * interval)
+
+
+def left_of_speed(too_old: float) -> float:
+    """What is left of a speed that has been too old to be trusted for so long [s], as a share."""
+    return math.exp(-too_old / DYING_AWAY)
+
+
+def mean_left_of_speed(dt: float, from_age: float, to_age: float) -> float:
+    """The same in the mean of a step.
+
+    Args:
+        dt: of the step [s].
+        from_age: for how long the speed has been too old at the start of the step [s].
+        to_age: the same at its end, more than zero [s].
+    """
+    fresh = dt - (to_age - from_age)
+    dying = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
+    return (fresh + DYING_AWAY * dying) / dt
+
+
+def walked_density(
+    dt: float, from_age: float, to_age: float, gap_acceleration: float, fastest: float
+) -> float:
+    """Density of the error over a step of a speed that is not known any more [m²/s].
+
+    A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
+    noise of density g² t². The walk is bounded by the fastest that the tracks can go.
+
+    Args:
+        dt: of the step, more than zero [s].
+        from_age: for how long the speed has not been known at the start of the step [s].
+        to_age: the same at its end [s].
+        gap_acceleration: random walk of the speed [m/s/√s].
+        fastest: no track is faster [m/s].
+    """
+    age = (to_age * to_age - from_age * from_age) / (2.0 * dt)
+    square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
+    return min(gap_acceleration * gap_acceleration * square, 4.0 * fastest * fastest * age)
+
+
 class HeldTrackSpeeds:
     """Track speeds are held from one sample to the next; each is the average since the one before.
 
@@ -88,11 +141,10 @@ class HeldTrackSpeeds:
             if interval <= self._hold:
                 self.interval = interval
                 share = smoothing_share(interval, SMOOTHING)
-                weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
                 a_l, a_r = self.acceleration
                 self.acceleration = (
-                    a_l + weight * (left - self.left - a_l * interval),
-                    a_r + weight * (right - self.right - a_r * interval),
+                    acceleration_after(a_l, interval, left, self.left),
+                    acceleration_after(a_r, interval, right, self.right),
                 )
             else:
                 self.acceleration = (0.0, 0.0)
@@ -134,18 +186,15 @@ class HeldTrackSpeeds:
         """Speeds of the left and the right track at a stamp [ns], which die away when too old [m/s]."""
         if self.stamp is None or now is None or now - self.stamp <= self._hold_ns:
             return self.left, self.right
-        share = math.exp(-self._too_old(now) / DYING_AWAY)
+        share = left_of_speed(self._too_old(now))
         return share * self.left, share * self.right
 
     def mean_speeds(self, start: int, end: int) -> tuple[float, float]:
         """Their means between two stamps [ns]."""
         if self.stamp is None or end - self.stamp <= self._hold_ns:
             return self.left, self.right
-        from_age, to_age = self._too_old(start), self._too_old(end)
         dt = (end - start) * NANOSECOND
-        fresh = dt - (to_age - from_age)
-        dying = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
-        share = (fresh + DYING_AWAY * dying) / dt
+        share = mean_left_of_speed(dt, self._too_old(start), self._too_old(end))
         return share * self.left, share * self.right
 
     def _too_old(self, now: int) -> float:
@@ -160,9 +209,6 @@ class HeldTrackSpeeds:
 
     def gap_density(self, start: int, end: int) -> float:
         """Density of the error of the speeds over a step, from being too old to be trusted [m²/s].
-
-        A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
-        noise of density g² t². The walk is bounded by the fastest that the tracks can go.
 
         Args:
             start: stamp of the step's start [ns].
@@ -189,6 +235,4 @@ class HeldTrackSpeeds:
         dt = (end - start) * NANOSECOND
         if dt <= 0.0:
             return 0.0
-        age = (to_age**2 - from_age**2) / (2.0 * dt)
-        square = (to_age**3 - from_age**3) / (3.0 * dt)
-        return min(self._gap_acceleration**2 * square, (2.0 * self._fastest) ** 2 * age)
+        return walked_density(dt, from_age, to_age, self._gap_acceleration, self._fastest)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from estimator.errors import IcreckonError as IcreckonError
     from estimator.gating import GateSettings as GateSettings
     from estimator.health import Health as Health
+    from estimator.health import JudgedInnovation as JudgedInnovation
     from estimator.health import ParameterHealth as ParameterHealth
     from estimator.health import SensorHealth as SensorHealth
     from estimator.log import FixSeries as FixSeries
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
     from estimator.measurements import BodyVelocity as BodyVelocity
     from estimator.measurements import HeadingFix as HeadingFix
     from estimator.measurements import ImuSample as ImuSample
+    from estimator.measurements import PoseFix as PoseFix
     from estimator.measurements import PositionFix as PositionFix
     from estimator.measurements import TrackSpeeds as TrackSpeeds
+    from estimator.measurements import ZeroVelocity as ZeroVelocity
     from estimator.pose_estimator import PoseEstimator as PoseEstimator
     from estimator.pose_estimator import Snapshot as Snapshot
     from estimator.relative_motion import RelativeMotion as RelativeMotion
@@ -64,6 +67,10 @@ if TYPE_CHECKING:
     from simulation.scenario import Scenario as Scenario
     from simulation.scenario import load_scenario as load_scenario
     from simulation.scenario import simulate as simulate
+    from simulation.study import run_study as run_study
+    from simulation.study_plan import Study as Study
+    from simulation.study_plan import load_study as load_study
+    from simulation.study_plan import study_names as study_names
     from simulation.terrain import Patch as Patch
     from simulation.terrain import Payload as Payload
 
@@ -83,11 +90,13 @@ _HOMES = {
     "ImuSample": "estimator.measurements",
     "ImuSeries": "estimator.log",
     "InertialSpec": "simulation.noise",
+    "JudgedInnovation": "estimator.health",
     "Log": "estimator.log",
     "ParameterHealth": "estimator.health",
     "Patch": "simulation.terrain",
     "Payload": "simulation.terrain",
     "PoseEstimator": "estimator.pose_estimator",
+    "PoseFix": "estimator.measurements",
     "PoseSeries": "estimator.log",
     "PositionFix": "estimator.measurements",
     "RelativeMotion": "estimator.relative_motion",
@@ -103,26 +112,31 @@ _HOMES = {
     "Smoothing": "estimator.smoother",
     "Snapshot": "estimator.pose_estimator",
     "StandstillSettings": "estimator.standstill",
+    "Study": "simulation.study_plan",
     "TrackSpeedSeries": "estimator.log",
     "TrackSpeeds": "estimator.measurements",
     "Trajectory": "estimator.trajectory",
     "Truth": "estimator.log",
     "TwistSeries": "estimator.log",
     "VARIANTS": "estimator.variants",
+    "ZeroVelocity": "estimator.measurements",
     "compare": "replay.comparison",
     "default_adaptation": "estimator.variants",
     "drift": "estimator.scores",
     "inspect": "replay.inspection",
     "load_robot": "estimator.robot",
     "load_scenario": "simulation.scenario",
+    "load_study": "simulation.study_plan",
     "parse_part": "replay.fixes",
     "pose_nees": "estimator.scores",
     "read_log": "replay.bags",
     "robot_names": "estimator.robot",
     "run": "estimator.run",
+    "run_study": "simulation.study",
     "simulate": "simulation.scenario",
     "smooth": "estimator.smoother",
     "state_names": "estimator.variants",
+    "study_names": "simulation.study_plan",
     "summarise": "replay.results",
     "velocity_errors": "estimator.scores",
     "write_log": "replay.bag_writer",

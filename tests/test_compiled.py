@@ -18,8 +18,10 @@ from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
     ImuSample,
+    PoseFix,
     PositionFix,
     TrackSpeeds,
+    ZeroVelocity,
 )
 from estimator.motion import InertiaMotion
 from estimator.motion_model import Motion, TwistDerivatives
@@ -31,6 +33,7 @@ from estimator.variants import VARIANTS, find_variant, initial_parameters, motio
 from simulation.scenario import Scenario, simulate
 
 ALPHA = load_robot("auriga-alpha")
+CORRELATED = ((0.04, 0.01, -0.02), (0.01, 0.05, 0.03), (-0.02, 0.03, 0.5))
 START = {"start": (1.0, 2.0, 0.5), "start_sigma": (0.1, 0.1, 0.1)}
 
 
@@ -198,6 +201,8 @@ def everything():
                 if time > 25.0 and len(measurements) % 3 == 0:
                     continue
         measurements.append(m)
+        if isinstance(m, TrackSpeeds) and 28.2 < time < 30.5:
+            measurements.append(ZeroVelocity(m.stamp + 10_000_000 * (int(10.0 * time) % 3)))
         if isinstance(m, PositionFix) and 10.0 < time < 26.0:
             away = 8.0 if 18.0 < time < 25.0 else 0.0
             # Some with an IMU sample, some between two.
@@ -205,6 +210,9 @@ def everything():
             measurements[-1] = PositionFix(stamp, m.x + away, m.y, m.variance)
             measurements.append(BodyVelocity(stamp, 0.4, 0.01, 0.01))
             measurements.append(HeadingFix(stamp, 0.3 * rng.normal(), 0.5))
+            for at in (stamp, stamp + 3_000_000):
+                pose = PoseFix(at, m.x + away, m.y, rng.normal(), CORRELATED)
+                measurements += [pose, ZeroVelocity(at)]
     # Some come late.
     arrival = [
         m.stamp + (400_000_000 if rng.random() < 0.03 else 0) - log.start for m in measurements
@@ -258,20 +266,25 @@ def test_compiled_agrees_with_plain(variant, options):
     a, b = plain.health, compiled.health
     assert a.rejections() == b.rejections()
     assert a.standstill_updates == b.standstill_updates > 50
+    assert a.track_gaps == b.track_gaps == 2
+    assert a.stuck_tracks == b.stuck_tracks > 0
     for name, sensor in a.sensors.items():
         other = b.sensors[name]
-        assert (sensor.used, sensor.degrees, sensor.late) == (
-            other.used,
-            other.degrees,
-            other.late,
-        )
+        for count in ("used", "degrees", "late", "reacquired"):
+            assert getattr(sensor, count) == getattr(other, count)
         assert sensor.nis_sum == pytest.approx(other.nis_sum, rel=1e-9)
+        if sensor.newest is not None:
+            assert other.newest[:2] == sensor.newest[:2]
+            assert flat(other.newest[2:]) == pytest.approx(flat(sensor.newest[2:]), rel=1e-7)
     assert a.sensors["gyro"].rejected["gate"] >= 10
     assert a.sensors["accelerometer"].rejected["gate"] >= 10
     assert a.sensors["position"].rejected["gate"] >= 10
+    assert a.sensors["pose"].degrees > 10
+    assert a.sensors["zero velocity"].degrees > 100
     # Believed after so many in a row: used, but no degree of freedom.
-    for name in ("gyro", "accelerometer", "position"):
-        degrees = 2 if name == "position" else 1
+    many = {"position": 2, "pose": 3}
+    for name in ("gyro", "accelerometer", *many):
+        degrees = many.get(name, 1)
         assert a.sensors[name].degrees < degrees * a.sensors[name].used
     assert compiled.twist == pytest.approx(plain.twist, abs=1e-10)
     assert compiled.indices == pytest.approx(plain.indices, abs=1e-10)

@@ -96,11 +96,32 @@ def test_every_example_says_something(guide):
     assert re.match(r"\d\.\d s: ", printed[0])
     assert all(printed)
     text = "".join(printed)
-    for said in ("in the map: [", "with visual odometry: ", "the motion would show: ['"):
+    said_so = (
+        "in the map: [",
+        "with visual odometry: ",
+        "the motion would show: ['",
+        "docked at [",
+    )
+    for said in (*said_so, "newest admitted: off by [", "gaps bridged, ", "considered: "):
         assert said in text
     # What is kept fixed has no share, and the others are learnt.
     (learnt,) = re.findall(r"eta0: \S+, share nan\nepsilon0: \S+, share (\S+)\n", text)
     assert float(learnt) < 1.0
+
+
+def test_the_dock_is_found_and_the_bias_with_it(guide):
+    names, _ = guide
+    docked = names["docked"]
+    assert docked.pose == pytest.approx([0.1, 0.0, 0.2], abs=0.02)
+    assert docked.biases["gyro_bias"] == pytest.approx(0.004, abs=1e-3)
+    assert docked.health.rejections() == {}
+
+
+def test_what_is_considered_stays(guide):
+    names, _ = guide
+    eta0 = names["considering"].parameter_health["eta0"]
+    assert names["considering"].parameters["eta0"] == names["robot"].indices.eta0
+    assert (eta0.share, eta0.sigma) == (1.0, 0.4)
 
 
 def test_the_kept_parameter_is_the_robot_files(guide):

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from estimator import state as s
-from estimator.gating import ADMITTED, REJECTED
-from estimator.health import EXCITED, Health, ParameterHealth, SensorHealth
-from estimator.measurements import TrackSpeeds
+from estimator.gating import ADMITTED, REJECTED, GateSettings
+from estimator.health import EXCITED, Health, JudgedInnovation, ParameterHealth, SensorHealth
+from estimator.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Slip, load_robot
 from estimator.settings import Settings
@@ -85,15 +93,22 @@ def test_what_is_read_does_not_go_on_counting():
 
 
 def test_counts_add_up():
-    one = Health({"gyro": SensorHealth(3, {"gate": 1}, 2.5, 3, 1)}, 4)
+    one = Health({"gyro": SensorHealth(3, {"gate": 1}, 2.5, 3, 1, reacquired=1)}, 4, 2, 1)
     other = Health(
-        {"gyro": SensorHealth(2, {"gate": 2, "x": 1}, 1.0, 2), "imu": SensorHealth(1)}, 1
+        {
+            "gyro": SensorHealth(2, {"gate": 2, "x": 1}, 1.0, 2, reacquired=3),
+            "imu": SensorHealth(1),
+        },
+        1,
+        3,
+        5,
     )
     total = one.copy()
     total.add(other)
-    assert total.sensors["gyro"] == SensorHealth(5, {"gate": 3, "x": 1}, 3.5, 5, 1)
+    summed = SensorHealth(5, {"gate": 3, "x": 1}, 3.5, 5, 1, reacquired=4)
+    assert total.sensors["gyro"] == summed
     assert total.sensors["imu"].used == 1
-    assert total.standstill_updates == 5
+    assert (total.standstill_updates, total.track_gaps, total.stuck_tracks) == (5, 5, 6)
     assert one.sensors["gyro"].rejected == {"gate": 1}
     assert other.sensors["gyro"].rejected == {"gate": 2, "x": 1}
 
@@ -104,7 +119,9 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
         health.judged(ADMITTED, 2.0, degrees=2)
     assert health.recent_nis == pytest.approx(1.0)
     for _ in range(300):
-        health.judged(REJECTED, 60.0, degrees=2)
+        health.judged(REJECTED, 60.0, 2, (7, REJECTED, (3.0, 4.0), ((1.0, 0.5), (0.5, 2.0))))
+    residual, covariance = (3.0, 4.0), ((1.0, 0.5), (0.5, 2.0))
+    assert health.newest == JudgedInnovation(7, "rejected", residual, covariance)
     assert health.newest_nis == 60.0
     assert health.nis_per_degree == pytest.approx(1.0)
     assert health.recent_nis == pytest.approx(30.0, rel=0.1)
@@ -112,3 +129,123 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
     both = SensorHealth()
     both.add(health)
     assert both == health
+
+
+# --- innovations ------------------------------------------------------------------------------------
+
+STEP = 10_000_000
+
+
+def one_of_each(engine):
+    """An estimator that was fed each kind of measurement, and what each was, by its sensor."""
+    settings = Settings(engine=engine, gates=GateSettings(patience=2))
+    estimator = PoseEstimator(ALPHA, settings=settings, start_sigma=(0.1, 0.2, 0.3))
+    scenario = Scenario(duration=8.0, seed=3, trajectory="slalom", fix_rate=0.0, imu_rate=50.0)
+    for measurement in simulate(scenario, ALPHA).measurements():
+        estimator.feed(measurement)
+    at, (x, y, yaw) = estimator.stamp, estimator.pose
+    forward, left, w = estimator.twist
+    fed = {
+        "position": PositionFix(at, x + 0.3, y - 0.2, 0.04),
+        "heading": HeadingFix(at, yaw + 2.0 * math.pi - 0.1, 0.02),
+        "body velocity": BodyVelocity(at, forward + 0.02, left - 0.01, 0.01),
+        "pose": PoseFix(at, x + 0.1, y, yaw, np.diag([0.04, 0.05, 0.06])),
+        "zero velocity": ZeroVelocity(at, (0.5, 0.1, 0.9)),
+    }
+    for measurement in fed.values():
+        assert estimator.feed(measurement)
+    assert estimator.feed(ImuSample(at + STEP, (0.0, 0.0, w), (0.0, forward * w, 9.81)))
+    return estimator, fed
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_the_newest_innovation_of_each_sensor_is_what_its_gate_has_judged(engine):
+    estimator, fed = one_of_each(engine)
+    sensors = estimator.health.sensors
+    for name in ("gyro", "accelerometer", *fed):
+        newest = sensors[name].newest
+        assert newest.verdict == "admitted"
+        residual, covariance = np.array(newest.residual), np.array(newest.covariance)
+        assert covariance == pytest.approx(covariance.T)
+        assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+        nis = residual @ np.linalg.solve(covariance, residual)
+        assert nis == pytest.approx(sensors[name].newest_nis, rel=1e-9)
+    at = fed["position"].stamp
+    assert [sensors[name].newest.stamp for name in ("gyro", *fed)] == [at + STEP] + [at] * 5
+    assert sensors["position"].newest.residual == pytest.approx((0.3, -0.2))
+    variances = np.diagonal(sensors["position"].newest.covariance)
+    assert (variances > 0.04 + 0.1**2).all()
+    # Wrapped.
+    assert sensors["heading"].newest.residual[0] == pytest.approx(-0.1, abs=0.2)
+    assert np.shape(sensors["pose"].newest.covariance) == (3, 3)
+    assert sensors["zero velocity"].newest.residual[0] == pytest.approx(-0.6, abs=0.5)
+    assert sensors["tracks"].newest is None
+
+
+def test_verdicts_are_told_in_words_and_a_copy_is_the_same():
+    estimator, fed = one_of_each("compiled")
+    far, told = fed["position"], []
+    for k in range(1, 4):
+        fix = PositionFix(far.stamp + k, far.x + 50.0, far.y, 1e-4)
+        estimator.feed(fix)
+        newest = estimator.health.sensors["position"].newest
+        assert newest.stamp == fix.stamp
+        assert newest.residual[0] == pytest.approx(50.0, abs=0.5)
+        # Of what was expected then, not of what was made uncertain on account of it.
+        assert newest.covariance[0][0] < 1.0
+        told.append(newest.verdict)
+    assert told == ["rejected", "rejected", "reacquired"]
+
+
+def test_innovations_outlive_a_program(tmp_path):
+    estimator, _ = one_of_each("compiled")
+    estimator.save(tmp_path / "saved.json")
+    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    for name, sensor in estimator.health.sensors.items():
+        assert restored.health.sensors[name].newest == sensor.newest
+
+
+# --- what would go unnoticed ------------------------------------------------------------------------
+
+
+def test_what_is_believed_after_many_rejections_is_counted_apart():
+    estimator, fed = one_of_each("compiled")
+    assert {sensor.reacquired for sensor in estimator.health.sensors.values()} == {0}
+    far = fed["position"]
+    for k in range(1, 5):
+        estimator.feed(PositionFix(far.stamp + k, far.x + 50.0, far.y, 1e-4))
+    sensor = estimator.health.sensors["position"]
+    assert (sensor.reacquired, sensor.rejected["gate"], sensor.used) == (1, 2, 3)
+
+
+def test_what_comes_too_late_is_not_among_what_comes_late():
+    estimator, fed = one_of_each("compiled")
+    position = fed["position"]
+    for late in (0.1, 0.5, 1.5, 2.5, 3.5):
+        stamp = position.stamp - round(late * 1e9)
+        estimator.feed(PositionFix(stamp, position.x, position.y, 100.0))
+    sensor = estimator.health.sensors["position"]
+    assert (sensor.late, sensor.too_late) == (2, 3)
+    assert estimator.health.sensors["gyro"].too_late == 0
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_gaps_and_stuck_tracks_are_counted_once_each(engine):
+    estimator = PoseEstimator(ALPHA, settings=Settings(engine=engine))
+    rng, told = np.random.default_rng(0), []
+    for k in range(1500):
+        left, right = (0.4 + 0.01 * rng.normal(size=2)).tolist()
+        if 300 <= k < 320 or 700 <= k < 760:
+            continue
+        if 400 <= k < 500 or 900 <= k < 1000:
+            left = 0.4
+        if 1100 <= k < 1200:
+            right = 0.4
+        estimator.feed(TrackSpeeds(k * STEP, left, right))
+        told.append((k, estimator.health.track_gaps, estimator.health.stuck_tracks))
+    gaps, stuck = told[-1][1:]
+    # The first hole is shorter than `Settings.hold`.
+    assert (gaps, stuck) == (1, 3)
+    assert {at: row for at, *row in told}[430] == [0, 0]
+    assert {at: row for at, *row in told}[499] == [0, 1]
+    assert {at: row for at, *row in told}[760] == [1, 1]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator import history
+from estimator import admission, history
 from estimator.admission import key_of
 from estimator.errors import EstimatorError
 from estimator.health import SensorHealth
@@ -14,8 +14,10 @@ from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
     ImuSample,
+    PoseFix,
     PositionFix,
     TrackSpeeds,
+    ZeroVelocity,
 )
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
@@ -26,6 +28,7 @@ from simulation.scenario import Scenario, simulate
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789
 STEP = 10_000_000
+COVARIANCE = ((0.04, 0.01, 0.0), (0.01, 0.05, 0.02), (0.0, 0.02, 0.3))
 TOO_OLD = "older than Settings.history"
 
 
@@ -54,6 +57,9 @@ def some_measurements():
         found.append(m)
         if isinstance(m, HeadingFix):
             found.append(BodyVelocity(m.stamp, 0.3, 0.0, 0.04))
+            found.append(ZeroVelocity(m.stamp, (0.3, 0.1, 0.5)))
+            x, y = found[-4].x, found[-4].y
+            found.append(PoseFix(m.stamp, x, y, m.yaw, COVARIANCE))
     return sorted(found, key=key_of)
 
 
@@ -115,7 +121,7 @@ def test_the_order_of_arrival_does_not_matter_at_the_start_and_on_the_way(first,
     assert known(feed_all(mixed)) == IN_ORDER
 
 
-@pytest.mark.parametrize("kind", [TrackSpeeds, ImuSample, PositionFix, HeadingFix, BodyVelocity])
+@pytest.mark.parametrize("kind", admission.STREAMS)
 def test_a_sensor_that_is_always_late_is_taken_in_at_its_stamps(kind):
     delays = [seconds(0.5) if isinstance(m, kind) else 0 for m in MEASUREMENTS]
     estimator = feed_all(as_they_arrive(MEASUREMENTS, delays))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import make_log
+from estimator.admission import STREAMS, key_of
 from estimator.errors import EstimatorError
 from estimator.log import (
     FixSeries,
@@ -16,7 +17,19 @@ from estimator.log import (
     TwistSeries,
     screen,
 )
-from estimator.measurements import HeadingFix, ImuSample, PositionFix, TrackSpeeds
+from estimator.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
+from estimator.robot import load_robot
+from estimator.run import run
+from estimator.smoother import smooth
+from estimator.variants import state_names
 
 
 def stamps(*values):
@@ -204,3 +217,111 @@ def test_log_of_nothing_says_so():
     with pytest.raises(EstimatorError, match="'nothing' holds neither track speeds nor IMU"):
         _ = log.duration
     assert list(log.measurements()) == []
+
+
+# --- from measurements ------------------------------------------------------------------------------
+
+COVARIANCE = ((0.04, 0.01, 0.0), (0.01, 0.05, 0.02), (0.0, 0.02, 0.3))
+
+
+def all_kinds():
+    """Measurements of all kinds, in order, many with equal stamps; one IMU sample has no force."""
+    found = list(make_log(seconds=2.0).measurements())
+    at = next(m.stamp for m in found[20:] if isinstance(m, PositionFix))
+    found += [
+        BodyVelocity(at, 0.3, 0.0, 0.01),
+        PoseFix(at, 0.1, 0.2, 0.3, COVARIANCE),
+        PoseFix(at + 1, 0.1, 0.2, 0.3, COVARIANCE),
+        ZeroVelocity(at, (0.1, 0.2, 0.3)),
+        HeadingFix(at + 1, 0.3, 0.4),
+        ImuSample(at + 1, (0.0, 0.0, 0.1)),
+        ZeroVelocity(at + 2),
+    ]
+    return sorted(found, key=key_of)
+
+
+def test_a_log_of_its_measurements_has_the_same_measurements():
+    for measurements in (all_kinds(), list(make_log().measurements())):
+        assert list(Log.from_measurements(measurements).measurements()) == measurements
+    kinds = {type(m) for m in all_kinds()}
+    assert kinds == set(STREAMS), "or a kind is not tested"
+
+
+def test_the_order_that_measurements_are_given_in_does_not_matter():
+    measurements = all_kinds()
+    shuffled = [measurements[i] for i in np.random.default_rng(0).permutation(len(measurements))]
+    log = Log.from_measurements((m for m in shuffled), name="mixed")
+    assert log.name == "mixed"
+    assert list(log.measurements()) == measurements
+    for series in (log.tracks, log.imu, log.fixes):
+        assert (np.diff(series.stamps) > 0).all()
+    # A heading that comes with a position is part of that fix.
+    assert sum(isinstance(m, HeadingFix) for m in log.others) == 1
+    assert log.dropped == {}
+
+
+def test_numbers_of_any_kind_make_a_log_of_plain_numbers():
+    covariance = np.array(COVARIANCE)
+    log = Log.from_measurements(
+        [
+            TrackSpeeds(np.int64(3), 1, np.float32(0.5)),
+            ImuSample(4, np.zeros(3), [0, 0, 10]),
+            PoseFix(5, 1, 2, 3, covariance),
+        ]
+    )
+    covariance[:] = 0.0
+    assert list(log.measurements()) == [
+        TrackSpeeds(3, 1.0, 0.5),
+        ImuSample(4, (0.0, 0.0, 0.0), (0.0, 0.0, 10.0)),
+        PoseFix(5, 1.0, 2.0, 3.0, COVARIANCE),
+    ]
+
+
+def test_what_cannot_be_right_is_dropped_and_counted():
+    good = all_kinds()
+    bad = [
+        TrackSpeeds(1, np.nan, 0.0),
+        good[5],
+        PositionFix(1, 0.0, 0.0, -1.0),
+        PoseFix(2, 0.0, 0.0, 0.0, ((1.0, 2.0, 0.0), (2.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+        ZeroVelocity(3, (0.0, 1.0, 1.0)),
+    ]
+    log = Log.from_measurements(good + bad)
+    assert list(log.measurements()) == good
+    assert log.dropped == {
+        "tracks: not finite": 1,
+        f"{STREAMS[type(good[5])]}: duplicate stamp": 1,
+        "position: variance not positive": 1,
+        "pose: covariance not positive definite": 1,
+        "zero velocity: sigma not positive": 1,
+    }
+
+
+def test_what_is_no_measurement_makes_no_log():
+    with pytest.raises(EstimatorError, match="no measurement: 3"):
+        Log.from_measurements([TrackSpeeds(1, 0.0, 0.0), 3])
+
+
+def test_a_list_of_measurements_can_be_run_and_smoothed():
+    robot, at = load_robot("auriga-alpha"), stamps(*range(0, 2_000_000_000, 20_000_000))
+    drive = [
+        kind(stamp, *values)
+        for stamp in at.tolist()
+        for kind, *values in ((TrackSpeeds, 0.3, 0.3), (ImuSample, (0.0, 0.0, 0.0)))
+    ]
+    seen = [PoseFix(10**9, 0.5, 0.2, 0.0, COVARIANCE), BodyVelocity(10**9, 0.32, 0.0, 1e-4)]
+    start = {"start_sigma": (0.5, 0.5, 0.5)}
+    log = Log.from_measurements([*seen, *drive])
+    filtered, smoothed = smooth(log, robot, "constant-fixed", **start)
+    plain = run(log, robot, "constant-fixed", **start)
+    assert (plain.states == filtered.states).all()
+    assert plain.health.sensors["pose"].used == plain.health.sensors["body velocity"].used == 1
+    assert plain.state_names == state_names("constant-fixed")
+    # The fix counts for what was before it, too.
+    assert smoothed.state_sigmas[5, 1] < 0.7 * filtered.state_sigmas[5, 1]
+
+
+def test_an_empty_list_makes_a_log_of_nothing():
+    log = Log.from_measurements([])
+    assert list(log.measurements()) == []
+    assert (log.imu, log.fixes) == (None, None)

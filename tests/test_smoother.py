@@ -12,6 +12,7 @@ from estimator import state as s
 from estimator.errors import EstimatorError
 from estimator.frames import wrap_angle
 from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.measurements import BodyVelocity, PoseFix, ZeroVelocity
 from estimator.robot import load_robot
 from estimator.run import run
 from estimator.scores import interpolate_poses
@@ -183,8 +184,21 @@ class _Batch(smoother._Tape):
         return found
 
 
+def said(begin, poses):
+    """Further measurements: at a stamp of the IMU, and between two."""
+    covariance = ((4e-4, 1e-4, 0.0), (1e-4, 4e-4, 1e-4), (0.0, 1e-4, 1e-3))
+    at = begin + np.array([240, 390, 450, 530]) * 10**6
+    return (
+        ZeroVelocity(int(at[0]), (1.0, 0.5, 0.7)),
+        PoseFix(int(at[1]), *poses[2].tolist(), covariance),
+        BodyVelocity(int(at[2]), 0.3, 0.0, 0.04),
+        ZeroVelocity(int(at[3]), (1.0, 0.5, 0.7)),
+    )
+
+
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
-def test_smoothed_is_the_batch_solution(variant, log, monkeypatch):
+@pytest.mark.parametrize("more", [False, True], ids=["fixes", "all kinds"])
+def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
     """A second of slalom with fixes, all unknowns at one go."""
     made = []
 
@@ -206,11 +220,14 @@ def test_smoothed_is_the_batch_solution(variant, log, monkeypatch):
         TrackSpeedSeries(tracks.stamps[a], tracks.speeds[a]),
         ImuSeries(imu.stamps[b], imu.angular_velocity[b], imu.linear_acceleration[b]),
         FixSeries(stamps, poses, np.tile([1e-4, 1e6], (4, 1))),
+        others=said(begin, poses) if more else (),
     )
     start = tuple(interpolate_poses(log.truth.poses, np.array([begin]))[0].tolist())
     monkeypatch.setattr(smoother, "_Tape", noted)
     before, after = smooth(short, ALPHA, variant, start=start, start_sigma=(0.1, 0.1, 0.2))
     assert before.health.sensors["position"].used == 4
+    assert sum(before.health.rejections().values()) == 0
+    assert ("pose" in before.health.sensors) is more
     for row, (mean, covariance) in enumerate(made[0].solve()):
         scale = np.sqrt(np.maximum(covariance.diagonal(), 1e-30))
         apart = after.states[row] - before.states[row] - mean
