@@ -58,10 +58,16 @@ def read_tracks(
         errors: of the track speeds.
         rng: draws the errors.
     """
+    return with_encoder_errors(motion.mean_track_speeds(times), times, rate, errors, rng)
+
+
+def with_encoder_errors(
+    true: Floats, times: Floats, rate: float, errors: EncoderErrors, rng: Generator
+) -> TrackSpeedSeries:
+    """What encoders read of true mean speeds (n, 2) since the sample before [m/s]; see `read_tracks`."""
     constants, events = rng.spawn(2)
     scale = 1.0 + errors.scale_sigma * rng.standard_normal()
     difference = errors.scale_difference_sigma * constants.standard_normal()
-    true = motion.mean_track_speeds(times)
     noise = errors.speed_noise_density * np.sqrt(rate) * rng.standard_normal(true.shape)
     measured = true / (scale + difference * np.array([0.5, -0.5])) + noise
     speeds = np.where(np.abs(true) > STANDING, measured, 0.0)

@@ -106,11 +106,51 @@ def read_imu(
         gyro_rng: draws the errors of the gyro.
         accelerometer_rng: draws the errors of the accelerometer.
     """
+    true = perfect_readings(motion, times, rate, robot)
+    return with_inertial_errors(
+        true, times, rate, robot, gyro, accelerometer, gyro_rng, accelerometer_rng
+    )
+
+
+def perfect_readings(
+    motion: TrueMotion, times: Floats, rate: float, robot: Robot
+) -> tuple[Floats, Floats]:
+    """What the IMU would read without errors; arguments as those of `read_imu`.
+
+    Returns:
+        Angular velocities (n, 3) times `gyro_scale` [rad/s], and specific forces (n, 3) [m/s²].
+    """
     # Rows times a matrix: v^T R is (R^T v)^T, from base_link to the IMU's axes.
     to_imu = robot.imu_rotation
     rates = angular_velocities(motion, times, 1.0 / rate) @ to_imu
     forces = specific_forces(motion, times, 1.0 / rate, robot.imu.position) @ to_imu
-    angular_velocity, gyro_bias = _read(robot.imu.gyro_scale * rates, rate, gyro, gyro_rng)
+    return robot.imu.gyro_scale * rates, forces
+
+
+def with_inertial_errors(
+    perfect: tuple[Floats, Floats],
+    times: Floats,
+    rate: float,
+    robot: Robot,
+    gyro: InertialErrors,
+    accelerometer: InertialErrors,
+    gyro_rng: Generator,
+    accelerometer_rng: Generator,
+) -> Imu:
+    """What the IMU reads where a perfect one reads this; other arguments as those of `read_imu`.
+
+    Args:
+        perfect: as `perfect_readings` returns it.
+        times: (n,) when it samples [s].
+        rate: samples per second [Hz].
+        robot: axes of the gyro.
+        gyro: errors of the gyro.
+        accelerometer: errors of the accelerometer.
+        gyro_rng: draws the errors of the gyro.
+        accelerometer_rng: draws the errors of the accelerometer.
+    """
+    rates, forces = perfect
+    angular_velocity, gyro_bias = _read(rates, rate, gyro, gyro_rng)
     force, force_bias = _read(forces, rate, accelerometer, accelerometer_rng)
     if robot.imu.gyro_axes == "z":
         angular_velocity[:, :2] = 0.0
@@ -200,16 +240,22 @@ def _read(
     true: Floats, rate: float, errors: InertialErrors, rng: Generator
 ) -> tuple[Floats, Floats]:
     """What a sensor reads (n, 3) of true values (n, 3) in its axes, and its bias (n, 3) [unit]."""
+    from simulation.noise_kernel import add_inertial_errors_entry
+
     constants, instabilities = rng.spawn(2)
     count = len(true)
     start = errors.bias_sigma * rng.standard_normal(3)
-    white, walk = np.moveaxis(rng.standard_normal((count, 2, 3)), 1, 0)
-    walk[0] = 0.0
-    unit = gauss_markov(count, 1.0 / rate, errors.bias_instability_time, instabilities)
-    bias = start + np.cumsum(errors.bias_walk / np.sqrt(rate) * walk, axis=0)
-    bias += INSTABILITY_FLOOR / MARKOV_PEAK * errors.bias_instability * unit
+    draws = rng.standard_normal((count, 2, 3))
+    bias = np.zeros((count, 3))
+    if errors.bias_instability > 0.0:
+        unit = gauss_markov(count, 1.0 / rate, errors.bias_instability_time, instabilities)
+        bias += INSTABILITY_FLOOR / MARKOV_PEAK * errors.bias_instability * unit
     scale = 1.0 + errors.scale_sigma * constants.standard_normal(3)
     lean = errors.misalignment_sigma * constants.standard_normal((3, 3))
     triad = np.where(np.eye(3, dtype=bool), np.diag(scale), lean)
-    reading = true @ triad.T + errors.noise_density * np.sqrt(rate) * white + bias
-    return np.clip(reading, -errors.range, errors.range), bias
+    reading = np.empty((count, 3))
+    white, walk = errors.noise_density * np.sqrt(rate), errors.bias_walk / np.sqrt(rate)
+    add_inertial_errors_entry(
+        true, draws, triad, start, white, walk, reading, bias, float(errors.range)
+    )
+    return reading, bias

@@ -207,18 +207,11 @@ def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) 
     Returns:
         (count, 3).
     """
+    from simulation.noise_kernel import gauss_markov_entry
+
     noise = rng.standard_normal((count, 3))
     decay = step / time_constant
-    noise[1:] *= np.sqrt(-np.expm1(-2.0 * decay))
-    # The recursion as a cumulative sum, block by block, so that exp(index * decay) stays moderate.
-    block = max(1, int(10.0 / decay))
-    growth = np.exp(np.arange(block) * decay)[:, None]
-    carried = np.zeros(3)
-    for first in range(0, count, block):
-        part = noise[first : first + block]
-        part[0] += np.exp(-decay) * carried
-        part[:] = np.cumsum(part * growth[: len(part)], axis=0) / growth[: len(part)]
-        carried = part[-1].copy()
+    gauss_markov_entry(noise, float(np.exp(-decay)), float(np.sqrt(-np.expm1(-2.0 * decay))))
     return noise
 
 

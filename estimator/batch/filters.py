@@ -1,0 +1,262 @@
+"""Many filters of one robot and variant, side by side in the lanes of vector registers."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator import state as s
+from estimator.assumptions import assumptions
+from estimator.batch.emit import compiled_kernel, lanes_of_machine
+from estimator.batch.errors import BatchError
+from estimator.batch.fixes import heading_kernel, position_kernel
+from estimator.batch.lane import FilterShape
+from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout
+from estimator.batch.schedule import UPDATE, Steps
+from estimator.batch.step import StepKind, step_kernel
+from estimator.batch.work import ESTIMATE, Places, work_through
+from estimator.ekf import REGRESSOR_SMOOTHING
+from estimator.frames import Floats
+from estimator.gating import CHI_SQUARE_1E4
+from estimator.imu_kernel import SlipNumbers
+from estimator.jit_kernel import entry
+from estimator.log import NANOSECOND
+from estimator.motion import InertiaMotion
+from estimator.propagation import fading, gauss_markov_noise
+from estimator.robot import Robot
+from estimator.sensor_models import SensorModels
+from estimator.settings import Settings
+from estimator.track_speeds import smoothing_share
+from estimator.variants import Variant
+
+BITS = 64
+# Registers are as long as lines of the cache on all machines that have such wide ones [bytes].
+LINE = 64
+
+
+class Lanes(NamedTuple):
+    """Filters on their way.
+
+    Attributes:
+        workspace: (rows, width) see `BatchFilter.layout`.
+        refused: (width, n, 5) position fixes that were refused since one was used.
+        refused_count: (width,) how many those are.
+        constants: what all of them share, and room for what belongs to a step.
+    """
+
+    workspace: Floats
+    refused: Floats
+    refused_count: Any
+    constants: Floats
+
+
+class BatchFilter:
+    """The filters of one robot, variant and settings.
+
+    Args:
+        robot: as the filters know it.
+        variant: of one of the index models.
+        settings: of the filters.
+
+    Attributes:
+        robot: the robot.
+        settings: the settings.
+        width: how many filters run side by side.
+        layout: what stands where in the workspace.
+
+    Raises:
+        BatchError: the variant is none of an index model.
+        EstimatorError: see `PoseEstimator`.
+    """
+
+    def __init__(self, robot: Robot, variant: Variant, settings: Settings) -> None:
+        if settings.considered:
+            raise BatchError(
+                f"filters side by side cannot take states as uncertain that they do not correct, found "
+                f"considered = {settings.considered!r}"
+            )
+        taken = assumptions(robot, variant, settings)
+        if not isinstance(taken.model, InertiaMotion):
+            raise BatchError(
+                f"the variant {variant.name!r} cannot run side by side with others of its kind; "
+                "those of the index models can"
+            )
+        self._model, self._state, self._sigmas = taken.model, taken.state, taken.sigmas
+        self._disturbances = taken.disturbances
+        self.robot, self.settings = robot, settings
+        self.width = lanes_of_machine(BITS)
+        self._walks = self._disturbances.bias_walk + self._disturbances.parameter_walk
+        uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
+        uncertain[s.POSE] = uncertain[s.SLIP] = True
+        uncertain[s.FAST_SLIP] = False
+        # Without a bias nothing could tell a standing robot, so there always is one.
+        uncertain[s.GYRO_BIAS] = True
+        parameters = np.zeros(s.SIZE, dtype=bool)
+        parameters[s.PARAMETERS] = True
+        absent = parameters & ~uncertain & (self._state == 0.0)
+        self.shape = FilterShape(
+            tuple(np.flatnonzero(uncertain).tolist()),
+            tuple(np.flatnonzero(absent).tolist()),
+            self._model.form == "literal",
+            self._model.slip_in_inertia,
+        )
+        self.layout = Layout(self.shape.states)
+        self.rows = self.layout.rows
+        self._table: tuple[Steps, Floats] | None = None
+        self.compiled = _worker(self.shape, self.width, settings.use_accelerometer)
+
+    def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
+        """Filters that have seen nothing but their first track speeds.
+
+        Args:
+            first_speeds: (width, 2) of the left and the right track [m/s].
+            start: (3,) x, y [m], yaw [rad].
+            start_sigma: (3,) standard deviations.
+        """
+        lanes = aligned(len(self.rows) * self.width).reshape(-1, self.width)
+        state, sigmas = self._state.copy(), self._sigmas.copy()
+        state[s.POSE], sigmas[s.POSE] = start, start_sigma
+        for i in self.shape.states:
+            lanes[self.rows[f"x{i}"]] = state[i]
+            lanes[self.rows[f"P{i}_{i}"]] = sigmas[i] ** 2
+        eta = self._model.steering_efficiency(state[s.PARAMETERS])
+        for lane, (left, right) in enumerate(first_speeds.tolist()):
+            slip = self._disturbances.slip_of(left, right, eta)
+            for axis in range(3):
+                row = self.rows[f"P{s.SLIP_X + axis}_{s.SLIP_X + axis}"]
+                lanes[row, lane] += slip[axis] ** 2
+        most = self.settings.gates.patience + 2
+        refused = np.zeros((self.width, most, 5))
+        counts = np.zeros(self.width, dtype=np.int64)
+        return Lanes(lanes, refused, counts, self._constants())
+
+    def work_through(
+        self, lanes: Lanes, inputs: Floats, steps: Steps, table: Floats, estimates: Floats
+    ) -> None:
+        """Work through some steps; the lanes go on in place.
+
+        Args:
+            lanes: from `begin`.
+            inputs: (n, rows, width) what each step is told, see `estimator.batch.layout`.
+            steps: (n,) the steps.
+            table: (n, k) of `step_constants`.
+            estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks.
+        """
+        self.compiled(
+            lanes.workspace,
+            inputs,
+            lanes.constants,
+            table,
+            steps.kinds,
+            steps.extras,
+            steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0),
+            estimates,
+            lanes.refused,
+            lanes.refused_count,
+            _places(self.layout),
+        )
+
+    def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
+        """State (SIZE,) and covariance (SIZE, SIZE) of one filter, without the fast slip."""
+        x, P = self._state.copy(), np.zeros((s.SIZE, s.SIZE))
+        for n, i in enumerate(self.shape.states):
+            x[i] = lanes.workspace[self.rows[f"x{i}"], lane]
+            for j in self.shape.states[n:]:
+                P[i, j] = P[j, i] = lanes.workspace[self.rows[f"P{i}_{j}"], lane]
+        return x, P
+
+    def counts(self, lanes: Lanes) -> dict[str, Floats]:
+        """Name from `estimator.batch.layout.COUNTS` -> (width,) what was counted."""
+        return {name: lanes.workspace[self.rows[name]].copy() for name in COUNTS}
+
+    def step_constants(self, steps: Steps) -> Floats:
+        """(n, k) what belongs to each step, the interval of the IMU last."""
+        if self._table is None or self._table[0] is not steps:
+            self._table = steps, self._step_constants(steps)
+        return self._table[1]
+
+    def _step_constants(self, steps: Steps) -> Floats:
+        tau = self._disturbances.slip.time_constant
+        table = np.zeros((len(steps.starts), len(STEP_CONSTANTS) + 1))
+        elapsed = steps.ends - steps.starts
+        for each in np.unique(elapsed).tolist():
+            dt = each * NANOSECOND
+            decay, mean = fading(dt, tau)
+            share = smoothing_share(dt, REGRESSOR_SMOOTHING)
+            row = (dt, share, decay, mean, *gauss_markov_noise(dt, tau))
+            table[elapsed == each, :-1] = row
+        moving = np.flatnonzero(steps.kinds != UPDATE)
+        if len(moving) and steps.starts[0] == 0:
+            # There is nothing to smooth yet.
+            table[moving[0], STEP_CONSTANTS.index("share")] = 1.0
+        table[:, -1] = steps.intervals
+        return table
+
+    def _constants(self) -> Floats:
+        """What all lanes share, with room for what belongs to a step."""
+        names = self.layout.constants
+        values = aligned(len(names))
+        slip, sensors = self._disturbances.slip, SensorModels(self.robot).constants
+        known = {
+            **self._model.vehicle._asdict(),
+            **{name: getattr(slip, name) for name in SlipNumbers._fields},
+            "gyro_density": sensors.gyro_density,
+            "accelerometer_density": sensors.accelerometer_density,
+            "imu_x": sensors.x,
+            "imu_y": sensors.y,
+            "threshold": CHI_SQUARE_1E4[1],
+            "position_threshold": CHI_SQUARE_1E4[2],
+            "patience": self.settings.gates.patience,
+            "bias_margin": self.settings.standstill.bias_margin,
+            **{f"fixed{i}": value for i, value in enumerate(self._state)},
+            **{f"walk{i}": value for i, value in enumerate(self._walks)},
+        }
+        for name, value in known.items():
+            values[names[name]] = value
+        return values
+
+
+def aligned(count: int) -> Floats:
+    """Zeros (count,) that begin where a register's worth of memory does."""
+    room = np.zeros(count + LINE // 8)
+    skip = (-room.ctypes.data % LINE) // 8
+    return room[skip : skip + count]
+
+
+@cache
+def _places(layout: Layout) -> Places:
+    rows = layout.rows
+    pose = [rows[f"x{i}"] for i in range(3)]
+    spread = [rows[f"P{i}_{j}"] for i in range(3) for j in range(i, 3)]
+    with_pose = [[rows[f"P{min(i, j)}_{max(i, j)}"] for j in layout.states] for i in range(3)]
+    return Places(
+        np.array([*pose, *spread, *(rows[name] for name in TWIST)]),
+        np.array(with_pose),
+        rows["position_row"],
+        rows["position_used"],
+        layout.constants["interval"],
+    )
+
+
+@cache
+def _worker(shape: FilterShape, width: int, use_accelerometer: bool) -> Any:
+    """The compiled function that works through steps."""
+    kinds = {
+        "usual": StepKind(accelerometer=use_accelerometer),
+        "full": StepKind(stands=True, accelerometer=use_accelerometer, tells=True),
+        "update": StepKind(moves=False, stands=True, accelerometer=use_accelerometer, tells=True),
+        "move": StepKind(imu=False, accelerometer=False),
+    }
+    kernels = {name: step_kernel(name, shape, kind) for name, kind in kinds.items()}
+    for name, tells in (("", False), ("_told", True)):
+        kernels[f"position{name}"] = position_kernel(f"position{name}", shape, tells=tells)
+        kernels[f"heading{name}"] = heading_kernel(f"heading{name}", shape, tells=tells)
+    compiled = {name: compiled_kernel(kernel, width) for name, kernel in kernels.items()}
+    made = hashlib.sha256(repr((shape, width, use_accelerometer)).encode()).hexdigest()[:12]
+    return entry(work_through, f".{made}", compiled)
+
+
+assert len(ESTIMATE) == 3 + 6 + len(TWIST)  # noqa: S101 - one is written as the other

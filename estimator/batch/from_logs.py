@@ -1,0 +1,72 @@
+"""Logs that were recorded at the same times, as filters side by side are told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.batch.errors import BatchError
+from estimator.batch.front_end import Measured
+from estimator.frames import Floats
+from estimator.log import ImuSeries, Log, Stamps
+from estimator.robot import Robot
+from estimator.sensor_models import SensorModels
+
+NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
+
+
+def measured_of(logs: Sequence[Log], robot: Robot) -> Measured:
+    """What some logs hold of track speeds, IMU and fixes, as a robot's filter takes it.
+
+    Args:
+        logs: with the same stamps, but for track speeds that some of them may lack.
+        robot: the mounting, axes and scale of its IMU count.
+
+    Raises:
+        BatchError: the stamps differ, or there is no IMU or no force in it.
+    """
+    imus = [_imu(log) for log in logs]
+    imu_stamps, fix_stamps = imus[0].stamps, _fix_stamps(logs[0])
+    for log, imu in zip(logs, imus, strict=True):
+        if not np.array_equal(imu.stamps, imu_stamps):
+            raise BatchError(
+                f"the IMU samples of {log.name!r} have other stamps than the first log's"
+            )
+        if not np.array_equal(_fix_stamps(log), fix_stamps):
+            raise BatchError(f"the fixes of {log.name!r} have other stamps than the first log's")
+    track_stamps = logs[0].tracks.stamps
+    if not all(np.array_equal(log.tracks.stamps, track_stamps) for log in logs):
+        track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
+    tracks = np.full((len(logs), len(track_stamps), 2), np.nan)
+    for row, log in enumerate(logs):
+        tracks[row, np.searchsorted(track_stamps, log.tracks.stamps)] = log.tracks.speeds
+    sensors = SensorModels(robot)
+    rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])
+    forces = np.stack([sensors.to_the_left_of(_forces(imu)) for imu in imus])
+    fixes = np.zeros((len(logs), len(fix_stamps), 5))
+    for row, log in enumerate(logs):
+        if log.fixes is not None and len(fix_stamps):
+            fixes[row, :, :3], fixes[row, :, 3:] = log.fixes.poses, log.fixes.variances
+    return Measured(track_stamps, tracks, imu_stamps, rates, forces, fix_stamps, fixes)
+
+
+def _imu(log: Log) -> ImuSeries:
+    if log.imu is None or log.imu.linear_acceleration is None:
+        raise BatchError(f"the log {log.name!r} holds no IMU with gyros and accelerometers")
+    return log.imu
+
+
+def _forces(imu: ImuSeries) -> Floats:
+    if imu.linear_acceleration is None:
+        raise BatchError("the IMU has no accelerometers")
+    return imu.linear_acceleration
+
+
+def _fix_stamps(log: Log) -> Stamps:
+    return NO_STAMPS if log.fixes is None else log.fixes.stamps
+
+
+def has_heading(fixes: Floats) -> bool:
+    """Whether fixes (..., 5) have a heading."""
+    return bool(fixes.size) and bool(np.isfinite(fixes[..., 2]).all())

@@ -1,0 +1,247 @@
+"""A filter in traced numbers: its state, how measurements change it, and what it writes down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator import state as s
+from estimator.batch import model, trace
+from estimator.batch.covariance import Covariance, Vector, dot
+from estimator.batch.emit import Kernel, Store
+from estimator.batch.layout import INPUTS, TWIST, Layout, covariance_name
+from estimator.batch.trace import Traced, minimum, select
+from estimator.bounds import BOUND_ROUNDS, ROUNDING, bound_rows
+from estimator.gating import LARGEST_REOPENING
+
+FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
+# A factor and a vector.
+Part = tuple[Any, Vector]
+ARRAYS = ("lanes", "inputs", "constants")
+
+
+class FilterShape(NamedTuple):
+    """What the code of a filter depends on; all else are numbers that it reads.
+
+    Attributes:
+        states: indices of the uncertain ones, without the fast slip, ascending.
+        absent: indices of parameters that are zero and stay so.
+        is_literal: whether the inertia is taken in the paper's literal form.
+        slip_in_inertia: whether it is that with the slip.
+    """
+
+    states: tuple[int, ...]
+    absent: tuple[int, ...]
+    is_literal: bool
+    slip_in_inertia: bool
+
+
+class Lane:
+    """One filter of many: its state and covariance, and where it reads and writes.
+
+    Args:
+        shape: of the filter.
+        with_fast_slip: whether the fast slip of the step that has just ended still counts.
+    """
+
+    def __init__(self, shape: FilterShape, *, with_fast_slip: bool = False) -> None:
+        trace.start()
+        self.shape = shape
+        self.layout = Layout(shape.states)
+        self.rows, self._places = self.layout.rows, self.layout.constants
+        self._states = states = (*shape.states, *FAST) if with_fast_slip else shape.states
+        self.model_constants = (
+            *(self.constant(name) for name in ("gauge", "mass", "x_CM", "y_CM")),
+            float(shape.is_literal),
+            float(shape.slip_in_inertia),
+        )
+        self.x = np.array([self._start(i) for i in range(s.SIZE)], dtype=object)
+        pairs = [(i, j) for n, i in enumerate(states) for j in states[n:]]
+        self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
+        self.stores: dict[str, Any] = {}
+
+    def _start(self, index: int) -> Any:
+        if index in self._states:
+            return self.row(f"x{index}")
+        is_parameter = s.PARAMETERS.start <= index < s.PARAMETERS.stop
+        if is_parameter and index not in self.shape.absent:
+            return self.constant(f"fixed{index}")
+        return trace.lift(0.0)
+
+    def row(self, name: str) -> Traced:
+        """A number of the lane."""
+        return trace.lane_input("lanes", self.rows[name])
+
+    def told(self, name: str) -> Traced:
+        """A number that the lane is told."""
+        return trace.lane_input("inputs", INPUTS[name])
+
+    def constant(self, name: str) -> Traced:
+        """A number that all lanes share."""
+        return trace.uniform_input("constants", self._places[name])
+
+    def twist_model(self, slip_share: Any, left: Any, right: Any, guess: Any) -> model.TracedTwist:
+        """The body velocity at track speeds [m/s]; see `estimator.batch.model.twist_model`."""
+        constants, states = self.model_constants, self.shape.states
+        return model.twist_model(self.x, constants, left, right, slip_share, states, guess)
+
+    def tell_twist(self, now: model.TracedTwist) -> None:
+        """Write down a body velocity and its covariance."""
+        with_rows = [self.P.times(row) for row in now.rows]
+        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+        values = [*now.twist, *(dot(with_rows[i], now.rows[j]) for i, j in pairs)]
+        self.stores.update(zip(TWIST, values, strict=True))
+
+    def kernel(
+        self, name: str, flags: Sequence[Traced] = (), *, with_fast_slip: bool = False
+    ) -> Kernel:
+        """A kernel that writes down what has changed, state and covariance with it.
+
+        Args:
+            name: of the kernel.
+            flags: what it returns, see `Kernel`.
+            with_fast_slip: whether the fast slip is to be written down, too.
+        """
+        stores = dict(self.stores)
+        states = (*self.shape.states, *FAST) if with_fast_slip else self.shape.states
+        for n, i in enumerate(states):
+            stores[f"x{i}"] = self.x[i]
+            for j in states[n:]:
+                stores[covariance_name(i, j)] = self.P.entry(i, j)
+        changed = [
+            Store("lanes", self.rows[row], trace.lift(value))
+            for row, value in stores.items()
+            if value is not self.row(row)
+        ]
+        return Kernel(name, ARRAYS, changed, flags)
+
+    # --- updates ---------------------------------------------------------------------------------
+
+    def update(
+        self,
+        residual: Any,
+        row: Vector,
+        variance: Any,
+        *parts: Part,
+        kept: Iterable[int] = (),
+        only: Any = True,
+    ) -> None:
+        """A scalar update, in the lanes where `only` holds; for `parts` see `gated`."""
+        cross = self.P.times(_rest(row, parts), *parts)
+        per_expected = 1.0 / (dot(cross, row) + variance)
+        self._apply(residual, cross, select(only, per_expected, 0.0), kept)
+
+    def _apply(self, residual: Any, cross: Vector, per_expected: Any, kept: Iterable[int]) -> None:
+        for i, share in self.P.take(cross, per_expected, kept).items():
+            self.x[i] = self.x[i] + share * residual
+
+    def gated(
+        self,
+        sensor: str,
+        residual: Any,
+        row: Vector,
+        variance: Any,
+        *parts: Part,
+        reopen: int,
+        kept: Iterable[int] = (),
+        only: Any = True,
+    ) -> None:
+        """A gated scalar update, see `Reckoning`; it is counted.
+
+        Args:
+            sensor: by what name.
+            residual: measured less predicted.
+            row: derivative of the prediction by the states.
+            variance: of the measurement.
+            parts: of the row, that it shares with others: factors and vectors, of states that have no
+                other part in it.
+            reopen: the state that is made uncertain when re-acquiring.
+            kept: states that are not to be moved.
+            only: in which lanes.
+        """
+        cross = self.P.times(_rest(row, parts), *parts)
+        expected = dot(cross, row) + variance
+        per_expected = 1.0 / expected
+        square = residual * residual
+        nis = square * per_expected
+        in_a_row = self.row(f"{sensor}_row")
+        admitted = nis <= self.constant("threshold")
+        reacquired = trace.lift_truth(only) & ~admitted & (in_a_row >= self.constant("patience"))
+        more = minimum(square, LARGEST_REOPENING * expected)
+        along = row.get(reopen, 0.0)
+
+        def reopened(_: Any, __: Any) -> Any:
+            wider = 1.0 / (expected + more * along * along)
+            values = [select(reacquired, more, 0.0), select(reacquired, wider, per_expected)]
+            return values, trace.lift_truth(False)
+
+        if reopen in self.P.states or reopen in FAST:
+            added, per_expected, _ = trace.repeat(reacquired, [0.0, per_expected], reopened, 1)
+            self.P.add(reopen, reopen, added)
+            cross[reopen] = cross[reopen] + added * along
+        used = admitted | reacquired
+        self._apply(residual, cross, select(trace.lift_truth(only) & used, per_expected, 0.0), kept)
+        self.count(sensor, nis, admitted, used, only)
+
+    def count(self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any) -> None:
+        """Count what a gate has said, where it was asked."""
+        asked = trace.lift_truth(only)
+        one = trace.truth_as_number
+        in_a_row = self.row(f"{sensor}_row")
+        self.stores[f"{sensor}_row"] = select(asked, select(used, 0.0, in_a_row + 1.0), in_a_row)
+        for name, more in (
+            ("used", one(asked & used)),
+            ("rejected", one(asked & ~used)),
+            ("judged", one(asked & admitted)),
+            ("nis", select(asked & admitted, nis, 0.0)),
+        ):
+            self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
+
+    def keep_inside_bounds(self) -> None:
+        """See `IcrEkf.keep_inside_bounds`; what it costs is paid only where a lane is outside."""
+        states = self.P.states
+        bounds = [bound for bound in self._bounds() if bound[0]]
+        if not bounds:
+            return
+        x = self.x
+        outside = trace.lift_truth(False)
+        for direction, rest, least in bounds:
+            outside = outside | (least - rest - dot(x_of(x, direction), direction) > ROUNDING)
+
+        def a_round(*values: Any) -> Any:
+            now, moved = dict(zip(states, values, strict=True)), trace.lift_truth(False)
+            for direction, rest, least in bounds:
+                cross = self.P.times(direction)
+                spread = dot(cross, direction)
+                short = least - rest - dot(now, direction)
+                moves = (short > ROUNDING) & (spread > 0.0)
+                share = select(moves, short / spread, 0.0)
+                now = {i: now[i] + cross[i] * share for i in states}
+                moved = moved | moves
+            return [now[i] for i in states], moved
+
+        inside = trace.repeat(outside, [x[i] for i in states], a_round, BOUND_ROUNDS)
+        for i, value in zip(states, inside, strict=False):
+            x[i] = value
+
+    def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
+        """Each bound by the uncertain states, what the others come to, and what it must reach."""
+        for bound in bound_rows(self.constant("gauge")):
+            of = {s.PARAMETERS.start + k: share for k, share in enumerate(bound[:8])}
+            of = {i: share for i, share in of.items() if not model.is_zero(share)}
+            known = {i: self.x[i] for i in of if i not in self.shape.states}
+            mine = {i: share for i, share in of.items() if i in self.shape.states}
+            yield mine, dot(known, {i: of[i] for i in known}), bound[8]
+
+
+def _rest(row: Vector, parts: Iterable[Part]) -> Vector:
+    """What of a row is in none of its parts."""
+    shared = {i for _, part in parts for i in part}
+    return {i: value for i, value in row.items() if i not in shared}
+
+
+def x_of(x: Any, row: Vector) -> Vector:
+    """The states that a row has."""
+    return {i: x[i] for i in row}

@@ -1,0 +1,102 @@
+"""Runs of several filters over the same measurements, side by side and a part at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.batch.filters import BatchFilter, Lanes, aligned
+from estimator.batch.front_end import FrontEnd, FrontSettings, Measured, front_settings
+from estimator.batch.layout import INPUTS
+from estimator.batch.schedule import TICK, Steps
+from estimator.batch.scoring import Scores, Segments, TrueTicks
+from estimator.batch.work import ESTIMATE
+from estimator.frames import Floats
+
+# Steps that are worked through by one filter before it is the next one's turn: what they are told stays
+# in the processor's cache meanwhile.
+PART = 256
+
+
+class Worked(NamedTuple):
+    """Filters that have been through their runs.
+
+    Attributes:
+        lanes: the filters, at the end.
+        scores: what was added up of them; None where nothing was to be scored.
+        estimates: (ticks, rows, width) see `estimator.batch.work.ESTIMATE`; None unless asked for.
+    """
+
+    lanes: Lanes
+    scores: Scores | None
+    estimates: Floats | None
+
+
+def work_through_runs(
+    filters: Sequence[BatchFilter],
+    measured: Sequence[Measured],
+    steps: Steps,
+    *,
+    start: Floats,
+    start_sigma: Floats,
+    truth: TrueTicks | None = None,
+    segments: Segments | None = None,
+    keep: bool = False,
+) -> list[Worked]:
+    """Run filters over runs, as many as the filters are wide.
+
+    Args:
+        filters: the filters.
+        measured: what each of them is told of the runs; stamps are those of the steps.
+        steps: the steps.
+        start: (3,) pose at the start: x, y [m], yaw [rad].
+        start_sigma: (3,) its standard deviations.
+        truth: to score against, with `segments`; None for no scores.
+        segments: of drift.
+        keep: whether all estimates at the ticks are wanted.
+    """
+    width = filters[0].width
+    ticks = int(steps.ticks.max(initial=0)) + 2
+    keys = [
+        (id(data), front_settings(one.robot, one.settings))
+        for one, data in zip(filters, measured, strict=True)
+    ]
+    fronts: dict[tuple[int, FrontSettings], FrontEnd] = {}
+    for key, data in zip(keys, measured, strict=True):
+        if key not in fronts:
+            fronts[key] = FrontEnd(data, steps, key[1])
+    inputs = {key: aligned(PART * len(INPUTS) * width).reshape(PART, -1, width) for key in fronts}
+    begun = [
+        one.begin(data.tracks[:, 0], start, start_sigma)
+        for one, data in zip(filters, measured, strict=True)
+    ]
+    tables = [one.step_constants(steps) for one in filters]
+    scored = truth is not None and segments is not None
+    scores = [Scores(width, segments) if scored and segments is not None else None for _ in filters]
+    kept = [np.zeros((ticks, len(ESTIMATE), width)) if keep else None for _ in filters]
+    room = np.zeros((PART + 1, len(ESTIMATE), width))
+    for begin in range(0, len(steps.kinds), PART):
+        end = min(begin + PART, len(steps.kinds))
+        part = steps.part(begin, end)
+        for key, front in fronts.items():
+            front.tell(begin, end, inputs[key][: end - begin])
+        told = np.flatnonzero(part.extras & TICK)
+        for number, one in enumerate(filters):
+            table = tables[number][begin:end]
+            one.work_through(begun[number], inputs[keys[number]][: end - begin], part, table, room)
+            if not len(told):
+                continue
+            first = int(part.ticks[told[0]])
+            estimates = room[first - int(part.ticks[0]) :][: len(told)]
+            of_one = scores[number]
+            if of_one is not None and truth is not None:
+                of_one.add(first, estimates, truth)
+            of_kept = kept[number]
+            if of_kept is not None:
+                of_kept[first : first + len(told)] = estimates
+    return [
+        Worked(lanes, of_one, of_kept)
+        for lanes, of_one, of_kept in zip(begun, scores, kept, strict=True)
+    ]

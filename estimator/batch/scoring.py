@@ -1,0 +1,257 @@
+"""Scores of filters side by side, added up as they go: nothing is kept but sums.
+
+Definitions are those of `estimator.scores`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.frames import Floats
+from estimator.jit_kernel import entry
+from estimator.log import NANOSECOND, Stamps
+from estimator.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
+
+# Sums of each lane.
+(
+    COUNT,
+    POSITION_SQUARE,
+    YAW_SQUARE,
+    FINAL_POSITION,
+    FINAL_YAW,
+    V_X_SQUARE,
+    V_Y_SQUARE,
+    W_SQUARE,
+    POSE_NEES,
+    POSE_COUNT,
+    FINAL_NEES,
+    VELOCITY_NEES,
+    VELOCITY_COUNT,
+    SUMS,
+) = range(14)
+# Sums of each lane and horizon.
+ERROR, YAW_ERROR, DISTANCE, DRIFTS = range(4)
+# A covariance with a smaller eigenvalue is taken for singular, as `pose_nees` does.
+LEAST_EIGENVALUE = 1e-12
+
+
+class TrueTicks(NamedTuple):
+    """The truth at the ticks, of each lane.
+
+    Attributes:
+        poses: (ticks, 3, lanes) [m, m, rad].
+        twists: (ticks, 3, lanes) [m/s, m/s, rad/s].
+        lengths: (ticks, lanes) length of the path so far [m].
+    """
+
+    poses: Floats
+    twists: Floats
+    lengths: Floats
+
+
+class Segments(NamedTuple):
+    """Where segments of drift begin and end.
+
+    Attributes:
+        horizons: (h,) their lengths [s].
+        slots: (ticks,) where to keep the pose that a segment begins with, -1 where none begins.
+        ends: (h, ticks) slot of the segment that ends, -1 where none does.
+        room: so many slots there are.
+    """
+
+    horizons: Floats
+    slots: Any
+    ends: Any
+    room: int
+
+
+def segments_of(
+    stamps: Stamps, horizons: Sequence[float], within: Sequence[list[tuple[int, int]] | None]
+) -> Segments:
+    """The segments of `estimator.scores.drift` on a truth without holes.
+
+    Args:
+        stamps: (n,) of the ticks [ns].
+        horizons: lengths of the segments [s].
+        within: of each horizon, intervals of stamps [ns] that a segment must lie in wholly, or None for
+            everywhere.
+    """
+    begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
+    first = np.unique(np.searchsorted(stamps, begins))
+    longest = max(horizons, default=0.0)
+    room = int(longest / SEGMENT_STEP) + 2
+    slots = np.full(len(stamps), -1)
+    slots[first] = np.arange(len(first)) % room
+    ends = np.full((len(horizons), len(stamps)), -1)
+    for row, (horizon, intervals) in enumerate(zip(horizons, within, strict=True)):
+        last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
+        keep = last < len(stamps)
+        if intervals is not None:
+            ending = stamps[np.minimum(last, len(stamps) - 1)]
+            inside = [(stamps[first] >= low) & (ending <= high) for low, high in intervals]
+            keep &= np.any(inside, axis=0) if inside else False
+        ends[row, last[keep]] = slots[first[keep]]
+    return Segments(np.array(horizons, dtype=float), slots, ends, room)
+
+
+class Scores:
+    """What is added up of some filters.
+
+    Args:
+        lanes: how many filters there are.
+        segments: of drift.
+    """
+
+    def __init__(self, lanes: int, segments: Segments) -> None:
+        self._segments = segments
+        self.sums = np.zeros((SUMS, lanes))
+        self.sums[FINAL_NEES] = math.nan
+        self.drifts = np.zeros((len(segments.horizons), DRIFTS, lanes))
+        self._kept = np.zeros((segments.room, 7, lanes))
+
+    def add(self, tick: int, estimates: Floats, truth: TrueTicks) -> None:
+        """Some ticks in a row.
+
+        Args:
+            tick: the first.
+            estimates: (n, rows, lanes) see `estimator.batch.work.ESTIMATE`.
+            truth: of all ticks.
+        """
+        segments = self._segments
+        add_entry(
+            self.sums,
+            self.drifts,
+            self._kept,
+            estimates,
+            tick,
+            truth.poses,
+            truth.twists,
+            truth.lengths,
+            segments.horizons,
+            segments.slots,
+            segments.ends,
+        )
+
+
+def add_ticks(
+    sums: Floats,
+    drifts: Floats,
+    kept: Floats,
+    estimates: Floats,
+    tick: int,
+    poses: Floats,
+    twists: Floats,
+    lengths: Floats,
+    horizons: Floats,
+    slots: Any,
+    ends: Any,
+) -> None:
+    """See `Scores.add`."""
+    lanes = sums.shape[1]
+    for k in range(len(estimates)):
+        now, at = estimates[k], tick + k
+        for lane in range(lanes):
+            d_x, d_y = now[0, lane] - poses[at, 0, lane], now[1, lane] - poses[at, 1, lane]
+            d_yaw = wrapped(now[2, lane] - poses[at, 2, lane])
+            square = d_x * d_x + d_y * d_y
+            sums[COUNT, lane] += 1.0
+            sums[POSITION_SQUARE, lane] += square
+            sums[YAW_SQUARE, lane] += d_yaw * d_yaw
+            sums[FINAL_POSITION, lane] = math.sqrt(square)
+            sums[FINAL_YAW, lane] = abs(d_yaw)
+            nees = nees_of(now, 3, lane, d_x, d_y, d_yaw)
+            if nees >= 0.0:
+                sums[POSE_NEES, lane] += nees
+                sums[POSE_COUNT, lane] += 1.0
+                sums[FINAL_NEES, lane] = nees
+            v_x = now[9, lane] - twists[at, 0, lane]
+            v_y = now[10, lane] - twists[at, 1, lane]
+            w = now[11, lane] - twists[at, 2, lane]
+            sums[V_X_SQUARE, lane] += v_x * v_x
+            sums[V_Y_SQUARE, lane] += v_y * v_y
+            sums[W_SQUARE, lane] += w * w
+            nees = nees_of(now, 12, lane, v_x, v_y, w)
+            if nees >= 0.0:
+                sums[VELOCITY_NEES, lane] += nees
+                sums[VELOCITY_COUNT, lane] += 1.0
+        for h in range(len(horizons)):
+            slot = ends[h, at]
+            if slot >= 0:
+                for lane in range(lanes):
+                    end_segment(
+                        drifts[h], kept[slot], now, poses[at], lengths[at], horizons[h], lane
+                    )
+        slot = slots[at]
+        if slot >= 0:
+            for lane in range(lanes):
+                for axis in range(3):
+                    kept[slot, axis, lane] = now[axis, lane]
+                    kept[slot, 3 + axis, lane] = poses[at, axis, lane]
+                kept[slot, 6, lane] = lengths[at, lane]
+
+
+def end_segment(
+    sums: Floats,
+    begin: Floats,
+    now: Floats,
+    pose: Floats,
+    length: Floats,
+    horizon: float,
+    lane: int,
+) -> None:
+    """Add a segment that ends here to what one horizon has come to."""
+    distance = length[lane] - begin[6, lane]
+    if distance <= SLOWEST_MEAN_SPEED * horizon:
+        return
+    x, y, yaw = moved(begin, 0, now, lane)
+    true_x, true_y, true_yaw = moved(begin, 3, pose, lane)
+    sums[ERROR, lane] += math.sqrt((x - true_x) ** 2 + (y - true_y) ** 2)
+    sums[YAW_ERROR, lane] += abs(wrapped(yaw - true_yaw))
+    sums[DISTANCE, lane] += distance
+
+
+def moved(begin: Floats, row: int, end: Floats, lane: int) -> tuple[float, float, float]:
+    """From a pose that was kept to another, in the axes of the first."""
+    cos, sin = math.cos(begin[row + 2, lane]), math.sin(begin[row + 2, lane])
+    d_x, d_y = end[0, lane] - begin[row, lane], end[1, lane] - begin[row + 1, lane]
+    return cos * d_x + sin * d_y, -sin * d_x + cos * d_y, end[2, lane] - begin[row + 2, lane]
+
+
+def nees_of(now: Floats, row: int, lane: int, a: float, b: float, c: float) -> float:
+    """Three errors by their covariance, of which six rows begin at `row`; -1 if that is singular."""
+    xx, xy, xz = now[row, lane], now[row + 1, lane], now[row + 2, lane]
+    yy, yz, zz = now[row + 3, lane], now[row + 4, lane], now[row + 5, lane]
+    # All eigenvalues exceed the least if what is left without it has a Cholesky factor.
+    if not positive(
+        xx - LEAST_EIGENVALUE, xy, xz, yy - LEAST_EIGENVALUE, yz, zz - LEAST_EIGENVALUE
+    ):
+        return -1.0
+    of_y, of_z = xy / xx, xz / xx
+    left_yy, left_yz = yy - of_y * xy, yz - of_y * xz
+    of_yz = left_yz / left_yy
+    left_zz = zz - of_z * xz - of_yz * left_yz
+    b -= of_y * a
+    c -= of_z * a + of_yz * b
+    return float(a * a / xx + b * b / left_yy + c * c / left_zz)
+
+
+def positive(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
+    """Whether a symmetric matrix is positive definite."""
+    if xx <= 0.0:
+        return False
+    left_yy, left_yz = yy - xy * xy / xx, yz - xy * xz / xx
+    if left_yy <= 0.0:
+        return False
+    return zz - xz * xz / xx - left_yz * left_yz / left_yy > 0.0
+
+
+def wrapped(angle: float) -> float:
+    """An angle between -pi and pi [rad]."""
+    return float(angle - 2.0 * math.pi * np.rint(angle * (0.5 / math.pi)))
+
+
+add_entry = entry(add_ticks)

@@ -1,0 +1,161 @@
+"""The loop over the steps of filters side by side, for numba."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.batch.emit import FLAG_BITS
+from estimator.batch.fixes import AS_TRUE, NOT_AT_ALL
+from estimator.batch.layout import INPUTS, STEP_CONSTANTS, TWIST
+from estimator.batch.schedule import HEADING, MOVE, POSITION, TICK, UPDATE
+from estimator.frames import Floats
+from estimator.relocation import laid_over
+
+# What is told at a tick.
+ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
+QUIET, HOW = INPUTS["quiet_mean"], INPUTS["how"]
+FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
+PER_STEP = len(STEP_CONSTANTS)
+
+
+class Places(NamedTuple):
+    """Where in the workspace things are that the loop looks at itself.
+
+    Attributes:
+        estimate: (18,) rows of what is told at a tick.
+        with_pose: (3, n) rows of the covariances with the pose.
+        rejected: row of the position fixes rejected in a row.
+        used: row of those used.
+        interval: which of the constants is the interval of the IMU.
+    """
+
+    estimate: Any
+    with_pose: Any
+    rejected: int
+    used: int
+    interval: int
+
+
+def work_through(
+    lanes: Floats,
+    inputs: Floats,
+    constants: Floats,
+    table: Floats,
+    kinds: Any,
+    extras: Any,
+    ticks: Any,
+    estimates: Floats,
+    refused: Floats,
+    refused_count: Any,
+    places: Places,
+) -> None:
+    """Work through steps; see `BatchFilter.work_through`.
+
+    The kernels `usual`, `full`, `update`, `move`, `position` and `heading`, and those of fixes at a tick,
+    are put in their places when this is compiled.
+    """
+    width = lanes.shape[1]
+    for k in range(len(kinds)):
+        for c in range(PER_STEP):
+            constants[c] = table[k, c]
+        constants[places.interval] = table[k, PER_STEP]
+        told = inputs[k]
+        if kinds[k] == MOVE:
+            move(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+        elif kinds[k] == UPDATE:
+            update(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+        else:
+            quiet = False
+            for lane in range(width):
+                quiet |= told[QUIET, lane] == told[QUIET, lane]
+            if quiet or extras[k] & TICK:
+                full(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+            else:
+                usual(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+        tells = extras[k] & TICK != 0
+        if extras[k] & POSITION:
+            take_position(lanes, told, constants, refused, refused_count, places, tells)
+        if extras[k] & HEADING:
+            if tells:
+                heading_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+            else:
+                heading(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+        if extras[k] & TICK:
+            for row in range(len(places.estimate)):
+                for lane in range(width):
+                    estimates[ticks[k], row, lane] = lanes[places.estimate[row], lane]
+
+
+def take_position(
+    lanes: Floats,
+    told: Floats,
+    constants: Floats,
+    refused: Floats,
+    refused_count: Any,
+    places: Places,
+    tells: bool,
+) -> None:
+    """A position fix; where a filter is lost, see `Reckoning._take_position`."""
+    width = lanes.shape[1]
+    for lane in range(width):
+        count = refused_count[lane]
+        refused[lane, count, 0] = told[FIX_X, lane]
+        refused[lane, count, 1] = told[FIX_Y, lane]
+        refused[lane, count, 2] = told[FIX_VARIANCE, lane]
+        refused[lane, count, 3] = lanes[places.estimate[0], lane]
+        refused[lane, count, 4] = lanes[places.estimate[1], lane]
+        refused_count[lane] = count + 1
+    flags = position_of(lanes, told, constants, tells)
+    lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
+    if lost:
+        before = told[HOW].copy()
+        for lane in range(width):
+            told[HOW, lane] = NOT_AT_ALL
+            if (lost >> lane) & 1:
+                if move_pose(lanes, lane, refused[lane], refused_count[lane], places):
+                    used |= 1 << lane
+                else:
+                    told[HOW, lane] = AS_TRUE
+        flags = position_of(lanes, told, constants, tells)
+        used |= flags >> FLAG_BITS
+        told[HOW] = before
+    for lane in range(width):
+        if (used >> lane) & 1:
+            refused_count[lane] = 0
+        elif told[HOW, lane] == NOT_AT_ALL:
+            refused_count[lane] -= 1
+
+
+def position_of(lanes: Floats, told: Floats, constants: Floats, tells: bool) -> Any:
+    """Take a position fix, and tell the body velocity after it if that is wanted."""
+    if tells:
+        return position_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+    return position(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+
+
+def move_pose(lanes: Floats, lane: int, refused: Floats, count: int, places: Places) -> bool:
+    """Lay the believed path of one filter over the fixes that were refused, if that fits."""
+    fits, turn, turn_variance, x, y, to_x, to_y, variance = laid_over(refused, count)
+    if not fits:
+        return False
+    pose = places.estimate
+    cos, sin = np.cos(turn), np.sin(turn)
+    from_x, from_y = lanes[pose[0], lane] - x, lanes[pose[1], lane] - y
+    away_x, away_y = cos * from_x - sin * from_y, sin * from_x + cos * from_y
+    lanes[pose[0], lane], lanes[pose[1], lane] = to_x + away_x, to_y + away_y
+    lanes[pose[2], lane] += turn
+    for i in range(3):
+        for row in places.with_pose[i]:
+            lanes[row, lane] = 0.0
+    by_turn = (-away_y, away_x, 1.0)
+    place = 3
+    for i in range(3):
+        for j in range(i, 3):
+            more = variance if i == j and i < 2 else 0.0
+            lanes[pose[place], lane] = turn_variance * by_turn[i] * by_turn[j] + more
+            place += 1
+    lanes[places.rejected, lane] = 0.0
+    lanes[places.used, lane] += 1.0
+    return True

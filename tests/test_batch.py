@@ -1,0 +1,204 @@
+"""Filters side by side against the streaming filter on the same measurements."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import msgspec
+import numpy as np
+import pytest
+
+from estimator.batch.errors import BatchError
+from estimator.batch.filters import BatchFilter
+from estimator.batch.from_logs import has_heading, measured_of
+from estimator.batch.runs import work_through_runs
+from estimator.batch.schedule import steps_of
+from estimator.gating import GateSettings
+from estimator.log import FixSeries, Log
+from estimator.pose_estimator import PoseEstimator
+from estimator.robot import Robot, load_robot
+from estimator.settings import Settings
+from estimator.variants import VARIANTS
+from simulation.noise import EncoderSpec, FixSpec
+from simulation.scenario import Scenario, simulate
+
+ROBOT = load_robot("auriga-alpha")
+INDEX_VARIANTS = tuple(name for name, one in VARIANTS.items() if one.model != "friction")
+# What rounding may come to, in standard deviations.
+ROUNDING = 1e-9
+DURATION = 25.0
+BASE = Scenario(duration=DURATION, seed=5, fix_rate=1.0)
+
+
+def logs_of(scenario: Scenario, count: int) -> tuple[Log, ...]:
+    return _logs_of(msgspec.json.encode(scenario), count)
+
+
+@cache
+def _logs_of(scenario: bytes, count: int) -> tuple[Log, ...]:
+    decoded = msgspec.json.decode(scenario, type=Scenario)
+    return tuple(simulate(decoded, ROBOT, run_index=run) for run in range(count))
+
+
+def streamed(log: Log, robot: Robot, variant: str, settings: Settings) -> PoseEstimator:
+    estimator = PoseEstimator(robot, variant, settings=settings)
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+    return estimator
+
+
+def assert_same(
+    variant: str,
+    logs: Sequence[Log],
+    settings: Settings = Settings(),  # noqa: B008 - it cannot be changed
+    robot: Robot = ROBOT,
+    rounding: float = ROUNDING,
+) -> tuple[dict[str, np.ndarray], list[PoseEstimator]]:
+    """Run both on the same logs: state, covariance and counts must be those of the streaming filter."""
+    side_by_side = BatchFilter(robot, VARIANTS[variant], settings)
+    logs = [logs[k % len(logs)] for k in range(side_by_side.width)]
+    measured = measured_of(logs, robot)
+    steps = steps_of(
+        measured.track_stamps,
+        measured.imu_stamps,
+        measured.fix_stamps,
+        measured.imu_stamps[::10],
+        heading=has_heading(measured.fixes),
+    )
+    (worked,) = work_through_runs(
+        [side_by_side], [measured], steps, start=np.zeros(3), start_sigma=np.zeros(3)
+    )
+    counts = side_by_side.counts(worked.lanes)
+    streams = []
+    for lane, log in enumerate(logs):
+        stream = streamed(log, robot, variant, settings)
+        streams.append(stream)
+        x, P = side_by_side.state(worked.lanes, lane)
+        kept = slice(0, 18)
+        sigma = np.sqrt(np.diagonal(stream.covariance))[kept]
+        scale = np.where(sigma > 0.0, sigma, 1.0)
+        assert np.abs((x - stream.state)[kept] / scale).max() < rounding
+        wrong = (P - stream.covariance)[kept, kept] / np.outer(scale, scale)
+        assert np.abs(wrong).max() < rounding
+        for sensor, health in stream.health.sensors.items():
+            if sensor in ("gyro", "accelerometer", "position", "heading"):
+                assert counts[f"{sensor}_used"][lane] == health.used
+                assert counts[f"{sensor}_rejected"][lane] == health.rejected.get("gate", 0)
+                assert counts[f"{sensor}_nis"][lane] == pytest.approx(health.nis_sum, rel=rounding)
+        assert counts["standstill"][lane] == stream.health.standstill_updates
+    return counts, streams
+
+
+@pytest.mark.parametrize("variant", INDEX_VARIANTS)
+def test_they_agree_in_every_variant(variant: str) -> None:
+    counts, _ = assert_same(variant, logs_of(BASE, 4))
+    assert counts["standstill"].min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("form", "inertia"), [("literal", "tracks"), ("smooth", "imu"), ("literal", "imu")]
+)
+@pytest.mark.parametrize("variant", ["inertia-fixed", "inertia-online"])
+def test_they_agree_in_every_form(variant: str, form: str, inertia: str) -> None:
+    settings = Settings(form=form, inertia=inertia)  # type: ignore[arg-type]
+    assert_same(variant, logs_of(BASE, 2), settings)
+
+
+def test_they_agree_without_accelerometer() -> None:
+    assert_same("inertia-online", logs_of(BASE, 2), Settings(use_accelerometer=False))
+
+
+@pytest.mark.parametrize(
+    ("track_rate", "imu_rate"), [(50.0, 50.0), (20.0, 100.0), (100.0, 50.0), (25.0, 60.0)]
+)
+def test_they_agree_at_any_rates(track_rate: float, imu_rate: float) -> None:
+    scenario = msgspec.structs.replace(BASE, track_rate=track_rate, imu_rate=imu_rate)
+    assert_same("inertia-online", logs_of(scenario, 2))
+
+
+@pytest.mark.parametrize("reads", ["nothing", "last", "zero"])
+def test_they_agree_when_encoders_drop_out(reads: str) -> None:
+    encoders = EncoderSpec(dropouts_per_hour=2000.0, dropout_duration=1.0, dropout_reads=reads)
+    scenario = msgspec.structs.replace(BASE, encoders=encoders, trajectory="aggressive")
+    # Where a hole is found to be standstill, a variance of 5000 (rad/s)² becomes one of 1e-8 in an
+    # update, which leaves few of the sixteen digits of a number to agree in.
+    few_digits = reads == "nothing"
+    assert_same("inertia-online", logs_of(scenario, 4), rounding=1e-7 if few_digits else ROUNDING)
+
+
+def test_they_agree_on_encoders_that_count() -> None:
+    encoders = EncoderSpec(resolution=2e-3)
+    assert_same("constant-online", logs_of(msgspec.structs.replace(BASE, encoders=encoders), 4))
+
+
+def test_they_agree_on_a_stuck_encoder() -> None:
+    logs = []
+    for log in logs_of(BASE, 2):
+        speeds = log.tracks.speeds.copy()
+        stuck = slice(600, 850)
+        speeds[stuck, 0] = speeds[600, 0]
+        logs.append(replace(log, tracks=type(log.tracks)(log.tracks.stamps, speeds)))
+    assert_same("inertia-online", logs)
+
+
+def test_they_agree_on_headings() -> None:
+    scenario = msgspec.structs.replace(BASE, fixes=FixSpec(heading_sigma=0.02))
+    counts, _ = assert_same("inertia-online", logs_of(scenario, 2))
+    assert counts["heading_used"].min() > 10.0
+
+
+def test_they_agree_on_outliers_and_when_the_gate_gives_in() -> None:
+    scenario = msgspec.structs.replace(
+        BASE, duration=60.0, fixes=FixSpec(outlier_share=0.3, outlier_sigma=10.0)
+    )
+    counts, _ = assert_same("inertia-online", logs_of(scenario, 4))
+    assert counts["position_rejected"].min() > 2.0
+    moved = []
+    for log in logs_of(msgspec.structs.replace(BASE, duration=40.0), 2):
+        fixes = log.fixes
+        assert fixes is not None
+        poses = fixes.poses.copy()
+        poses[15:, 0] += 30.0
+        moved.append(replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances)))
+    counts, _ = assert_same("constant-online", moved)
+    assert counts["position_rejected"].min() >= 10.0
+
+
+def test_they_agree_when_a_wrong_heading_is_found_from_refused_fixes() -> None:
+    turned = []
+    for log in logs_of(msgspec.structs.replace(BASE, duration=90.0, trajectory="aggressive"), 4):
+        fixes = log.fixes
+        assert fixes is not None
+        poses = fixes.poses.copy()
+        x, y = poses[40:, 0].copy(), poses[40:, 1].copy()
+        poses[40:, 0], poses[40:, 1] = 5.0 - y, x - 3.0
+        turned.append(replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances)))
+    _, streams = assert_same("inertia-online", turned)
+    assert any(stream.health.sensors["position"].rejected for stream in streams)
+
+
+def test_they_agree_where_parameters_run_into_their_bounds() -> None:
+    indices = msgspec.structs.replace(ROBOT.indices, eta0=1.02, eta1=0.0, eta2=0.0)
+    robot = msgspec.structs.replace(ROBOT, indices=indices)
+    _, streams = assert_same("inertia-online", logs_of(BASE, 2), robot=robot)
+    assert min(stream.parameters["eta0"] for stream in streams) >= 1.0
+
+
+def test_gates_that_reject_nothing_agree_too() -> None:
+    assert_same("inertia-online", logs_of(BASE, 2), Settings(gates=GateSettings(patience=0)))
+
+
+def test_friction_is_refused_with_a_reason() -> None:
+    with pytest.raises(BatchError, match="friction-online"):
+        BatchFilter(ROBOT, VARIANTS["friction-online"], Settings())
+
+
+def test_considered_states_are_refused_with_a_reason() -> None:
+    with pytest.raises(BatchError, match="eta0"):
+        BatchFilter(ROBOT, VARIANTS["inertia-online"], Settings(considered=("eta0",)))
+
+
+def test_runs_of_other_stamps_are_refused() -> None:
+    log, other = logs_of(BASE, 1)[0], simulate(msgspec.structs.replace(BASE, imu_rate=50.0), ROBOT)
+    with pytest.raises(BatchError, match="other stamps"):
+        measured_of([log, other], ROBOT)
