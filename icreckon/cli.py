@@ -287,6 +287,61 @@ def paper(
     run_paper(identify=identify, seed=seed, out=out, as_json=json, overwrite=overwrite)
 
 
+@app.command()
+def study(
+    study: Annotated[
+        str | None,
+        typer.Argument(help="Name of a study that ships with icreckon, or a TOML file."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for blocks and results (default: icreckon-study/ and the study's name). What "
+            "was begun there goes on."
+        ),
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Runs of each cell (default: the study's).")
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Threads or processes here (default: one for each core)."),
+    ] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(help="What works out the runs: auto, or an engine (docs/study.md)."),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Address of a dask.distributed scheduler to run on, as tcp://host:8786."),
+    ] = None,
+    json: Json = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Throw away another study that is at --out.")
+    ] = False,
+    list_studies: Annotated[
+        bool, typer.Option("--list", help="List the studies that ship with icreckon.")
+    ] = False,
+) -> None:
+    """Simulate many runs over a sweep of parameters, and sum them up.
+
+    The same command goes on where an earlier one was interrupted.
+    """
+    from icreckon.commands.study import run_study_command
+
+    run_study_command(
+        study=study,
+        out=out,
+        runs=runs,
+        workers=workers,
+        engine=engine,
+        cluster=cluster,
+        as_json=json,
+        overwrite=overwrite,
+        list_studies=list_studies,
+    )
+
+
 def main() -> None:
     """Entry point: errors are one line and a non-zero exit, a traceback only with --debug."""
     debug = DEBUG in sys.argv

@@ -1,0 +1,112 @@
+"""A study from its plan to its results: `run_study`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+
+import numpy as np
+
+from simulation.errors import SimulationError
+from simulation.study_blocks import RESULTS, BlockStore, Job, jobs_of, open_store, write_whole
+from simulation.study_cells import Plan, expand
+from simulation.study_engines import choose_engine
+from simulation.study_executors import cluster as on_cluster
+from simulation.study_executors import given, here
+from simulation.study_manifest import as_json, manifest
+from simulation.study_plan import Study
+from simulation.study_results import Results, Runs, cell_summaries, study_results
+from simulation.study_runner import Report, run_blocks
+from simulation.study_statistics import statistics
+
+RESULTS_PARQUET = "results.parquet"
+RUNS_PARQUET = "runs.parquet"
+PAGE = "report.html"
+
+
+def run_study(
+    study: Study,
+    folder: str | Path,
+    *,
+    engine: str | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    cluster: str | None = None,
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> Results:
+    """Run a study, or go on with it, and leave its results in a folder; see docs/study.md.
+
+    Args:
+        study: the study.
+        folder: for blocks and results; where the same study was begun there, it goes on.
+        engine: name of an engine, or "auto"; the study's where left out.
+        workers: threads or processes, as the engine needs; one for each core where left out.
+        executor: anything with that interface to run on instead.
+        cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).
+        overwrite: whether another study in the folder may be thrown away.
+        report: called at the start and after each block.
+
+    Returns:
+        What `results.json` holds, NaN where that has null.
+
+    Raises:
+        SimulationError: the study makes no sense, the folder holds something else, or a block fails.
+        EstimatorError: no such robot.
+    """
+    if executor is not None and cluster is not None:
+        raise SimulationError("an executor and a cluster to run on; give one of them")
+    plan = expand(study)
+    chosen = choose_engine(plan, engine)
+    told = manifest(plan, chosen)
+    shape = (len(plan.labels), len(statistics(study.horizons)))
+    store = open_store(Path(folder), told, shape, overwrite=overwrite)
+    jobs = jobs_of(plan, chosen.block_runs)
+    count = workers or os.cpu_count() or 1
+    if cluster is not None:
+        workplace = on_cluster(cluster)
+    elif executor is not None:
+        workplace = given(executor, count)
+    else:
+        workplace = here(count, threads=chosen.in_threads(plan))
+    run_blocks(plan, chosen, jobs, store, workplace, report)
+    return _write_results(_gathered(plan, jobs, store), told, store)
+
+
+def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
+    study = plan.study
+    shape = (len(plan.labels), len(plan.cells), study.runs, len(statistics(study.horizons)))
+    values = np.empty(shape)
+    for job in jobs:
+        block = store.read(job)
+        if block is None:
+            raise SimulationError(
+                f"{store.path(job)}: was there, and is not any more; give the same command again"
+            )
+        values[:, job.cell, job.first_run : job.first_run + job.count] = block
+    return Runs(plan, values)
+
+
+def _write_results(runs: Runs, told: dict[str, object], store: BlockStore) -> Results:
+    from simulation.study_figures import study_figures
+    from simulation.study_page import study_page
+    from simulation.study_tables import results_parquet, runs_parquet
+
+    cells = cell_summaries(runs)
+    results = study_results(runs, told, cells)
+    figures = study_figures(results)
+    files = {
+        RESULTS_PARQUET: results_parquet(runs, cells),
+        RUNS_PARQUET: runs_parquet(runs),
+        **{f"{figure.name}.png": figure.png for figure in figures},
+        PAGE: study_page(results, figures).encode(),
+        RESULTS: as_json(results).encode(),
+    }
+    try:
+        for name, content in files.items():
+            write_whole(store.folder / name, content)
+    except OSError as problem:
+        raise SimulationError(f"{store.folder}: cannot be written: {problem.strerror}") from None
+    return results

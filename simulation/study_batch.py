@@ -1,0 +1,272 @@
+"""Blocks of a study on filters side by side: the same runs as on the streaming filter, much faster.
+
+What does not run side by side (the friction model, considered states) is left to the streaming filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import msgpack
+
+from estimator.batch.filters import BatchFilter
+from estimator.batch.from_logs import measured_of
+from estimator.batch.front_end import Measured
+from estimator.batch.runs import Worked, work_through_runs
+from estimator.batch.schedule import Steps, steps_of, why_not_steps
+from estimator.batch.scoring import (
+    COUNT,
+    DISTANCE,
+    ERROR,
+    FINAL_NEES,
+    FINAL_POSITION,
+    FINAL_YAW,
+    POSE_COUNT,
+    POSE_NEES,
+    POSITION_SQUARE,
+    V_X_SQUARE,
+    V_Y_SQUARE,
+    VELOCITY_COUNT,
+    VELOCITY_NEES,
+    W_SQUARE,
+    YAW_ERROR,
+    YAW_SQUARE,
+    Segments,
+    TrueTicks,
+    segments_of,
+)
+from estimator.frames import Floats
+from estimator.log import Log, PoseSeries, Stamps
+from estimator.robot import Robot
+from estimator.scores import path_length, without_fixes
+from estimator.variants import find_variant
+from simulation import study_streaming
+from simulation.encoders import with_encoder_errors
+from simulation.fixes import read_fixes
+from simulation.inertial import perfect_readings, with_inertial_errors
+from simulation.noise import (
+    accelerometer_errors,
+    encoder_errors,
+    fix_errors,
+    gyro_errors,
+    noise_preset,
+)
+from simulation.sampling import sample_times, to_stamps
+from simulation.scenario import Scenario, random_streams
+from simulation.study_cells import Cell, Filter, Plan
+from simulation.study_plan import DEFAULT_TRUTHS
+from simulation.study_statistics import SENSORS, YAW_HORIZON, statistics
+from simulation.study_streaming import driven, true_motion
+
+KEPT_TRUTHS = 2 * DEFAULT_TRUTHS
+# Degrees of freedom of each sensor's innovations.
+DEGREES = {"gyro": 1.0, "accelerometer": 1.0, "position": 2.0}
+
+
+def why_not(plan: Plan) -> str | None:
+    """Why a study cannot be worked out by filters side by side; None where it can."""
+    if not any(_goes_along(one) for cell in plan.cells for one in cell.filters):
+        return "none of the filters can run side by side with others of its kind"
+    for cell in plan.cells:
+        scenario = cell.scenario
+        stamps = _stamps(scenario)
+        reason = why_not_steps(*stamps)
+        if reason is not None:
+            return f"in cell {cell.index}, {reason}"
+        encoders = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
+        if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
+            return f"in cell {cell.index}, encoders drop out that are faster than the IMU"
+        for one in cell.filters:
+            if 1.0 / scenario.imu_rate > one.settings.hold:
+                return f"in cell {cell.index}, the IMU is slower than the filter waits for it"
+    return None
+
+
+def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> dict[str, Floats]:
+    """The statistics of some runs of a cell; see `simulation.study_engines.Block`."""
+    by_itself = [one for one in filters if not _goes_along(one)]
+    together = [one for one in filters if _goes_along(one)]
+    found = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in filters}
+    if by_itself:
+        found |= study_streaming.block(cell, by_itself, first_run, count)
+    if not together:
+        return found
+    made = [BatchFilter(one.robot, find_variant(one.variant), one.settings) for one in together]
+    schedule = _schedule(cell)
+    width = made[0].width
+    for begin in range(0, count, width):
+        here = min(width, count - begin)
+        # A group that is not full runs its last run more than once.
+        runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
+        logs = [_log(cell, run) for run in runs]
+        worked = work_through_runs(
+            made,
+            _measured(logs, together),
+            schedule.steps,
+            start=np.zeros(3),
+            start_sigma=np.zeros(3),
+            truth=_true_ticks(cell, runs),
+            segments=schedule.segments,
+        )
+        for one, side_by_side, result in zip(together, made, worked, strict=True):
+            rows = _statistics(side_by_side, result)
+            found[one.label][begin : begin + here] = rows[:here]
+    return found
+
+
+def _goes_along(one: Filter) -> bool:
+    """Whether a filter can run side by side with others of its kind."""
+    return find_variant(one.variant).model != "friction" and not one.settings.considered
+
+
+class _Schedule(NamedTuple):
+    steps: Steps
+    segments: Segments
+
+
+def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
+    """Of track speeds, IMU, fixes and truth."""
+    duration = scenario.duration
+    fixes = np.zeros(0)
+    if scenario.fix_rate > 0.0:
+        fixes = sample_times(duration, scenario.fix_rate)
+        for start, end in scenario.outages:
+            fixes = fixes[(fixes < start) | (fixes > end)]
+    rates = scenario.track_rate, scenario.imu_rate, scenario.truth_rate
+    tracks, imu, truth = (to_stamps(sample_times(duration, rate)) for rate in rates)
+    return tracks, imu, to_stamps(fixes), truth
+
+
+def _schedule(cell: Cell) -> _Schedule:
+    tracks, imu, fixes, truth = _stamps(cell.scenario)
+    errors = fix_errors(cell.scenario.fixes, noise_preset(cell.scenario.noise))
+    steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
+    horizons = (*cell.horizons, YAW_HORIZON)
+    within: list[list[tuple[int, int]] | None] = [None] * len(horizons)
+    if len(fixes):
+        begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1], truth[-1])
+        within = [without_fixes(fixes, int(begin), int(end), horizon) for horizon in horizons]
+    return _Schedule(steps, segments_of(truth, horizons, within))
+
+
+class _Truth(NamedTuple):
+    """Of one true motion: what perfect sensors read, and what to score against."""
+
+    tracks: Floats
+    imu: tuple[Floats, Floats]
+    poses: Floats
+    twists: Floats
+    lengths: Floats
+
+
+def _truth(cell: Cell, run: int) -> _Truth:
+    scenario = cell.scenario
+    rates = scenario.duration, scenario.track_rate, scenario.imu_rate, scenario.truth_rate
+    return _sensed(driven(scenario), msgpack.encode(cell.robot), run % cell.truths, rates)
+
+
+@lru_cache(KEPT_TRUTHS)
+def _sensed(
+    scenario: bytes, robot: bytes, truth: int, rates: tuple[float, float, float, float]
+) -> _Truth:
+    motion = true_motion(scenario, robot, truth)
+    duration, track_rate, imu_rate, truth_rate = rates
+    ticks = sample_times(duration, truth_rate)
+    poses = motion.poses_at(ticks)
+    times = sample_times(duration, imu_rate)
+    return _Truth(
+        motion.mean_track_speeds(sample_times(duration, track_rate)),
+        perfect_readings(motion, times, imu_rate, msgpack.decode(robot, type=Robot)),
+        poses,
+        motion.twists_at(ticks),
+        path_length(PoseSeries(to_stamps(ticks), poses)),
+    )
+
+
+def _true_ticks(cell: Cell, runs: Sequence[int]) -> TrueTicks:
+    truths = [_truth(cell, run) for run in runs]
+    return TrueTicks(
+        np.stack([truth.poses for truth in truths], axis=-1),
+        np.stack([truth.twists for truth in truths], axis=-1),
+        np.stack([truth.lengths for truth in truths], axis=-1),
+    )
+
+
+def _log(cell: Cell, run: int) -> Log:
+    """The log of `simulation.study_streaming.study_log`, without its truth."""
+    scenario, robot, truth = cell.scenario, cell.robot, _truth(cell, run)
+    streams, preset = random_streams(scenario.seed, run), noise_preset(scenario.noise)
+    duration = scenario.duration
+    tracks = with_encoder_errors(
+        truth.tracks,
+        sample_times(duration, scenario.track_rate),
+        scenario.track_rate,
+        encoder_errors(robot, scenario.encoders, preset),
+        streams.tracks,
+    )
+    imu = with_inertial_errors(
+        truth.imu,
+        sample_times(duration, scenario.imu_rate),
+        scenario.imu_rate,
+        robot,
+        gyro_errors(robot, scenario.gyro, preset),
+        accelerometer_errors(robot, scenario.accelerometer, preset),
+        streams.gyro,
+        streams.accelerometer,
+    )
+    fixes = None
+    if scenario.fix_rate > 0.0:
+        fixes = read_fixes(
+            true_motion(driven(scenario), msgpack.encode(robot), run % cell.truths),
+            sample_times(duration, scenario.fix_rate),
+            fix_errors(scenario.fixes, preset),
+            scenario.outages,
+            streams.fixes,
+        )
+    return Log(name=f"run {run}", tracks=tracks, imu=imu.series, fixes=fixes)
+
+
+def _measured(logs: Sequence[Log], filters: Sequence[Filter]) -> list[Measured]:
+    """What each filter is told; the same object for filters that take the IMU to be the same."""
+    known: dict[bytes, Measured] = {}
+    found = []
+    for one in filters:
+        key = msgpack.encode(one.robot.imu)
+        if key not in known:
+            known[key] = measured_of(logs, one.robot)
+        found.append(known[key])
+    return found
+
+
+def _statistics(filters: BatchFilter, worked: Worked) -> Floats:
+    """(width, n) in the order of `simulation.study_statistics.statistics`."""
+    scores, counts = worked.scores, filters.counts(worked.lanes)
+    if scores is None:
+        raise ValueError("nothing was scored")
+    sums, drifts = scores.sums, scores.drifts
+    with np.errstate(divide="ignore", invalid="ignore"):
+        percent = 100.0 * drifts[:-1, ERROR] / drifts[:-1, DISTANCE]
+        yaw_drift = np.degrees(drifts[-1, YAW_ERROR]) / drifts[-1, DISTANCE]
+        squares = (V_X_SQUARE, V_Y_SQUARE, W_SQUARE)
+        columns = [
+            *percent,
+            yaw_drift,
+            sums[FINAL_POSITION],
+            sums[FINAL_YAW],
+            np.sqrt(sums[POSITION_SQUARE] / sums[COUNT]),
+            np.sqrt(sums[YAW_SQUARE] / sums[COUNT]),
+            *(np.sqrt(sums[row] / sums[COUNT]) for row in squares),
+            sums[POSE_NEES] / sums[POSE_COUNT],
+            sums[FINAL_NEES],
+            sums[VELOCITY_NEES] / sums[VELOCITY_COUNT],
+            *(
+                counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_judged"])
+                for name in SENSORS
+            ),
+            *(counts[f"{name}_rejected"] for name in SENSORS),
+            sum(counts[f"{name}_rejected"] for name in (*SENSORS, "heading")),
+        ]
+    return np.stack(columns, axis=-1)

@@ -1,0 +1,185 @@
+"""What a study has found, in words and tables, made from results and from nothing else."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from simulation.study_results import FINAL_ERROR, Results, shown
+
+# Beyond so many cells, tables are by axis.
+MOST_CELLS = 24
+NEES = "nees_pose_end"
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table: its title, headings, and rows; `texts` columns from the left are words."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    texts: int
+
+
+def headline(results: Results) -> str:
+    """What came out, in a few sentences."""
+    drift, baseline, overall = results["drift"], results["baseline"], results["overall"]
+    count = len(results["cells"])
+    runs = f"{count} {'cell' if count == 1 else 'cells'} of {results['runs']} runs each"
+    of = overall[baseline][drift]
+    if of["n"] == 0:
+        return f"Over {runs}, nowhere long enough without fixes to tell the drift of {baseline}."
+    after = title_of(results, drift).removeprefix("drift ")
+    told = [
+        f"{name} drifts {_number(overall[name][drift]['ratio'])} times as much "
+        f"({_between(overall[name][drift], 'ratio')})"
+        for name in results["variants"]
+        if name != baseline
+    ]
+    sentences = [
+        f"Over {runs}, {baseline} drifts {_number(of['mean'])} % of distance {after} "
+        f"({_between(of, 'mean')})."
+    ]
+    if told:
+        sentences.append(f"Run by run, {_listed(told)}.")
+    return " ".join([*sentences, *_widest_effect(results)])
+
+
+def _widest_effect(results: Results) -> list[str]:
+    """What the axis does that matters most to the filter that drifts least."""
+    drift, overall = results["drift"], results["overall"]
+    best = min(
+        (name for name in results["variants"] if overall[name][drift]["n"]),
+        key=lambda name: float(overall[name][drift]["mean"]),
+    )
+    found: list[tuple[float, str]] = []
+    for effect in results["effects"]:
+        means = [
+            (group["variants"][best][drift]["mean"], group["name"])
+            for group in effect["groups"]
+            if group["variants"][best][drift]["n"]
+        ]
+        (least, where_least), (most, where_most) = min(means), max(means)
+        if least > 0.0:
+            axis = effect["axis"]
+            text = (
+                f"The drift of {best} is from {_number(least)} % ({axis} {where_least}) to "
+                f"{_number(most)} % ({axis} {where_most})."
+            )
+            found.append((most / least, text))
+    return [max(found)[1]] if found else []
+
+
+def notes(results: Results) -> list[str]:
+    """What the tables' figures are."""
+    runs, motions = results["runs"], results["true_motions"]
+    shared = "" if motions == runs else f" of {motions} true motions"
+    return [
+        f"{runs} runs{shared} in each cell, paired over cells and variants; in brackets 95 % intervals "
+        "of the mean (Student's t, over true motions).",
+        f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: median, and "
+        "95th percentile of the runs. NEES of the pose: 3 is ideal, more is too sure.",
+    ]
+
+
+def summary_tables(results: Results) -> list[TextTable]:
+    """By cell, or by axis where there are many cells."""
+    cells = results["cells"]
+    axes = [axis["name"] for axis in results["axes"]]
+    if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
+        places = [
+            (tuple(shown(cell["values"][axis]) for axis in axes), cell["variants"])
+            for cell in cells
+        ]
+        return [_table(results, "by cell" if axes else "", tuple(axes), places)]
+    tables = []
+    for effect in results["effects"]:
+        places = [((group["name"],), group["variants"]) for group in effect["groups"]]
+        title = f"by {effect['axis']}, over all else that is swept"
+        tables.append(_table(results, title, (effect["axis"],), places))
+    return tables
+
+
+def title_of(results: Results, statistic: str) -> str:
+    """What people call a statistic."""
+    return str(_statistic(results, statistic)["title"])
+
+
+def unit_of(results: Results, statistic: str) -> str:
+    """Its unit."""
+    return str(_statistic(results, statistic)["unit"])
+
+
+def _statistic(results: Results, name: str) -> dict[str, Any]:
+    return next(one for one in results["statistics"] if one["name"] == name)
+
+
+def _table(
+    results: Results,
+    title: str,
+    axes: tuple[str, ...],
+    places: list[tuple[tuple[str, ...], dict[str, Any]]],
+) -> TextTable:
+    drift = results["drift"]
+    head = (
+        *axes,
+        "variant",
+        f"{title_of(results, drift)}, %",
+        f"ratio to {results['baseline']}",
+        "final error, m",
+        "95th percentile, m",
+        "NEES at the end",
+    )
+    rows = []
+    for values, variants in places:
+        for number, (name, one) in enumerate(variants.items()):
+            told = one[drift]
+            rows.append(
+                (
+                    *(values if number == 0 else ("",) * len(values)),
+                    name,
+                    _with_interval(told, "mean"),
+                    "1" if name == results["baseline"] else _with_interval(told, "ratio"),
+                    _number(one[FINAL_ERROR]["median"]),
+                    _number(one[FINAL_ERROR]["p95"]),
+                    _with_interval(one[NEES], "mean"),
+                )
+            )
+    return TextTable(title, head, tuple(rows), len(axes) + 1)
+
+
+def _with_interval(summary: dict[str, Any], key: str) -> str:
+    if not _told(summary[key]):
+        return "-"
+    return f"{_number(summary[key])} ({_between(summary, key)})"
+
+
+def _between(summary: dict[str, Any], key: str) -> str:
+    """The interval, as precisely as its middle is told."""
+    low, high = summary[f"{key}_low"], summary[f"{key}_high"]
+    if not (_told(low) and _told(high)):
+        return "one true motion"
+    form = _form(summary[key])
+    return f"{low:{form}} to {high:{form}}"
+
+
+def _number(value: float | None) -> str:
+    return f"{value:{_form(value)}}" if value is not None and _told(value) else "-"
+
+
+def _told(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _form(value: float) -> str:
+    """Two digits behind the point, more for what is small and fewer for what is large."""
+    size = abs(value)
+    if size >= 1e4 or 0.0 < size < 5e-4:
+        return ".1e"
+    return f".{0 if size >= 100.0 else 1 if size >= 10.0 else 2 if size >= 0.1 else 4}f"
+
+
+def _listed(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

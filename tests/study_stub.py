@@ -1,0 +1,37 @@
+"""An engine for tests of what is around engines: numbers from seed, cell and run, in no time."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from simulation.study_statistics import statistics
+
+# A file that is named here: the first worker that finds it takes it away, and dies.
+DEADLY = "STUDY_STUB_DEADLY"
+# Seconds that a block takes.
+PACE = "STUDY_STUB_PACE"
+
+
+def block(cell, filters, first_run, count):
+    deadly = os.environ.get(DEADLY)
+    if deadly is not None:
+        try:
+            Path(deadly).unlink()
+        except FileNotFoundError:
+            pass
+        else:
+            os._exit(9)
+    time.sleep(float(os.environ.get(PACE, "0")))
+    names = [one.name for one in statistics(cell.horizons)]
+    found = {}
+    for number, one in enumerate(filters):
+        rows = []
+        for run in range(first_run, first_run + count):
+            truth = np.random.default_rng([cell.scenario.seed, run % cell.truths])
+            own = np.random.default_rng([cell.scenario.seed, run, cell.index, number])
+            rows.append(truth.gamma(4.0, 0.5, len(names)) + own.gamma(2.0, 0.5, len(names)))
+        found[one.label] = np.array(rows)
+        found[one.label][:, names.index("rejected_gyro")] = np.nan
+    return found
