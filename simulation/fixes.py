@@ -55,8 +55,24 @@ def read_fixes(
         outages: start and end [s] of each time in which no fix arrives, both included.
         rng: draws the errors, those of fixes lost in an outage included.
     """
+    poses = motion.poses_at(shown_times(times, errors))
+    return with_fix_errors(poses, times, errors, outages, rng)
+
+
+def shown_times(times: Floats, errors: FixErrors) -> Floats:
+    """Of when (n,) fixes that arrive at these times (n,) show the pose [s]."""
+    return np.maximum(times - errors.latency, 0.0)
+
+
+def with_fix_errors(
+    poses: Floats,
+    times: Floats,
+    errors: FixErrors,
+    outages: tuple[tuple[float, float], ...],
+    rng: Generator,
+) -> FixSeries:
+    """Fixes that show true poses (n, 3); other arguments as those of `read_fixes`."""
     choices, sizes = rng.spawn(2)
-    poses = motion.poses_at(np.maximum(times - errors.latency, 0.0))
     sigmas = np.array([errors.sigma, errors.sigma, errors.heading_sigma or 0.0])
     poses = poses + sigmas * rng.standard_normal(poses.shape)
     outlying = choices.random(len(times)) < errors.outlier_share

@@ -11,25 +11,14 @@ import numpy as np
 from numpy.random import Generator, SeedSequence
 
 from estimator.config import convert, read_toml
-from estimator.log import Log, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
+from estimator.log import Log, TrackSpeedSeries
 from estimator.robot import Indices, Robot
-from simulation.encoders import read_tracks
 from simulation.errors import SimulationError
 from simulation.field_types import settle_types
-from simulation.fixes import read_fixes
-from simulation.inertial import read_imu
-from simulation.noise import (
-    EncoderSpec,
-    FixSpec,
-    InertialSpec,
-    accelerometer_errors,
-    encoder_errors,
-    fix_errors,
-    gyro_errors,
-    noise_preset,
-)
+from simulation.noise import EncoderSpec, FixSpec, InertialSpec, noise_preset
 from simulation.recorded import read_recording
-from simulation.sampling import Floats, sample_times, to_stamps
+from simulation.sampling import Floats, sample_times
+from simulation.sensing import perfect, sensed, truth_of
 from simulation.terrain import Patch, Payload
 from simulation.trajectories import (
     check_trajectory,
@@ -305,6 +294,39 @@ def run_scenario(
     if not isinstance(robot, Robot):
         raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
     streams = random_streams(scenario.seed, run_index)
+    motion = drive(scenario, robot, streams, recording=recording)
+    read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
+    truth = None
+    if scenario.include_truth:
+        truth = truth_of(motion, sample_times(scenario.duration, scenario.truth_rate))
+    log = Log(
+        name=f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}",
+        tracks=read.tracks,
+        imu=read.imu.series,
+        fixes=read.fixes,
+        truth=truth,
+    )
+    return Simulation(scenario, log, motion, read.imu.gyro_bias, read.imu.accelerometer_bias)
+
+
+def drive(
+    scenario: Scenario,
+    robot: Robot,
+    streams: Streams,
+    *,
+    recording: TrackSpeedSeries | None = None,
+) -> TrueMotion:
+    """The true motion of a run.
+
+    Args:
+        scenario: what to drive; its sensors do not count, but for the IMU's rate.
+        robot: the robot as its file describes it.
+        streams: draw trajectory and truth.
+        recording: track speeds to drive, see `simulate`.
+
+    Raises:
+        SimulationError: see `simulate`.
+    """
     duration = scenario.duration
     if scenario.trajectory_file is not None:
         if recording is not None:
@@ -321,47 +343,9 @@ def run_scenario(
         scenario.trajectory_options,
         recording,
     )
-    motion = scenario.make_truth().run(
+    return scenario.make_truth().run(
         command, duration, robot, streams.truth, rate=grid_rate(scenario.imu_rate)
     )
-    preset = noise_preset(scenario.noise)
-    tracks = read_tracks(
-        motion,
-        sample_times(duration, scenario.track_rate),
-        scenario.track_rate,
-        encoder_errors(robot, scenario.encoders, preset),
-        streams.tracks,
-    )
-    imu = read_imu(
-        motion,
-        sample_times(duration, scenario.imu_rate),
-        scenario.imu_rate,
-        robot,
-        gyro_errors(robot, scenario.gyro, preset),
-        accelerometer_errors(robot, scenario.accelerometer, preset),
-        streams.gyro,
-        streams.accelerometer,
-    )
-    fixes = None
-    if scenario.fix_rate > 0.0:
-        fixes = read_fixes(
-            motion,
-            sample_times(duration, scenario.fix_rate),
-            fix_errors(scenario.fixes, preset),
-            scenario.outages,
-            streams.fixes,
-        )
-    truth = None
-    if scenario.include_truth:
-        truth = _truth(motion, sample_times(duration, scenario.truth_rate))
-    log = Log(
-        name=f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}",
-        tracks=tracks,
-        imu=imu.series,
-        fixes=fixes,
-        truth=truth,
-    )
-    return Simulation(scenario, log, motion, imu.gyro_bias, imu.accelerometer_bias)
 
 
 def grid_rate(imu_rate: float) -> float:
@@ -386,13 +370,3 @@ def _merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
             value = _merged(old, value)
         result[key] = value
     return result
-
-
-def _truth(motion: TrueMotion, times: Floats) -> Truth:
-    stamps = to_stamps(times)
-    return Truth(
-        poses=PoseSeries(stamps, motion.poses_at(times)),
-        twists=TwistSeries(stamps, motion.twists_at(times)),
-        tracks=TrackSpeedSeries(stamps, motion.track_speeds_at(times)),
-        source=motion.source,
-    )

@@ -44,18 +44,10 @@ from estimator.robot import Robot
 from estimator.scores import path_length, without_fixes
 from estimator.variants import find_variant
 from simulation import study_streaming
-from simulation.encoders import with_encoder_errors
-from simulation.fixes import read_fixes
-from simulation.inertial import perfect_readings, with_inertial_errors
-from simulation.noise import (
-    accelerometer_errors,
-    encoder_errors,
-    fix_errors,
-    gyro_errors,
-    noise_preset,
-)
+from simulation.noise import encoder_errors, fix_errors, noise_preset
 from simulation.sampling import sample_times, to_stamps
 from simulation.scenario import Scenario, random_streams
+from simulation.sensing import Perfect, perfect, sensed
 from simulation.study_cells import Cell, Filter, Plan
 from simulation.study_plan import DEFAULT_TRUTHS
 from simulation.study_statistics import SENSORS, YAW_HORIZON, statistics
@@ -83,6 +75,11 @@ def why_not(plan: Plan) -> str | None:
             if 1.0 / scenario.imu_rate > one.settings.hold:
                 return f"in cell {cell.index}, the IMU is slower than the filter waits for it"
     return None
+
+
+def in_threads(plan: Plan) -> bool:
+    """Whether threads will do: where all filters run side by side, which lets go of the interpreter."""
+    return all(_goes_along(one) for cell in plan.cells for one in cell.filters)
 
 
 def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> dict[str, Floats]:
@@ -155,31 +152,24 @@ def _schedule(cell: Cell) -> _Schedule:
 class _Truth(NamedTuple):
     """Of one true motion: what perfect sensors read, and what to score against."""
 
-    tracks: Floats
-    imu: tuple[Floats, Floats]
+    perfect: Perfect
     poses: Floats
     twists: Floats
     lengths: Floats
 
 
 def _truth(cell: Cell, run: int) -> _Truth:
-    scenario = cell.scenario
-    rates = scenario.duration, scenario.track_rate, scenario.imu_rate, scenario.truth_rate
-    return _sensed(driven(scenario), msgpack.encode(cell.robot), run % cell.truths, rates)
+    return _kept_truth(msgpack.encode(cell.scenario), msgpack.encode(cell.robot), run % cell.truths)
 
 
 @lru_cache(KEPT_TRUTHS)
-def _sensed(
-    scenario: bytes, robot: bytes, truth: int, rates: tuple[float, float, float, float]
-) -> _Truth:
-    motion = true_motion(scenario, robot, truth)
-    duration, track_rate, imu_rate, truth_rate = rates
-    ticks = sample_times(duration, truth_rate)
+def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
+    scenario = msgpack.decode(scenario_data, type=Scenario)
+    motion = true_motion(driven(scenario), robot_data, truth)
+    ticks = sample_times(scenario.duration, scenario.truth_rate)
     poses = motion.poses_at(ticks)
-    times = sample_times(duration, imu_rate)
     return _Truth(
-        motion.mean_track_speeds(sample_times(duration, track_rate)),
-        perfect_readings(motion, times, imu_rate, msgpack.decode(robot, type=Robot)),
+        perfect(motion, scenario, msgpack.decode(robot_data, type=Robot)),
         poses,
         motion.twists_at(ticks),
         path_length(PoseSeries(to_stamps(ticks), poses)),
@@ -197,36 +187,10 @@ def _true_ticks(cell: Cell, runs: Sequence[int]) -> TrueTicks:
 
 def _log(cell: Cell, run: int) -> Log:
     """The log of `simulation.study_streaming.study_log`, without its truth."""
-    scenario, robot, truth = cell.scenario, cell.robot, _truth(cell, run)
-    streams, preset = random_streams(scenario.seed, run), noise_preset(scenario.noise)
-    duration = scenario.duration
-    tracks = with_encoder_errors(
-        truth.tracks,
-        sample_times(duration, scenario.track_rate),
-        scenario.track_rate,
-        encoder_errors(robot, scenario.encoders, preset),
-        streams.tracks,
-    )
-    imu = with_inertial_errors(
-        truth.imu,
-        sample_times(duration, scenario.imu_rate),
-        scenario.imu_rate,
-        robot,
-        gyro_errors(robot, scenario.gyro, preset),
-        accelerometer_errors(robot, scenario.accelerometer, preset),
-        streams.gyro,
-        streams.accelerometer,
-    )
-    fixes = None
-    if scenario.fix_rate > 0.0:
-        fixes = read_fixes(
-            true_motion(driven(scenario), msgpack.encode(robot), run % cell.truths),
-            sample_times(duration, scenario.fix_rate),
-            fix_errors(scenario.fixes, preset),
-            scenario.outages,
-            streams.fixes,
-        )
-    return Log(name=f"run {run}", tracks=tracks, imu=imu.series, fixes=fixes)
+    scenario = cell.scenario
+    streams = random_streams(scenario.seed, run)
+    read = sensed(_truth(cell, run).perfect, scenario, cell.robot, streams)
+    return Log(name=f"run {run}", tracks=read.tracks, imu=read.imu.series, fixes=read.fixes)
 
 
 def _measured(logs: Sequence[Log], filters: Sequence[Filter]) -> list[Measured]:

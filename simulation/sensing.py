@@ -1,0 +1,110 @@
+"""What the sensors of a scenario read of a true motion: what perfect ones would, and their errors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from estimator.log import FixSeries, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
+from estimator.robot import Robot
+from simulation.encoders import with_encoder_errors
+from simulation.fixes import shown_times, with_fix_errors
+from simulation.inertial import Imu, perfect_readings, with_inertial_errors
+from simulation.noise import (
+    accelerometer_errors,
+    encoder_errors,
+    fix_errors,
+    gyro_errors,
+    noise_preset,
+)
+from simulation.sampling import Floats, sample_times, to_stamps
+from simulation.truth import TrueMotion
+
+if TYPE_CHECKING:
+    from simulation.scenario import Scenario, Streams
+
+
+class Perfect(NamedTuple):
+    """What perfect sensors read of a true motion.
+
+    Attributes:
+        tracks: (n, 2) mean speeds of the tracks since the sample before [m/s].
+        imu: angular velocities (m, 3) [rad/s] and specific forces (m, 3) [m/s²] in the IMU's axes.
+        fixes: (k, 3) poses [m, m, rad], those of outages included.
+    """
+
+    tracks: Floats
+    imu: tuple[Floats, Floats]
+    fixes: Floats
+
+
+class Sensed(NamedTuple):
+    """What the sensors read: track speeds, IMU, and fixes where there are any."""
+
+    tracks: TrackSpeedSeries
+    imu: Imu
+    fixes: FixSeries | None
+
+
+def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
+    """What perfect sensors of a robot read of a true motion, when those of a scenario sample."""
+    duration, rate = scenario.duration, scenario.imu_rate
+    errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
+    return Perfect(
+        motion.mean_track_speeds(sample_times(duration, scenario.track_rate)),
+        perfect_readings(motion, sample_times(duration, rate), rate, robot),
+        motion.poses_at(shown_times(_fix_times(scenario), errors)),
+    )
+
+
+def sensed(true: Perfect, scenario: Scenario, robot: Robot, streams: Streams) -> Sensed:
+    """What the sensors of a scenario read where perfect ones read this.
+
+    Args:
+        true: what perfect ones read.
+        scenario: rates and errors of the sensors.
+        robot: whose sensors they are.
+        streams: draw the errors.
+    """
+    duration, preset = scenario.duration, noise_preset(scenario.noise)
+    tracks = with_encoder_errors(
+        true.tracks,
+        sample_times(duration, scenario.track_rate),
+        scenario.track_rate,
+        encoder_errors(robot, scenario.encoders, preset),
+        streams.tracks,
+    )
+    imu = with_inertial_errors(
+        true.imu,
+        sample_times(duration, scenario.imu_rate),
+        scenario.imu_rate,
+        robot,
+        gyro_errors(robot, scenario.gyro, preset),
+        accelerometer_errors(robot, scenario.accelerometer, preset),
+        streams.gyro,
+        streams.accelerometer,
+    )
+    if scenario.fix_rate == 0.0:
+        return Sensed(tracks, imu, None)
+    errors = fix_errors(scenario.fixes, preset)
+    times = _fix_times(scenario)
+    return Sensed(
+        tracks, imu, with_fix_errors(true.fixes, times, errors, scenario.outages, streams.fixes)
+    )
+
+
+def truth_of(motion: TrueMotion, times: Floats) -> Truth:
+    """The truth at given times (n,) [s], as a log holds it."""
+    stamps = to_stamps(times)
+    return Truth(
+        poses=PoseSeries(stamps, motion.poses_at(times)),
+        twists=TwistSeries(stamps, motion.twists_at(times)),
+        tracks=TrackSpeedSeries(stamps, motion.track_speeds_at(times)),
+        source=motion.source,
+    )
+
+
+def _fix_times(scenario: Scenario) -> Floats:
+    """When fixes arrive, those of outages included [s]."""
+    if scenario.fix_rate == 0.0:
+        return sample_times(0.0, 1.0)[:0]
+    return sample_times(scenario.duration, scenario.fix_rate)
