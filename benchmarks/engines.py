@@ -53,8 +53,14 @@ class Drive:
         robot = load_robot("auriga-alpha")
         self.filters = BatchFilter(robot, VARIANTS[variant], Settings())
         duration = (BEGIN + STEPS + 1) / RATE
+        # It does not stop on the way, which would need updates of their own.
         scenario = Scenario(
-            duration=duration, track_rate=RATE / 2, imu_rate=RATE, fix_rate=0.0, seed=1
+            trajectory="figure-eight",
+            duration=duration,
+            track_rate=RATE / 2,
+            imu_rate=RATE,
+            fix_rate=0.0,
+            seed=1,
         )
         logs = [simulate(scenario, robot, run_index=run) for run in range(self.filters.width)]
         measured = measured_of(logs, robot)

@@ -10,7 +10,9 @@ Import it inside functions only, or from other kernels: numba takes half a secon
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -20,6 +22,8 @@ from numba import njit
 from estimator import motion_model
 
 COMPILED: dict[Any, Any] = {}
+# The digest in the name of a file that numba keeps.
+KEPT_NAME = re.compile(r"\.([0-9a-f]{12})-\d+\.py")
 # What only compiled code calls needs no way in from Python, which takes time to make.
 INNER: dict[str, Any] = {
     "error_model": "numpy",
@@ -51,6 +55,7 @@ def entry(
     """
     twin = _with_compiled_callees(function, callees or {})
     twin.__qualname__ = f"{function.__qualname__}{made}.{_sources()}"
+    _forget_others(Path(function.__code__.co_filename).parent)
     try:
         return njit(cache=True, error_model="numpy", nogil=True)(twin)
     except RuntimeError:  # there is no place to keep it
@@ -81,7 +86,20 @@ def _sources() -> str:
     return _DIGEST[0]
 
 
+def _forget_others(folder: Path) -> None:
+    """Take away what was compiled in a folder of files that have changed since."""
+    if folder in _TIDIED:
+        return
+    _TIDIED.add(folder)
+    for path in folder.glob("__pycache__/*.nb[ic]"):
+        of_sources = KEPT_NAME.search(path.name)
+        if of_sources is not None and of_sources.group(1) != _sources():
+            with suppress(OSError):
+                path.unlink()
+
+
 _DIGEST: list[str] = []
+_TIDIED: set[Path] = set()
 
 
 def _holds(condition: bool) -> bool:

@@ -188,6 +188,28 @@ def test_gates_that_reject_nothing_agree_too() -> None:
     assert_same("inertia-online", logs_of(BASE, 2), Settings(gates=GateSettings(patience=0)))
 
 
+def test_a_filter_does_not_depend_on_those_beside_it() -> None:
+    """To the last bit, so that results do not hang on how runs are grouped, or on the machine's width."""
+    scenario = msgspec.structs.replace(
+        BASE, trajectory="aggressive", fixes=FixSpec(outlier_share=0.2)
+    )
+    logs = logs_of(scenario, 4)
+    found = []
+    for order in ((0, 1, 2, 3), (3, 0, 0, 0), (2, 2, 1, 3)):
+        filters = BatchFilter(ROBOT, VARIANTS["inertia-online"], Settings())
+        chosen = [logs[order[lane % 4]] for lane in range(filters.width)]
+        measured = measured_of(chosen, ROBOT)
+        stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
+        steps = steps_of(*stamps, measured.imu_stamps[::10], heading=False)
+        zero = np.zeros(3)
+        (worked,) = work_through_runs([filters], [measured], steps, start=zero, start_sigma=zero)
+        found.append({run: worked.lanes.workspace[:, order.index(run)] for run in set(order)})
+    for run in range(4):
+        columns = [columns[run] for columns in found if run in columns]
+        for column in columns[1:]:
+            assert np.array_equal(column, columns[0])
+
+
 def test_friction_is_refused_with_a_reason() -> None:
     with pytest.raises(BatchError, match="friction-online"):
         BatchFilter(ROBOT, VARIANTS["friction-online"], Settings())

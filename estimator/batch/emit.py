@@ -24,6 +24,8 @@ FLAG_BITS = 16
 # A number of the workspace is read again rather than kept where more operations than this lie between:
 # there are not so many registers, and keeping it in memory of one's own costs a write as well.
 KEPT_FOR = 150
+# Rows are counted from this one, to both sides: near ones have shorter instructions.
+MIDDLE_ROW = 128
 
 
 def lanes_of_machine(bits: int) -> int:
@@ -118,6 +120,9 @@ class _Emitter:
     def emit(self) -> None:
         """Everything."""
         kernel = self.kernel
+        for name, pointer in self.pointers.items():
+            self.pointers[name] = self.builder.gep(pointer, [LONG(MIDDLE_ROW * self.width)])
+        self._look_again()
         wanted = [store.value for store in kernel.stores] + list(kernel.flags)
         nodes = reachable(wanted)
         waiting: dict[Traced, list[Store]] = {}
@@ -170,7 +175,8 @@ class _Emitter:
                 return BOOL(int(node.extra)) if node.truth else self.number(node.extra)
             case "scalar":
                 array, index = node.extra
-                return b.load(b.gep(self.pointers[array], [LONG(index)]))
+                place = index - MIDDLE_ROW * self.width
+                return b.load(b.gep(self.pointers[array], [LONG(place)]))
             case "loop":
                 return self._loop(node)
             case "result":
@@ -243,7 +249,7 @@ class _Emitter:
 
     def _address(self, array: str, row: int) -> Any:
         b = self.builder
-        place = b.gep(self.pointers[array], [LONG(row * self.width)])
+        place = b.gep(self.pointers[array], [LONG((row - MIDDLE_ROW) * self.width)])
         return b.bitcast(place, self.vector.as_pointer())
 
     def _store(self, store: Store) -> None:

@@ -92,13 +92,16 @@ def is_zero(value: Any) -> bool:
 def _balance(problem: Any, guess: Any) -> Any:
     """`estimator.motion._balance`, in rounds of all lanes, from a guess of one's own."""
 
-    def newton(u: Any) -> Any:
+    def newton(u: Any, goes_on: Any) -> Any:
+        # A lane that has found its own stays there, so that a filter does not depend on its neighbours.
         step = _evaluate(u, problem)
         change = (step.g - u) / _at_least(1.0 - step.g_u, motion.SMALLEST_SLOPE)
-        u = u + change
-        return [u], ~(abs(change) <= LAST_CHANGE * (1.0 + abs(u)))
+        moves = goes_on > 0.5
+        u = trace.select(moves, u + change, u)
+        unsettled = moves & ~(abs(change) <= LAST_CHANGE * (1.0 + abs(u)))
+        return [u, trace.truth_as_number(unsettled)], unsettled
 
-    u, unsettled = trace.repeat(True, [guess], newton, motion.NEWTON_ITERATIONS)
+    u, _, unsettled = trace.repeat(True, [guess, 1.0], newton, motion.NEWTON_ITERATIONS)
 
     def widen(high: Any) -> Any:
         short = (high - _evaluate(high, problem).g < 0.0) | (
