@@ -206,6 +206,9 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
         names = ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
         _name_places(axes, names)
         axes.set_xlabel(", ".join(keys))
+    elif len(cells) == 1:
+        places = [_offset(number, len(variants)) for number in range(len(variants))]
+        axes.set_xticks(places, list(variants))
     else:
         axes.set_xlabel("cell")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -15,7 +15,7 @@ MAY_IMPORT = {
     "replay": {"replay", "estimator"},
     "icreckon": {"icreckon", "simulation", "replay", "estimator"},
 }
-HEAVY = {"scipy", "matplotlib", "numba", "filterpy", "rosbags"}
+HEAVY = {"scipy", "matplotlib", "numba", "filterpy", "rosbags", "pyarrow", "distributed"}
 LONGEST_FILE = 600
 
 

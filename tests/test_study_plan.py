@@ -292,7 +292,8 @@ def test_shipped_studies_load_and_their_first_block_runs(name):
 
 
 def test_there_are_the_studies_that_were_promised():
-    assert study_names() == ["driving-style", "imu-grades", "mis-calibration", "outage-length"]
+    promised = ["driving-style", "imu-grades", "mis-calibration", "outage-length", "ten-thousand"]
+    assert study_names() == promised
 
 
 def test_the_study_file_in_the_docs_loads_and_shows_every_key(tmp_path):
