@@ -73,7 +73,7 @@ class Drive:
         shape = (count, len(INPUTS), self.filters.width)
         self.inputs = aligned(count * len(INPUTS) * self.filters.width).reshape(shape)
         front.tell(0, count, self.inputs)
-        self.table = self.filters.step_constants(self.steps)
+        self.table = self.filters.prepare(self.steps)
         zero = np.zeros(3)
         self.lanes = self.filters.begin(measured.tracks[:, 0], zero, zero)
         self.room = np.zeros((1, 18, self.filters.width))

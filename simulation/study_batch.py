@@ -71,7 +71,12 @@ def why_not(plan: Plan) -> str | None:
         encoders = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
             return f"in cell {cell.index}, encoders drop out that are faster than the IMU"
+        between = not np.isin(stamps[2], stamps[1]).all()
         for one in cell.filters:
+            if between and one.settings.inertia == "imu":
+                return (
+                    f"in cell {cell.index}, inertia is the IMU's, and fixes lie between its samples"
+                )
             if 1.0 / scenario.imu_rate > one.settings.hold:
                 return f"in cell {cell.index}, the IMU is slower than the filter waits for it"
     return None

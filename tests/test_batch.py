@@ -141,6 +141,39 @@ def test_they_agree_on_a_stuck_encoder() -> None:
     assert_same("inertia-online", logs)
 
 
+@pytest.mark.parametrize(("fix_rate", "imu_rate"), [(3.0, 100.0), (7.0, 50.0), (1.5, 37.0)])
+def test_they_agree_on_fixes_between_imu_samples(fix_rate: float, imu_rate: float) -> None:
+    scenario = msgspec.structs.replace(
+        BASE,
+        fix_rate=fix_rate,
+        imu_rate=imu_rate,
+        trajectory="aggressive",
+        fixes=FixSpec(heading_sigma=0.02, outlier_share=0.1, outlier_sigma=10.0),
+    )
+    counts, _ = assert_same("inertia-online", logs_of(scenario, 3))
+    assert counts["position_rejected"].max() > 0.0
+    assert counts["heading_used"].min() > 10.0
+
+
+def test_a_lost_filter_finds_its_heading_from_fixes_between_imu_samples() -> None:
+    turned = []
+    scenario = msgspec.structs.replace(BASE, duration=60.0, trajectory="aggressive", fix_rate=1.5)
+    for log in logs_of(scenario, 2):
+        fixes = log.fixes
+        assert fixes is not None
+        poses = fixes.poses.copy()
+        x, y = poses[40:, 0].copy(), poses[40:, 1].copy()
+        poses[40:, 0], poses[40:, 1] = 5.0 - y, x - 3.0
+        turned.append(replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances)))
+    assert_same("constant-online", turned)
+
+
+def test_fixes_between_imu_samples_need_inertia_of_the_tracks() -> None:
+    scenario = msgspec.structs.replace(BASE, fix_rate=3.0)
+    with pytest.raises(BatchError, match="inertia = 'imu'"):
+        assert_same("inertia-online", logs_of(scenario, 1), Settings(inertia="imu"))
+
+
 def test_they_agree_on_headings() -> None:
     scenario = msgspec.structs.replace(BASE, fixes=FixSpec(heading_sigma=0.02))
     counts, _ = assert_same("inertia-online", logs_of(scenario, 2))

@@ -303,7 +303,9 @@ def test_stamps_that_do_not_fit_are_named() -> None:
     imu = np.arange(0, 10**9, 10**7)
     none = np.zeros(0, dtype=np.int64)
     assert why_not_steps(imu[::2], imu, imu[::50], imu[::10]) is None
-    assert "fixes" in str(why_not_steps(imu[::2], imu, np.array([5]), none))
+    assert "fixes" in str(why_not_steps(imu[::2], imu, np.array([-5]), none))
+    assert "fixes" in str(why_not_steps(imu[::20], imu[::10], np.array([5 * 10**7]), none))
+    assert why_not_steps(imu[::2], imu, np.array([5 * 10**6, 10**7 + 5]), none) is None
     assert "truth" in str(why_not_steps(imu[::2], imu, none, np.array([5])))
     assert "no track speeds" in str(why_not_steps(none, imu, none, none))
 

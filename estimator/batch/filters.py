@@ -10,12 +10,12 @@ import numpy as np
 
 from estimator import state as s
 from estimator.assumptions import assumptions
-from estimator.batch.emit import compiled_kernel, lanes_of_machine
+from estimator.batch.emit import Kernel, compiled_kernel, lanes_of_machine
 from estimator.batch.errors import BatchError
-from estimator.batch.fixes import heading_kernel, position_kernel
-from estimator.batch.lane import FilterShape
+from estimator.batch.fixes import FixKind, heading_kernel, position_kernel
+from estimator.batch.lane import ARRAYS, FilterShape
 from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout
-from estimator.batch.schedule import UPDATE, Steps
+from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, Steps
 from estimator.batch.step import StepKind, step_kernel
 from estimator.batch.work import ESTIMATE, Places, work_through
 from estimator.ekf import REGRESSOR_SMOOTHING
@@ -105,8 +105,8 @@ class BatchFilter:
         )
         self.layout = Layout(self.shape.states)
         self.rows = self.layout.rows
-        self._table: tuple[Steps, Floats] | None = None
-        self.compiled = _worker(self.shape, self.width, settings.use_accelerometer)
+        self._prepared: tuple[Steps, Floats] | None = None
+        self._work: Any = None
 
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
         """Filters that have seen nothing but their first track speeds.
@@ -141,11 +141,11 @@ class BatchFilter:
         Args:
             lanes: from `begin`.
             inputs: (n, rows, width) what each step is told, see `estimator.batch.layout`.
-            steps: (n,) the steps.
-            table: (n, k) of `step_constants`.
+            steps: (n,) the steps, of a run that it is prepared for.
+            table: (n, k) of `prepare`.
             estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks.
         """
-        self.compiled(
+        self._work(
             lanes.workspace,
             inputs,
             lanes.constants,
@@ -172,13 +172,36 @@ class BatchFilter:
         """Name from `estimator.batch.layout.COUNTS` -> (width,) what was counted."""
         return {name: lanes.workspace[self.rows[name]].copy() for name in COUNTS}
 
-    def step_constants(self, steps: Steps) -> Floats:
-        """(n, k) what belongs to each step, the interval of the IMU last."""
-        if self._table is None or self._table[0] is not steps:
-            self._table = steps, self._step_constants(steps)
-        return self._table[1]
+    def prepare(self, steps: Steps) -> Floats:
+        """Get ready for a run: compile what its steps need, unless that is there already.
+
+        Args:
+            steps: all of the run.
+
+        Returns:
+            (n, k) what belongs to each step, for `work_through`.
+
+        Raises:
+            BatchError: there are fixes between IMU samples, and inertia is that with the slip.
+        """
+        if self._prepared is None or self._prepared[0] is not steps:
+            needs = Needs(
+                accelerometer=self.settings.use_accelerometer,
+                heading=bool((steps.extras & HEADING).any()),
+                ahead=bool((steps.kinds == AHEAD).any()),
+                moves_alone=bool((steps.kinds == MOVE).any()),
+            )
+            if self.shape.slip_in_inertia and needs.ahead:
+                raise BatchError(
+                    "with inertia = 'imu', filters side by side take fixes at the stamps of IMU samples "
+                    "only"
+                )
+            self._work = _worker(self.shape, self.width, needs)
+            self._prepared = steps, self._step_constants(steps)
+        return self._prepared[1]
 
     def _step_constants(self, steps: Steps) -> Floats:
+        """What belongs to each step, the interval of the IMU last."""
         tau = self._disturbances.slip.time_constant
         table = np.zeros((len(steps.starts), len(STEP_CONSTANTS) + 1))
         elapsed = steps.ends - steps.starts
@@ -188,7 +211,7 @@ class BatchFilter:
             share = smoothing_share(dt, REGRESSOR_SMOOTHING)
             row = (dt, share, decay, mean, *gauss_markov_noise(dt, tau))
             table[elapsed == each, :-1] = row
-        moving = np.flatnonzero(steps.kinds != UPDATE)
+        moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
         if len(moving) and steps.starts[0] == 0:
             # There is nothing to smooth yet.
             table[moving[0], STEP_CONSTANTS.index("share")] = 1.0
@@ -237,25 +260,53 @@ def _places(layout: Layout) -> Places:
         np.array(with_pose),
         rows["position_row"],
         rows["position_used"],
+        rows["believed_x"],
+        rows["believed_y"],
         layout.constants["interval"],
     )
 
 
+class Needs(NamedTuple):
+    """What the steps of a run need besides the usual.
+
+    Attributes:
+        accelerometer: whether specific forces are used.
+        heading: whether fixes have headings.
+        ahead: whether there are fixes between IMU samples.
+        moves_alone: whether steps end without an IMU sample.
+    """
+
+    accelerometer: bool
+    heading: bool
+    ahead: bool
+    moves_alone: bool
+
+
 @cache
-def _worker(shape: FilterShape, width: int, use_accelerometer: bool) -> Any:
-    """The compiled function that works through steps."""
-    kinds = {
-        "usual": StepKind(accelerometer=use_accelerometer),
-        "full": StepKind(stands=True, accelerometer=use_accelerometer, tells=True),
-        "update": StepKind(moves=False, stands=True, accelerometer=use_accelerometer, tells=True),
-        "move": StepKind(imu=False, accelerometer=False),
+def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
+    """The compiled function that works through steps; what is not needed does nothing in it."""
+    nothing = Kernel("nothing", ARRAYS, ())
+    force = needs.accelerometer
+    kernels = {
+        "usual": step_kernel("usual", shape, StepKind(accelerometer=force)),
+        "full": step_kernel("full", shape, StepKind(stands=True, accelerometer=force, tells=True)),
+        "update": step_kernel(
+            "update", shape, StepKind(moves=False, stands=True, accelerometer=force, tells=True)
+        ),
+        "move": nothing,
     }
-    kernels = {name: step_kernel(name, shape, kind) for name, kind in kinds.items()}
-    for name, tells in (("", False), ("_told", True)):
-        kernels[f"position{name}"] = position_kernel(f"position{name}", shape, tells=tells)
-        kernels[f"heading{name}"] = heading_kernel(f"heading{name}", shape, tells=tells)
+    if needs.moves_alone:
+        kernels["move"] = step_kernel("move", shape, StepKind(imu=False, accelerometer=False))
+    fixes = {"": FixKind(), "_told": FixKind(tells=True), "_ahead": FixKind(ahead=True)}
+    for name, kind in fixes.items():
+        position, heading = f"position{name}", f"heading{name}"
+        kernels[position] = kernels[heading] = nothing
+        if needs.ahead or not kind.ahead:
+            kernels[position] = position_kernel(position, shape, kind)
+            if needs.heading:
+                kernels[heading] = heading_kernel(heading, shape, kind)
     compiled = {name: compiled_kernel(kernel, width) for name, kernel in kernels.items()}
-    made = hashlib.sha256(repr((shape, width, use_accelerometer)).encode()).hexdigest()[:12]
+    made = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
     return entry(work_through, f".{made}", compiled)
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from estimator import state as s
 from estimator.batch import trace
+from estimator.batch.covariance import dot
 from estimator.batch.emit import Kernel
 from estimator.batch.lane import FilterShape, Lane
+from estimator.batch.step import Foretold, Step, StepKind, shift_of
 from estimator.batch.trace import Traced, minimum, select
 from estimator.gating import LARGEST_REOPENING
 
@@ -16,7 +19,19 @@ from estimator.gating import LARGEST_REOPENING
 NOT_AT_ALL, AS_USUAL, AS_TRUE = range(3)
 
 
-def position_kernel(name: str, shape: FilterShape, *, tells: bool) -> Kernel:
+class FixKind(NamedTuple):
+    """What goes with a fix.
+
+    Attributes:
+        tells: whether the body velocity after it is wanted.
+        ahead: whether it lies between the end of the last step and that of the next.
+    """
+
+    tells: bool = False
+    ahead: bool = False
+
+
+def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     """A position fix; see `Reckoning._take_position`.
 
     The kernel returns in which lanes the filter is lost, which is for the caller to mend, and in which
@@ -25,13 +40,18 @@ def position_kernel(name: str, shape: FilterShape, *, tells: bool) -> Kernel:
     Args:
         name: of the kernel.
         shape: of the filter.
-        tells: whether the body velocity is wanted.
+        kind: what goes with it.
     """
-    lane = Lane(shape, with_fast_slip=tells)
+    lane = Lane(shape, with_fast_slip=kind.tells)
     x, P, told = lane.x, lane.P, lane.told
     variance, how = told("fix_variance"), told("how")
-    residual = told("fix_x") - x[s.X], told("fix_y") - x[s.Y]
-    xx, xy, yy = P.entry(s.X, s.X) + variance, P.entry(s.X, s.Y), P.entry(s.Y, s.Y) + variance
+    values, rows, more_spread = _foretold(lane, kind)
+    before = x.copy()
+    residual = told("fix_x") - values[s.X], told("fix_y") - values[s.Y]
+    of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
+    xx = dot(of_x, rows[s.X]) + more_spread[s.X][s.X] + variance
+    xy = dot(of_x, rows[s.Y]) + more_spread[s.X][s.Y]
+    yy = dot(of_y, rows[s.Y]) + more_spread[s.Y][s.Y] + variance
     by_x, by_y = residual[0] * yy - residual[1] * xy, residual[1] * xx - residual[0] * xy
     nis = (residual[0] * by_x + residual[1] * by_y) / (xx * yy - xy * xy)
     admitted = nis <= lane.constant("position_threshold")
@@ -45,41 +65,51 @@ def position_kernel(name: str, shape: FilterShape, *, tells: bool) -> Kernel:
     more = select(reacquired, minimum(square, LARGEST_REOPENING * minimum(xx, yy)), 0.0)
     P.add(s.X, s.X, more)
     P.add(s.Y, s.Y, more)
-    for axis, measured in ((s.X, "fix_x"), (s.Y, "fix_y")):
-        lane.update(told(measured) - x[axis], {axis: trace.lift(1.0)}, variance, only=used)
+    for axis in (s.X, s.Y):
+        left = residual[axis] - shift_of(rows[axis], x, before)
+        spread = variance + more_spread[axis][axis]
+        lane.update(left, rows[axis], spread, only=used)
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, asked)
-    return _finished(lane, name, (lost, used), tells=tells)
+    lane.stores.update(believed_x=values[s.X], believed_y=values[s.Y])
+    return _finished(lane, name, (lost, used), kind)
 
 
-def heading_kernel(name: str, shape: FilterShape, *, tells: bool) -> Kernel:
+def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     """A heading fix; see `Reckoning._take_heading`.
 
     Args:
         name: of the kernel.
         shape: of the filter.
-        tells: whether the body velocity is wanted.
+        kind: what goes with it.
     """
-    lane = Lane(shape, with_fast_slip=tells)
-    turned = lane.told("fix_yaw") - lane.x[s.YAW]
-    residual = turned - 2.0 * math.pi * trace.rounded(turned * (0.5 / math.pi))
+    lane = Lane(shape, with_fast_slip=kind.tells)
+    values, rows, more_spread = _foretold(lane, kind)
+    turned = lane.told("fix_yaw") - values[s.YAW]
     lane.gated(
         "heading",
-        residual,
-        {s.YAW: trace.lift(1.0)},
-        lane.told("yaw_variance"),
+        turned - 2.0 * math.pi * trace.rounded(turned * (0.5 / math.pi)),
+        rows[s.YAW],
+        lane.told("yaw_variance") + more_spread[s.YAW][s.YAW],
         reopen=s.YAW,
         only=lane.told("how") > 0.5,
     )
     lane.keep_inside_bounds()
-    return _finished(lane, name, (), tells=tells)
+    return _finished(lane, name, (), kind)
 
 
-def _finished(lane: Lane, name: str, flags: Sequence[Traced], *, tells: bool) -> Kernel:
-    if tells:
+def _foretold(lane: Lane, kind: FixKind) -> Foretold:
+    if kind.ahead:
+        return Step(lane, StepKind(moves=False, imu=False)).foretell_pose()
+    rows = [{axis: trace.lift(1.0)} for axis in range(3)]
+    return Foretold([lane.x[axis] for axis in range(3)], rows, [[0.0] * 3] * 3)
+
+
+def _finished(lane: Lane, name: str, flags: Sequence[Traced], kind: FixKind) -> Kernel:
+    if kind.tells:
         speeds = lane.told("now_left"), lane.told("now_right")
         now = lane.twist_model(1.0, *speeds, lane.row("u"))
         for axis, row in enumerate(now.rows):
             row.update({i: lane.row(f"r{axis}_{i}") for i in lane.layout.parameters if i in row})
         lane.tell_twist(now)
-    return lane.kernel(name, flags, with_fast_slip=tells)
+    return lane.kernel(name, flags, with_fast_slip=kind.tells)

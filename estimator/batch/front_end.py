@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.batch.fixes import AS_USUAL
 from estimator.batch.layout import FIX_INPUTS, INPUTS
-from estimator.batch.schedule import MOVE, POSITION, Steps
+from estimator.batch.schedule import MOVE_AND_UPDATE, POSITION, UPDATE, Steps
 from estimator.batch.stuck import STUCK_MEMORY, begin_repeating, repeating_after, stuck_from
 from estimator.frames import Floats
 from estimator.jit_kernel import entry
@@ -349,15 +349,12 @@ def tell_steps(
                     take_tracks(of, track_stamps[count], left, right, settings)
                 count += 1
             tell_step(inputs[k], lane, of, starts[k], ends[k], settings)
-            if kinds[k] == MOVE:
-                continue
-            sample = samples[k]
-            rate = rates[lane, sample]
-            inputs[k, ROW_RATE, lane] = rate
-            inputs[k, ROW_FORCE, lane] = forces[lane, sample]
-            inputs[k, ROW_QUIET_MEAN, lane] = quiet_mean(
-                of, readings[lane], ends[k], rate, settings
-            )
+            if kinds[k] == MOVE_AND_UPDATE or kinds[k] == UPDATE:
+                rate = rates[lane, samples[k]]
+                inputs[k, ROW_RATE, lane] = rate
+                inputs[k, ROW_FORCE, lane] = forces[lane, samples[k]]
+                mean = quiet_mean(of, readings[lane], ends[k], rate, settings)
+                inputs[k, ROW_QUIET_MEAN, lane] = mean
             if extras[k] & POSITION:
                 for part in range(5):
                     inputs[k, ROW_FIX + part, lane] = fixes[lane, fix_numbers[k], part]

@@ -65,8 +65,9 @@ COUNTS = (
     ),
     "standstill",
 )
-# Of the step before: track speeds and force of inertia at its end, and whether the robot stood.
-BEFORE = ("V_l", "V_r", "u", "stood")
+# Of the step before: track speeds and force of inertia at its end, and whether the robot stood; and where
+# the filter thought to be at the newest fix.
+BEFORE = ("V_l", "V_r", "u", "stood", "believed_x", "believed_y")
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 

@@ -72,7 +72,7 @@ def work_through_runs(
         one.begin(data.tracks[:, 0], start, start_sigma)
         for one, data in zip(filters, measured, strict=True)
     ]
-    tables = [one.step_constants(steps) for one in filters]
+    tables = [one.prepare(steps) for one in filters]
     scored = truth is not None and segments is not None
     scores = [Scores(width, segments) if scored and segments is not None else None for _ in filters]
     kept = [np.zeros((ticks, len(ESTIMATE), width)) if keep else None for _ in filters]

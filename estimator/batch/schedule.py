@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.batch.errors import BatchError
-from estimator.imu_clock import USUAL_INTERVAL
+from estimator.imu_clock import LEAST_WAIT, USUAL_INTERVAL
 from estimator.log import NANOSECOND, Stamps
 
-# What a step is: with time passing and an IMU sample at its end, such a sample alone, time alone.
-MOVE_AND_UPDATE, UPDATE, MOVE = range(3)
-# What there is at the end of a step besides.
+# What a step is: with time passing and an IMU sample at its end, such a sample alone, time alone, or no
+# step at all but a fix on the way to the next.
+MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
+# What there is at the end of a step besides, or on the way to it.
 POSITION, HEADING, TICK = 1, 2, 4
 
 
@@ -21,7 +24,7 @@ class Steps(NamedTuple):
 
     Attributes:
         starts: (n,) since the first stamp [ns].
-        ends: (n,) [ns].
+        ends: (n,) [ns]; for a fix on the way its own stamp.
         kinds: (n,) what each is.
         intervals: (n,) between the newest two IMU samples [s].
         extras: (n,) what there is at its end besides, as bits.
@@ -52,9 +55,13 @@ def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> 
         return "there are no track speeds, or no IMU samples"
     if tracks[0] != imu[0]:
         return "the first track speeds and the first IMU sample are not at the same time"
-    for stamps, what in ((fixes, "fixes"), (ticks, "the truth's stamps")):
-        if not np.isin(stamps, imu).all():
-            return f"{what} are not all at the stamps of IMU samples"
+    if not np.isin(ticks, imu).all():
+        return "the truth's stamps are not all at those of IMU samples"
+    if len(fixes) and (fixes[0] < imu[0] or fixes[-1] > imu[-1]):
+        return "there are fixes before the first IMU sample or after the last"
+    early = fixes[(fixes > imu[0]) & (fixes < imu[min(1, len(imu) - 1)])]
+    if len(early) and (early[-1] - imu[0]) * NANOSECOND > LEAST_WAIT:
+        return "there are fixes before the second IMU sample, which nothing is known to wait for"
     return None
 
 
@@ -78,21 +85,30 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
     rows = []
     now, taken = 0, 1
     track_stamps = (tracks - begin).tolist()
+    between_samples = (fixes[~np.isin(fixes, imu)] - begin).tolist()
+    waiting = deque([*between_samples, math.inf])
     for sample, stamp in enumerate((imu - begin).tolist()):
-        while taken < len(track_stamps) and track_stamps[taken] <= stamp:
-            # New speeds end what the old ones had to say, where no IMU sample has done so.
-            old = track_stamps[taken - 1]
-            if old > now:
-                rows.append((now, old, MOVE, taken, sample))
-                now = old
-            taken += 1
+        while True:
+            track = track_stamps[taken] if taken < len(track_stamps) else math.inf
+            if track <= min(waiting[0], stamp):
+                # New speeds end what the old ones had to say, where no IMU sample has done so.
+                old = track_stamps[taken - 1]
+                if old > now:
+                    rows.append((now, old, MOVE, taken, sample))
+                    now = old
+                taken += 1
+            elif waiting[0] < stamp:
+                rows.append((now, int(waiting.popleft()), AHEAD, taken, sample))
+            else:
+                break
         rows.append((now, stamp, MOVE_AND_UPDATE if stamp > now else UPDATE, taken, sample))
         now = stamp
     starts, ends, kinds, counts, samples = (np.array(column) for column in zip(*rows, strict=True))
     between = np.concatenate([[USUAL_INTERVAL], np.diff(imu) * NANOSECOND])
-    at_imu = kinds != MOVE
+    at_imu = (kinds == MOVE_AND_UPDATE) | (kinds == UPDATE)
     absolute = ends + begin
-    is_fix, is_tick = (np.isin(absolute, stamps) & at_imu for stamps in (fixes, ticks))
+    is_fix = (kinds == AHEAD) | (np.isin(absolute, fixes) & at_imu)
+    is_tick = np.isin(absolute, ticks) & at_imu
     fix_bits = POSITION | (HEADING if heading else 0)
     extras = np.where(is_fix, fix_bits, 0) | np.where(is_tick, TICK, 0)
     return Steps(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,20 @@ class StepKind(NamedTuple):
     tells: bool = False
 
 
+class Foretold(NamedTuple):
+    """What the pose should be, see `estimator.look_ahead.Foretold`.
+
+    Attributes:
+        values: (3,).
+        rows: (3,) their derivatives by the states.
+        covariance: (3, 3) of what the state does not tell of them.
+    """
+
+    values: Sequence[Any]
+    rows: Sequence[Vector]
+    covariance: Sequence[Sequence[Any]]
+
+
 def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
     """The step with an IMU sample at its end; see `estimator.imu_kernel.imu_step`.
 
@@ -47,7 +62,7 @@ def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
         kind: what happens in the step.
     """
     lane = Lane(shape)
-    step = _Step(lane, kind)
+    step = Step(lane, kind)
     if kind.moves:
         step.draw_fast_slip()
     if kind.imu:
@@ -64,7 +79,7 @@ def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
     return lane.kernel(name, with_fast_slip=kind.tells and kind.moves)
 
 
-class _Step:
+class Step:
     """What the parts of a step share."""
 
     def __init__(self, lane: Lane, kind: StepKind) -> None:
@@ -116,15 +131,7 @@ class _Step:
                 if i in row:
                     before = lane.row(f"r{axis}_{i}")
                     row[i] = lane.stores[f"r{axis}_{i}"] = before + share * (row[i] - before)
-        density = model.fast_slip_density(
-            now.by_speeds,
-            lane.told("left_density"),
-            lane.told("right_density"),
-            self.slip.white_time,
-            self._sigma()[2],
-            lane.told("gap_density"),
-            lane.constant("gauge"),
-        )
+        density = self._density(now)
         per_dt = 1.0 / lane.constant("dt")
         entries = {
             (FAST[i], FAST[j]): density[i][j] * per_dt for i in range(3) for j in range(i, 3)
@@ -140,6 +147,46 @@ class _Step:
         """The part of a row of derivatives that is the same all through the step."""
         return self.regressors[axis]
 
+    def foretell_pose(self) -> Foretold:
+        """The pose a step later, with no more than is known now; see `estimator.look_ahead`."""
+        lane, now = self.lane, self.model
+        dt = lane.constant("dt")
+        for axis, row in enumerate(now.rows):
+            row.update({i: lane.row(f"r{axis}_{i}") for i in lane.layout.parameters if i in row})
+        density = self._density(now)
+        step, by_yaw, M = model.step_on_se2(lane.x[s.YAW], [part * dt for part in now.twist])
+        yaws = (by_yaw[0], by_yaw[1], 0.0)
+        rows: list[Vector] = []
+        for i in range(3):
+            row = {i: trace.lift(1.0)}
+            row[s.YAW] = row.get(s.YAW, 0.0) + yaws[i]
+            for k in range(3):
+                for j, value in now.rows[k].items():
+                    if j not in FAST:
+                        row[j] = row.get(j, 0.0) + M[i][k] * value * dt
+            rows.append(row)
+        covariance = [
+            [
+                sum(M[i][a] * density[a][b] * M[j][b] for a in range(3) for b in range(3)) * dt
+                for j in range(3)
+            ]
+            for i in range(3)
+        ]
+        return Foretold([lane.x[i] + step[i] for i in range(3)], rows, covariance)
+
+    def _density(self, now: model.TracedTwist) -> Any:
+        """(3, 3) of the fast slip."""
+        lane = self.lane
+        return model.fast_slip_density(
+            now.by_speeds,
+            lane.told("left_density"),
+            lane.told("right_density"),
+            self.slip.white_time,
+            self._sigma()[2],
+            lane.told("gap_density"),
+            lane.constant("gauge"),
+        )
+
     def _with_smooth_derivatives(self, now: model.TracedTwist) -> model.TracedTwist:
         if self.kind.moves:
             for axis, row in enumerate(now.rows):
@@ -152,7 +199,7 @@ class _Step:
         before = lane.x.copy()
         for axis, variance in enumerate(STANDSTILL_VARIANCE):
             row = now.rows[axis]
-            residual = -now.twist[axis] - _shift(row, lane.x, before)
+            residual = -now.twist[axis] - shift_of(row, lane.x, before)
             shared = (1.0, self._shared(axis))
             lane.update(residual, row, variance, shared, kept=IMU_KEPT, only=self.stands)
         more = trace.truth_as_number(self.stands)
@@ -192,7 +239,7 @@ class _Step:
         if bias in lane.P.states:
             row[bias] = row.get(bias, 0.0) + 1.0
         predicted = forecast.predicted + self.linearised_at[bias]
-        residual = lane.told("force") - predicted - _shift(row, lane.x, self.linearised_at)
+        residual = lane.told("force") - predicted - shift_of(row, lane.x, self.linearised_at)
         lane.gated(
             "accelerometer",
             residual,
@@ -331,7 +378,7 @@ def _is_slip(state: int) -> bool:
     return s.SLIP.start <= state < s.SLIP.stop
 
 
-def _shift(row: Vector, x: Any, since: Any) -> Any:
+def shift_of(row: Vector, x: Any, since: Any) -> Any:
     """How far a prediction has moved with the state since an earlier one."""
     total: Any = 0.0
     for i, share in row.items():

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.batch.emit import FLAG_BITS
 from estimator.batch.fixes import AS_TRUE, NOT_AT_ALL
 from estimator.batch.layout import INPUTS, STEP_CONSTANTS, TWIST
-from estimator.batch.schedule import HEADING, MOVE, POSITION, TICK, UPDATE
+from estimator.batch.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
 from estimator.frames import Floats
 from estimator.relocation import laid_over
 
@@ -18,6 +18,8 @@ ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWI
 QUIET, HOW = INPUTS["quiet_mean"], INPUTS["how"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 PER_STEP = len(STEP_CONSTANTS)
+# When a fix comes: at the end of a step, at one whose estimate is wanted, on the way to the next.
+AT_STEP, AT_TICK, ON_THE_WAY = range(3)
 
 
 class Places(NamedTuple):
@@ -28,6 +30,8 @@ class Places(NamedTuple):
         with_pose: (3, n) rows of the covariances with the pose.
         rejected: row of the position fixes rejected in a row.
         used: row of those used.
+        believed_x: row of where the filter thought to be at the newest fix.
+        believed_y: the same.
         interval: which of the constants is the interval of the IMU.
     """
 
@@ -35,6 +39,8 @@ class Places(NamedTuple):
     with_pose: Any
     rejected: int
     used: int
+    believed_x: int
+    believed_y: int
     interval: int
 
 
@@ -53,8 +59,8 @@ def work_through(
 ) -> None:
     """Work through steps; see `BatchFilter.work_through`.
 
-    The kernels `usual`, `full`, `update`, `move`, `position` and `heading`, and those of fixes at a tick,
-    are put in their places when this is compiled.
+    The kernels `usual`, `full`, `update`, `move`, `position` and `heading`, those of fixes at a tick and
+    on the way, are put in their places when this is compiled.
     """
     width = lanes.shape[1]
     for k in range(len(kinds)):
@@ -62,6 +68,12 @@ def work_through(
             constants[c] = table[k, c]
         constants[places.interval] = table[k, PER_STEP]
         told = inputs[k]
+        if kinds[k] == AHEAD:
+            if extras[k] & POSITION:
+                take_position(lanes, told, constants, refused, refused_count, places, ON_THE_WAY)
+            if extras[k] & HEADING:
+                heading_ahead(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+            continue
         if kinds[k] == MOVE:
             move(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
         elif kinds[k] == UPDATE:
@@ -74,11 +86,11 @@ def work_through(
                 full(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
             else:
                 usual(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-        tells = extras[k] & TICK != 0
+        how = AT_TICK if extras[k] & TICK else AT_STEP
         if extras[k] & POSITION:
-            take_position(lanes, told, constants, refused, refused_count, places, tells)
+            take_position(lanes, told, constants, refused, refused_count, places, how)
         if extras[k] & HEADING:
-            if tells:
+            if how == AT_TICK:
                 heading_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
             else:
                 heading(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
@@ -95,20 +107,20 @@ def take_position(
     refused: Floats,
     refused_count: Any,
     places: Places,
-    tells: bool,
+    when: int,
 ) -> None:
     """A position fix; where a filter is lost, see `Reckoning._take_position`."""
     width = lanes.shape[1]
+    flags = position_of(lanes, told, constants, when)
+    lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
     for lane in range(width):
         count = refused_count[lane]
         refused[lane, count, 0] = told[FIX_X, lane]
         refused[lane, count, 1] = told[FIX_Y, lane]
         refused[lane, count, 2] = told[FIX_VARIANCE, lane]
-        refused[lane, count, 3] = lanes[places.estimate[0], lane]
-        refused[lane, count, 4] = lanes[places.estimate[1], lane]
+        refused[lane, count, 3] = lanes[places.believed_x, lane]
+        refused[lane, count, 4] = lanes[places.believed_y, lane]
         refused_count[lane] = count + 1
-    flags = position_of(lanes, told, constants, tells)
-    lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
     if lost:
         before = told[HOW].copy()
         for lane in range(width):
@@ -118,7 +130,7 @@ def take_position(
                     used |= 1 << lane
                 else:
                     told[HOW, lane] = AS_TRUE
-        flags = position_of(lanes, told, constants, tells)
+        flags = position_of(lanes, told, constants, when)
         used |= flags >> FLAG_BITS
         told[HOW] = before
     for lane in range(width):
@@ -128,9 +140,11 @@ def take_position(
             refused_count[lane] -= 1
 
 
-def position_of(lanes: Floats, told: Floats, constants: Floats, tells: bool) -> Any:
-    """Take a position fix, and tell the body velocity after it if that is wanted."""
-    if tells:
+def position_of(lanes: Floats, told: Floats, constants: Floats, when: int) -> Any:
+    """Take a position fix; at a tick, tell the body velocity after it."""
+    if when == ON_THE_WAY:
+        return position_ahead(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+    if when == AT_TICK:
         return position_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
     return position(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
 
