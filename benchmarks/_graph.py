@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from estimator.batch.emit import Kernel, reachable
 from estimator.batch.trace import Traced
 
@@ -98,6 +100,16 @@ def step_function(
         return {store.row: values[store.value] for store in kernel.stores}
 
     return function
+
+
+def numpy_while_loop(needed: Any, carried: Any, a_round: Any, most: int) -> Any:
+    """Rounds on plain arrays."""
+    again = needed
+    for _ in range(most):
+        if not np.any(again):
+            break
+        carried, again = a_round(carried)
+    return [*carried, again]
 
 
 def flops(kernel: Kernel) -> int:

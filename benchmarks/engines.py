@@ -17,13 +17,12 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from _graph import flops, step_function
+from _graph import flops, numpy_while_loop, step_function
 from _peak import peak_flops
 from step_time import filter_microseconds, plain_microseconds
 
@@ -102,16 +101,7 @@ class Drive:
 def numpy_seconds(drive: Drive, steps: int = 20) -> float:
     """The same graph, worked out by NumPy over many runs at once [s]."""
     kernel = step_kernel("step", drive.filters.shape, StepKind())
-
-    def while_loop(needed: Any, carried: Any, a_round: Any, most: int) -> Any:
-        again = needed
-        for _ in range(most):
-            if not np.any(again):
-                break
-            carried, again = a_round(carried)
-        return [*carried, again]
-
-    function = step_function(kernel, np, while_loop)
+    function = step_function(kernel, np, numpy_while_loop)
     copies = NUMPY_RUNS // drive.filters.width
     lanes = [np.tile(row, copies) for row in drive.begun]
     inputs = [[np.tile(row, copies) for row in drive.inputs[BEGIN + k]] for k in range(steps)]

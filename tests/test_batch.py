@@ -89,6 +89,16 @@ def assert_same(
     return counts, streams
 
 
+def turned_from(log: Log, first: int) -> Log:
+    """A log whose fixes from one on are those of a path that is turned and moved."""
+    fixes = log.fixes
+    assert fixes is not None
+    poses = fixes.poses.copy()
+    x, y = poses[first:, 0].copy(), poses[first:, 1].copy()
+    poses[first:, 0], poses[first:, 1] = 5.0 - y, x - 3.0
+    return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances))
+
+
 @pytest.mark.parametrize("variant", INDEX_VARIANTS)
 def test_they_agree_in_every_variant(variant: str) -> None:
     counts, _ = assert_same(variant, logs_of(BASE, 4))
@@ -156,16 +166,8 @@ def test_they_agree_on_fixes_between_imu_samples(fix_rate: float, imu_rate: floa
 
 
 def test_a_lost_filter_finds_its_heading_from_fixes_between_imu_samples() -> None:
-    turned = []
     scenario = msgspec.structs.replace(BASE, duration=60.0, trajectory="aggressive", fix_rate=1.5)
-    for log in logs_of(scenario, 2):
-        fixes = log.fixes
-        assert fixes is not None
-        poses = fixes.poses.copy()
-        x, y = poses[40:, 0].copy(), poses[40:, 1].copy()
-        poses[40:, 0], poses[40:, 1] = 5.0 - y, x - 3.0
-        turned.append(replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances)))
-    assert_same("constant-online", turned)
+    assert_same("constant-online", [turned_from(log, 40) for log in logs_of(scenario, 2)])
 
 
 def test_fixes_between_imu_samples_need_inertia_of_the_tracks() -> None:
@@ -198,14 +200,8 @@ def test_they_agree_on_outliers_and_when_the_gate_gives_in() -> None:
 
 
 def test_they_agree_when_a_wrong_heading_is_found_from_refused_fixes() -> None:
-    turned = []
-    for log in logs_of(msgspec.structs.replace(BASE, duration=90.0, trajectory="aggressive"), 4):
-        fixes = log.fixes
-        assert fixes is not None
-        poses = fixes.poses.copy()
-        x, y = poses[40:, 0].copy(), poses[40:, 1].copy()
-        poses[40:, 0], poses[40:, 1] = 5.0 - y, x - 3.0
-        turned.append(replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances)))
+    scenario = msgspec.structs.replace(BASE, duration=90.0, trajectory="aggressive")
+    turned = [turned_from(log, 40) for log in logs_of(scenario, 4)]
     _, streams = assert_same("inertia-online", turned)
     assert any(stream.health.sensors["position"].rejected for stream in streams)
 

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
@@ -31,20 +32,9 @@ def test_a_full_filter_is_two_hundred_times_as_fast_as_filterpys_algebra(engines
 
 def test_numpy_works_out_the_same_step(engines) -> None:
     """The graph that is compiled is the one that other libraries are measured on."""
-    import numpy as np
-
     drive = engines.Drive("constant-online")
     kernel = engines.step_kernel("step", drive.filters.shape, engines.StepKind())
-
-    def while_loop(needed, carried, a_round, most):
-        again = needed
-        for _ in range(most):
-            if not np.any(again):
-                break
-            carried, again = a_round(carried)
-        return [*carried, again]
-
-    function = engines.step_function(kernel, np, while_loop)
+    function = engines.step_function(kernel, np, engines.numpy_while_loop)
     drive.lanes.workspace[:] = drive.begun
     drive._go(engines.BEGIN, engines.BEGIN + 1)
     found = function(list(drive.begun), list(drive.inputs[engines.BEGIN]), drive.lanes.constants)
