@@ -48,9 +48,9 @@ NUMPY_RUNS = 1024
 class Drive:
     """The lanes of a variant on their way, and what the next steps are told."""
 
-    def __init__(self, variant: str) -> None:
+    def __init__(self, variant: str, bits: int = 64) -> None:
         robot = load_robot("auriga-alpha")
-        self.filters = BatchFilter(robot, VARIANTS[variant], Settings())
+        self.filters = BatchFilter(robot, VARIANTS[variant], Settings(), bits)
         duration = (BEGIN + STEPS + 1) / RATE
         # It does not stop on the way, which would need updates of their own.
         scenario = Scenario(
@@ -70,7 +70,7 @@ class Drive:
         front = FrontEnd(measured, self.steps, front_settings(robot, Settings()))
         count = BEGIN + STEPS
         shape = (count, len(INPUTS), self.filters.width)
-        self.inputs = aligned(count * len(INPUTS) * self.filters.width).reshape(shape)
+        self.inputs = aligned(int(np.prod(shape)), self.filters.number).reshape(shape)
         front.tell(0, count, self.inputs)
         self.table = self.filters.prepare(self.steps)
         zero = np.zeros(3)
@@ -93,7 +93,7 @@ class Drive:
 
     def copy(self) -> Lanes:
         """Other lanes at the same point."""
-        workspace = aligned(self.begun.size).reshape(self.begun.shape)
+        workspace = aligned(self.begun.size, self.filters.number).reshape(self.begun.shape)
         workspace[:] = self.begun
         return self.lanes._replace(workspace=workspace, constants=self.lanes.constants.copy())
 
@@ -155,6 +155,9 @@ def main() -> None:
     for name, drive in drives.items():
         states = len(drive.filters.shape.states) + 3
         rows.append((f"icreckon, {name}, {states} states", best(drive.seconds, 40 * repeat)))
+    for name in VARIANT_NAMES:
+        single = Drive(name, 32)
+        rows.append((f"icreckon, {name}, single precision", best(single.seconds, 40 * repeat)))
     log = simulate(
         Scenario(duration=30.0, track_rate=50.0, imu_rate=50.0, fix_rate=0.0, seed=1),
         load_robot("auriga-alpha"),

@@ -8,7 +8,7 @@ counted, never repaired.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +22,11 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 NANOSECOND = 1e-9
+AT_A_TIME = 8192
+"""So many measurements of a log are made at once."""
+
+_Maker = Callable[[NDArray[np.int64]], list[Measurement]]
+"""The measurements of a stream at some places, in the order of these."""
 
 
 @dataclass(frozen=True)
@@ -178,28 +183,26 @@ class Log:
 
     def measurements(self) -> Iterator[Measurement]:
         """All measurements in the order of their stamps; at equal stamps tracks, IMU, fixes, others."""
-        streams: list[tuple[Stamps, list[Measurement]]] = [
-            (
-                self.tracks.stamps,
-                [
-                    TrackSpeeds(stamp, left, right)
-                    for stamp, (left, right) in zip(
-                        self.tracks.stamps.tolist(), self.tracks.speeds.tolist(), strict=True
-                    )
-                ],
-            )
-        ]
+        streams: list[tuple[Stamps, _Maker]] = [(self.tracks.stamps, _tracks_of(self.tracks))]
         if self.imu is not None:
-            streams.append((self.imu.stamps, _imu_samples(self.imu)))
+            streams.append((self.imu.stamps, _imu_samples_of(self.imu)))
         if self.fixes is not None:
-            for stamps, fixes in _fixes(self.fixes):
-                streams.append((stamps, fixes))
+            streams += _fixes_of(self.fixes)
         stamps_of_others = np.array([one.stamp for one in self.others], dtype=np.int64)
-        streams.append((stamps_of_others, list(self.others)))
+        streams.append((stamps_of_others, lambda which: [self.others[k] for k in which.tolist()]))
         stamps = np.concatenate([stream[0] for stream in streams])
-        samples = [sample for stream in streams for sample in stream[1]]
-        for index in np.argsort(stamps, kind="stable").tolist():
-            yield samples[index]
+        ends = np.cumsum([len(stream[0]) for stream in streams])
+        order = np.argsort(stamps, kind="stable")
+        # Some at a time: all measurements of a long log at once would fill the memory.
+        for start in range(0, len(order), AT_A_TIME):
+            wanted = order[start : start + AT_A_TIME]
+            stream_of = np.searchsorted(ends, wanted, side="right")
+            made = []
+            for number, (own, make) in enumerate(streams):
+                which = wanted[stream_of == number] - (ends[number] - len(own))
+                made.append(iter(make(which)))
+            for number in stream_of.tolist():
+                yield next(made[number])
 
 
 def screen(
@@ -279,29 +282,55 @@ def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bo
     return chosen
 
 
-def _imu_samples(imu: ImuSeries) -> list[Measurement]:
-    rates = [tuple(row) for row in imu.angular_velocity.tolist()]
-    forces: list[Any] = [None] * len(rates)
-    if imu.linear_acceleration is not None:
-        absent = np.asarray(np.isnan(imu.linear_acceleration).all(axis=1)).tolist()
-        rows = zip(imu.linear_acceleration.tolist(), absent, strict=True)
-        forces = [None if none else tuple(row) for row, none in rows]
-    return [
-        ImuSample(stamp, rate, force)
-        for stamp, rate, force in zip(imu.stamps.tolist(), rates, forces, strict=True)
-    ]
+def _tracks_of(tracks: TrackSpeedSeries) -> _Maker:
+    def make(which: NDArray[np.int64]) -> list[Measurement]:
+        rows = zip(tracks.stamps[which].tolist(), tracks.speeds[which].tolist(), strict=True)
+        return [TrackSpeeds(stamp, left, right) for stamp, (left, right) in rows]
+
+    return make
 
 
-def _fixes(fixes: FixSeries) -> Iterator[tuple[Stamps, list[Measurement]]]:
-    rows = list(
-        zip(fixes.stamps.tolist(), fixes.poses.tolist(), fixes.variances.tolist(), strict=True)
-    )
-    yield fixes.stamps, [PositionFix(t, x, y, var[0]) for t, (x, y, _), var in rows]
-    with_heading = np.isfinite(fixes.poses[:, 2])
-    yield (
-        fixes.stamps[with_heading],
-        [HeadingFix(t, pose[2], var[1]) for t, pose, var in rows if np.isfinite(pose[2])],
-    )
+def _imu_samples_of(imu: ImuSeries) -> _Maker:
+    def make(which: NDArray[np.int64]) -> list[Measurement]:
+        rates = [tuple(row) for row in imu.angular_velocity[which].tolist()]
+        forces: list[Any] = [None] * len(rates)
+        if imu.linear_acceleration is not None:
+            read = imu.linear_acceleration[which]
+            absent = np.asarray(np.isnan(read).all(axis=1)).tolist()
+            rows = zip(read.tolist(), absent, strict=True)
+            forces = [None if none else tuple(row) for row, none in rows]
+        return [
+            ImuSample(stamp, rate, force)
+            for stamp, rate, force in zip(imu.stamps[which].tolist(), rates, forces, strict=True)
+        ]
+
+    return make
+
+
+def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
+    """Positions, then headings of the fixes that have one."""
+    told = np.flatnonzero(np.isfinite(fixes.poses[:, 2]))
+
+    def positions(which: NDArray[np.int64]) -> list[Measurement]:
+        rows = zip(
+            fixes.stamps[which].tolist(),
+            fixes.poses[which].tolist(),
+            fixes.variances[which, 0].tolist(),
+            strict=True,
+        )
+        return [PositionFix(stamp, x, y, variance) for stamp, (x, y, _), variance in rows]
+
+    def headings(which: NDArray[np.int64]) -> list[Measurement]:
+        place = told[which]
+        rows = zip(
+            fixes.stamps[place].tolist(),
+            fixes.poses[place, 2].tolist(),
+            fixes.variances[place, 1].tolist(),
+            strict=True,
+        )
+        return [HeadingFix(stamp, yaw, variance) for stamp, yaw, variance in rows]
+
+    return [(fixes.stamps, positions), (fixes.stamps[told], headings)]
 
 
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:

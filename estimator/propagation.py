@@ -40,14 +40,20 @@ class Fading(NamedTuple):
     mean: float
 
 
-def step_on_se2(yaw: float, motion: Any) -> PoseStep:
-    """Increment of a pose by a body motion: forward, to the left [m], counter-clockwise [rad]."""
-    dx, dy, angle = motion[0], motion[1], motion[2]
+def arc_with_slopes(angle: float) -> tuple[float, float, float, float]:
+    """The two of `arc_factors`, and their derivatives by the angle."""
     a, b = arc_factors(angle)
     is_small = abs(angle) < 1e-4
     divisor = select(is_small, 1.0, angle)
     a_slope = select(is_small, -angle / 3.0, (math.cos(angle) - a) / divisor)
     b_slope = select(is_small, 0.5 - angle * angle / 8.0, (math.sin(angle) - b) / divisor)
+    return a, b, a_slope, b_slope
+
+
+def step_on_se2(yaw: float, motion: Any) -> PoseStep:
+    """Increment of a pose by a body motion: forward, to the left [m], counter-clockwise [rad]."""
+    dx, dy, angle = motion[0], motion[1], motion[2]
+    a, b, a_slope, b_slope = arc_with_slopes(angle)
     cos, sin = math.cos(yaw), math.sin(yaw)
     chord_x, chord_y = a * dx - b * dy, b * dx + a * dy
     turn_x, turn_y = a_slope * dx - b_slope * dy, b_slope * dx + a_slope * dy

@@ -38,6 +38,23 @@ Variants = Annotated[
         "constant-online, inertia-fixed, inertia-online, friction-fixed, friction-online."
     ),
 ]
+Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        help="A ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3, a CSV or Parquet table; several "
+        "files are read as one log.",
+        metavar="LOG...",
+        show_default=False,
+    ),
+]
+Definitions = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--msg",
+        help="Definition of a message type that the bag lacks, as our_msgs/msg/Rate.msg; "
+        "repeatable.",
+    ),
+]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]
 
 
@@ -194,7 +211,7 @@ def simulate(
 
 @app.command()
 def replay(
-    log: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3.")],
+    log: Logs,
     robot: Annotated[
         str | None,
         typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
@@ -213,6 +230,7 @@ def replay(
     inertia: Annotated[
         str, typer.Option(help="Force of inertia from: tracks, or imu (slip included).")
     ] = "tracks",
+    msg: Definitions = None,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -233,7 +251,8 @@ def replay(
     from icreckon.commands.replay import run_replay
 
     run_replay(
-        path=log,
+        paths=log,
+        message_files=msg or [],
         robot_name=robot,
         variants=variants,
         fixes=fixes,
@@ -249,10 +268,11 @@ def replay(
 
 @app.command()
 def inspect(
-    log: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3.")],
+    log: Logs,
     write: Annotated[
         Path | None, typer.Option(help="Write the proposed robot file here, to be completed.")
     ] = None,
+    msg: Definitions = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
@@ -261,7 +281,7 @@ def inspect(
     """List what a log holds, and propose a robot file for it."""
     from icreckon.commands.inspect import run_inspect
 
-    run_inspect(path=log, write=write, as_json=json, overwrite=overwrite)
+    run_inspect(paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite)
 
 
 @app.command()

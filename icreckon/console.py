@@ -36,19 +36,36 @@ def results() -> Console:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Callable[[float], None]]:
-    """A progress bar; the block is given a function that takes the share done, 0 to 1."""
+def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[[float], None]]:
+    """A progress bar; the block is given a function that takes the share done, 0 to 1.
+
+    Args:
+        title: what is being done.
+        log_seconds: length of the log that is being worked through [s]: its time and how many times
+            faster than that it goes are shown, too.
+    """
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         TaskProgressColumn(),
+        TextColumn("{task.fields[reached]}"),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=messages(), transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
-        yield lambda done: bar.update(task, completed=done)
+        task = bar.add_task(title, total=1.0, reached="")
+
+        def report(done: float) -> None:
+            spent = bar.tasks[0].elapsed
+            reached = ""
+            if log_seconds is not None:
+                reached = f"at {done * log_seconds:.0f} s of the log"
+                if spent:
+                    reached += f", {done * log_seconds / spent:.0f} times real time"
+            bar.update(task, completed=done, reached=reached)
+
+        yield report
 
 
 @contextmanager

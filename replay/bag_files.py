@@ -190,7 +190,7 @@ def _storage_files(folder: Path) -> list[Path]:
 
 def _why_no_bag(folder: Path) -> str:
     if any(folder.glob("*.bag")):
-        return "a folder of ROS 1 bags; give one of the .bag files"
+        return "a folder of ROS 1 bags; give one of the .bag files, or several if they are one log"
     packed = sorted(file.name for file in folder.glob("*.zstd"))
     if packed:
         return f"a bag compressed as a whole; unpack it first: `unzstd {packed[0]}`"

@@ -17,6 +17,7 @@ from estimator.settings import Settings
 from estimator.smoother import smooth as smooth_run
 from estimator.variants import VARIANTS, find_variant, motion_model
 from replay.fixes import LogPart, with_fixes_within
+from replay.starting import start_from_fixes
 from replay.truth_alignment import TruthAlignment, align_truth
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
@@ -60,7 +61,7 @@ def compare(
     """Run filter variants over a log.
 
     A truth that was logged (it has no twists) is first freed of its lag and lever arm. Runs start at
-    the truth's pose where there is one.
+    the truth's pose where there is one, or else where fixes show that it is not the origin.
 
     Args:
         log: the log.
@@ -93,6 +94,8 @@ def compare(
     if log.truth is not None:
         start = _pose_at(log.truth, log.start)
         sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
+    elif log.fixes is not None:
+        start, sigma = start_from_fixes(log, robot, ALIGNMENT_VARIANT, settings)
     task = _Task(log, robot, settings, start, sigma, smooth)
     if executor is not None:
         runs = _on_executor(task, variants, executor, progress)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -15,10 +16,12 @@ from replay.errors import ReplayError
 from replay.records import Channel
 
 NANOSECONDS = 1_000_000_000
+Definitions = tuple[tuple[str, str], ...]
+"""Message types that bags may lack: name, as `our_msgs/msg/Rate`, and definition."""
 IDL_RULE = "=" * 80 + "\n"
 
 
-def decoder(channel: Channel, source: str) -> Callable[[bytes], Any]:
+def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Callable[[bytes], Any]:
     """A function that turns the bytes of a channel's messages into objects with their fields.
 
     The function raises whatever rosbags raises on bytes that are no such message.
@@ -26,6 +29,7 @@ def decoder(channel: Channel, source: str) -> Callable[[bytes], Any]:
     Args:
         channel: the channel.
         source: name of the bag, for messages.
+        definitions: used where the bag has none of this type.
 
     Raises:
         ReplayError: an encoding or a type definition that cannot be read.
@@ -34,14 +38,36 @@ def decoder(channel: Channel, source: str) -> Callable[[bytes], Any]:
     if channel.encoding not in ("cdr", "ros1"):
         raise ReplayError(f"{where}: its encoding {channel.encoding!r} is not known")
     try:
-        store = _typestore(channel.msgtype, channel.definition)
+        store = _typestore(channel.msgtype, channel.definition, definitions)
     except Exception as problem:
         raise ReplayError(f"{where}: its definition cannot be read: {problem}") from problem
-    if channel.msgtype not in store.fielddefs:
-        raise ReplayError(f"{where}: the bag holds no definition of this type")
+    missing = _undefined(store, channel.msgtype)
+    if missing is not None:
+        what = "this type" if missing == channel.msgtype else f"{missing!r} in it"
+        raise ReplayError(
+            f"{where}: the bag holds no definition of {what}; give its .msg file with --msg"
+        )
     decode = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
     msgtype = channel.msgtype
     return lambda data: decode(data, msgtype)
+
+
+def _undefined(store: Typestore, msgtype: str) -> str | None:
+    """The first type that a message type needs and that is not defined, or None."""
+    if msgtype not in store.fielddefs:
+        return msgtype
+    fields: Any = store.fielddefs[msgtype][1]
+    for _, (node, inner) in fields:
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            node, inner = inner[0]
+        if node == Nodetype.NAME and (missing := _undefined(store, str(inner))) is not None:
+            return missing
+    return None
+
+
+def message_types(channel: Channel) -> Mapping[str, Any]:
+    """The constants and fields of a channel's type and of those in it, as the bag defines them."""
+    return _typestore(channel.msgtype, channel.definition).fielddefs
 
 
 class Header(NamedTuple):
@@ -79,9 +105,16 @@ def _ros1_header(data: bytes) -> Header:
 
 
 @cache
-def _typestore(msgtype: str, definition: MessageDefinition) -> Typestore:
+def _typestore(
+    msgtype: str, definition: MessageDefinition, definitions: Definitions = ()
+) -> Typestore:
     if definition.format == MessageDefinitionFormat.NONE:
-        return get_typestore(Stores.ROS2_HUMBLE)
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        known = {}
+        for name, text in definitions:
+            known.update(get_types_from_msg(text, name))
+        store.register({name: kind for name, kind in known.items() if name not in store.fielddefs})
+        return store
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definition.data, msgtype))
@@ -94,3 +127,29 @@ def _typestore(msgtype: str, definition: MessageDefinition) -> Typestore:
         types.update(get_types_from_idl(part.partition("\n")[2]))
     store.register(types)
     return store
+
+
+def read_definitions(files: Sequence[Path]) -> Definitions:
+    """Message definitions from `.msg` files.
+
+    Args:
+        files: each in a folder of its package, as `our_msgs/msg/Rate.msg` or `our_msgs/Rate.msg`.
+
+    Raises:
+        ReplayError: no such file, or no definition.
+    """
+    found = []
+    for file in files:
+        folder = file.resolve().parent
+        package = folder.parent.name if folder.name == "msg" else folder.name
+        name = f"{package}/msg/{file.stem}"
+        try:
+            text = file.read_text(encoding="utf-8")
+            get_types_from_msg(text, name)
+        except (OSError, UnicodeDecodeError) as problem:
+            raise ReplayError(f"{file}: cannot be read: {problem}") from None
+        except Exception as problem:
+            reason = " ".join(str(problem).split())
+            raise ReplayError(f"{file}: not a message definition (.msg): {reason}") from None
+        found.append((name, text))
+    return tuple(found)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.log import NANOSECOND, FixSeries, Log
+from estimator.measurements import HeadingFix, PoseFix
 from replay.errors import ReplayError
 
 # Fixes taken from a truth: how often [s], and how good they are said to be [m, rad].
@@ -60,6 +61,8 @@ def _bound(word: str) -> Bound:
 def with_fixes_within(log: Log, part: LogPart) -> Log:
     """A log whose fixes are those of a part of it; taken from the truth where it has no fixes.
 
+    Headings without a position and pose fixes are fixes, too.
+
     Args:
         log: the log.
         part: where fixes are to be used.
@@ -75,6 +78,11 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
     return replace(
         log,
         fixes=FixSeries(fixes.stamps[inside], fixes.poses[inside], fixes.variances[inside]),
+        others=tuple(
+            other
+            for other in log.others
+            if not isinstance(other, HeadingFix | PoseFix) or start <= other.stamp <= end
+        ),
     )
 
 

@@ -10,23 +10,24 @@ from replay.streams import (
     ABSENT,
     IMU,
     JOINT_STATE,
+    NAVSATFIX,
     ODOMETRY,
     POSE,
     POSE_WITH_COVARIANCE,
     STRING,
     TWIST,
 )
-from replay.topics import FixTopic, ImuTopic, TopicMap, TrackTopic, TruthTopic
+from replay.topics import FixTopic, HeadingTopic, ImuTopic, TopicMap, TrackTopic, TruthTopic
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 LEFT = {"l", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 PLACEHOLDER_SIGMA = 0.05
-"""Of fixes without a covariance [m], until someone fills in the right one."""
+"""Of fixes without a covariance [m], and of headings [rad], until someone fills in the right one."""
 
 
 class Sample(NamedTuple):
-    """A topic: its type, number of messages, and some decoded ones (JointState and Imu only)."""
+    """A topic: its type, number of messages, and some decoded ones (of some types only)."""
 
     msgtype: str
     number: int
@@ -37,8 +38,9 @@ def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
     """Which topic is which stream.
 
     Track speeds come from a JointState with velocities of joints with a left and a right, or else
-    from an odometry; the IMU is the fastest topic that measures rates; poses are the truth where
-    the topic's name says "truth" or "ground", otherwise fixes.
+    from an odometry; the IMU is the fastest topic that measures rates, and another Imu with an
+    orientation but no rates is a heading; poses are the truth where the topic's name says "truth" or
+    "ground", otherwise fixes.
 
     Args:
         samples: the topics by name; those without messages are passed over.
@@ -47,8 +49,8 @@ def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
         The mapping; None for what was not found.
     """
     found = {topic: sample for topic, sample in sorted(samples.items()) if sample.number}
-    told = {topic: sample for topic, sample in found.items() if _is_truth(topic)}
-    own = {topic: sample for topic, sample in found.items() if not _is_truth(topic)}
+    told = {topic: sample for topic, sample in found.items() if is_truth(topic)}
+    own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
     tracks = _tracks(own)
     taken = {tracks.topic} if tracks else set()
     return TopicMap(
@@ -56,6 +58,7 @@ def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
         imu=_imu(own),
         fixes=_fixes({topic: sample for topic, sample in own.items() if topic not in taken}),
         truth=_truth(told, tracks),
+        heading=_heading(own),
     )
 
 
@@ -76,11 +79,13 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return driving(on("left", LEFT)), driving(on("right", RIGHT))
 
 
-def _is_truth(topic: str) -> bool:
+def is_truth(topic: str) -> bool:
+    """Whether a topic or a column is the truth, by its name."""
     return "truth" in topic.lower() or "ground" in topic.lower()
 
 
-def _is_command(topic: str) -> bool:
+def is_command(topic: str) -> bool:
+    """Whether a topic or a column is a command and no measurement, by its name."""
     return re.search(r"cmd|command|desired|target|setpoint", topic.lower()) is not None
 
 
@@ -95,7 +100,7 @@ def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
     candidates = [
         topic
         for topic, sample in samples.items()
-        if sample.msgtype in (ODOMETRY, TWIST) and not _is_command(topic)
+        if sample.msgtype in (ODOMETRY, TWIST) and not is_command(topic)
     ]
 
     def unlikely(topic: str) -> tuple[bool, bool]:
@@ -105,19 +110,31 @@ def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
     return TrackTopic(min(candidates, key=unlikely)) if candidates else None
 
 
-def _imu(samples: Mapping[str, Sample]) -> ImuTopic | None:
-    def measures(sample: Sample) -> bool:
-        return any(
-            message.angular_velocity_covariance[0] != ABSENT
-            and (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z)
-            != (0.0, 0.0, 0.0)
-            for message in sample.messages
-        )
+def _measures_rates(sample: Sample) -> bool:
+    return any(
+        message.angular_velocity_covariance[0] != ABSENT
+        and (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z)
+        != (0.0, 0.0, 0.0)
+        for message in sample.messages
+    )
 
+
+def _heading(samples: Mapping[str, Sample]) -> HeadingTopic | None:
+    for topic, sample in samples.items():
+        if sample.msgtype != IMU or _measures_rates(sample):
+            continue
+        turned = [one for one in sample.messages if one.orientation_covariance[0] != ABSENT]
+        if any(abs(one.orientation.z) > 0.0 for one in turned):
+            known = any(one.orientation_covariance[8] > 0.0 for one in turned)
+            return HeadingTopic(topic, sigma=None if known else PLACEHOLDER_SIGMA)
+    return None
+
+
+def _imu(samples: Mapping[str, Sample]) -> ImuTopic | None:
     rates = {
         topic: sample.number
         for topic, sample in samples.items()
-        if sample.msgtype == IMU and measures(sample)
+        if sample.msgtype == IMU and _measures_rates(sample)
     }
     return ImuTopic(max(rates, key=lambda topic: rates[topic])) if rates else None
 
@@ -125,9 +142,13 @@ def _imu(samples: Mapping[str, Sample]) -> ImuTopic | None:
 def _fixes(samples: Mapping[str, Sample]) -> FixTopic | None:
     for msgtype in (POSE_WITH_COVARIANCE, POSE):
         for topic, sample in samples.items():
-            if sample.msgtype == msgtype and not _is_command(topic):
+            if sample.msgtype == msgtype and not is_command(topic):
                 sigma = PLACEHOLDER_SIGMA if msgtype == POSE else None
                 return FixTopic(topic, position_sigma=sigma)
+    for topic, sample in samples.items():
+        if sample.msgtype == NAVSATFIX:
+            known = any(one.position_covariance_type for one in sample.messages)
+            return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
     return None
 
 

@@ -1,66 +1,43 @@
-"""Inspection: what a bag holds, topic by topic, and a robot file to start from."""
+"""Inspection: what a log holds, topic by topic, and a robot file to start from."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from dataclasses import replace as with_changed
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from msgspec.structs import replace
 
 from estimator.log import NANOSECOND, Log
 from estimator.robot import Robot, Vehicle
-from replay.bag_files import Bag, over_bag
-from replay.bags import read_log
-from replay.decoding import decoder, header_reader
+from replay.assembly import assemble, evidence_of
+from replay.bag_files import over_bag
+from replay.clocks import Choice, choose_clocks
+from replay.column_guess import guess_columns
+from replay.decoding import Definitions
 from replay.errors import ReplayError
+from replay.first_estimates import (
+    WheelEstimates,
+    heading_offset,
+    standstills,
+    unit_suspicions,
+    wheel_estimates,
+)
+from replay.gathering import as_paths, gather
 from replay.guess import Sample, guess_topics
-from replay.mounting import Mounting, estimate_mounting
-from replay.proposal import robot_file_text
-from replay.records import Channel
-from replay.streams import IMU, JOINT_STATE, imu_row
+from replay.mounting import Mounting, estimate_mounting, vertical_rate
+from replay.proposal import in_rates, robot_file_text
+from replay.surveys import Survey, TopicReport, survey_bag
+from replay.table_files import Table, is_table
 from replay.topics import TopicMap
 
-SAMPLES = 200
-"""Messages of a topic that are looked into to guess what it is."""
-SHAPE_CHECKS: dict[str, Callable[[Any], object]] = {
-    JOINT_STATE: lambda message: (message.name, message.velocity),
-    IMU: imu_row,
-}
-"""The types that are looked into; each raises when a definition is not the one of that name."""
-CLOCKS_APART = 1.0
-"""Header stamps whose offsets differ by more than this come from different clocks [s]."""
-
-
-@dataclass(frozen=True)
-class TopicReport:
-    """What a topic holds.
-
-    Attributes:
-        topic: name.
-        msgtype: message type.
-        frame_id: frame of the first message, "" where it has none.
-        count: number of messages.
-        mean_rate: messages per second of recording [Hz], or None for fewer than two.
-        largest_gap: longest time between two messages, by recording [s], or None likewise.
-        clock_offset: median of header stamp minus time of recording [s], or None without headers.
-        repeated_share: for the track speeds, share of values that only repeat the one before, of
-            the values while the tracks moved; None for other topics.
-    """
-
-    topic: str
-    msgtype: str
-    frame_id: str
-    count: int
-    mean_rate: float | None
-    largest_gap: float | None
-    clock_offset: float | None
-    repeated_share: float | None = None
+MOST_STOPS = 8
+"""So many standstills are listed."""
+NO_ESTIMATES = WheelEstimates(None, "", None)
+UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
+"""A robot by whose file rates are read as speeds: its radius is 1 m."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +45,12 @@ class Inspection:
     """What a bag holds.
 
     Attributes:
-        path: the bag.
+        path: the log, or the first of its files.
         duration: from the first to the last message, by time of recording [s].
-        topics: one report for each topic, by name.
+        topics: one report for each topic, by name; of tables one for each column.
         mapping: which topic is which stream, as guessed.
         mounting: what the log tells about its IMU, or None.
+        findings: what the log shows: clocks, standstills, gyro bias, units that look wrong.
         dropped: what screening would drop, as in `Log`.
         notes: what is worth telling of the bag.
         proposed_robot_file: a robot file to start from, as TOML; what no log can tell is a
@@ -84,147 +62,191 @@ class Inspection:
     topics: tuple[TopicReport, ...]
     mapping: TopicMap
     mounting: Mounting | None
+    findings: tuple[str, ...]
     dropped: dict[str, int]
     notes: tuple[str, ...]
     proposed_robot_file: str
 
 
-def inspect(path: Path | str) -> Inspection:
-    """Look into a bag; one that was cut short is looked into up to the break.
+def inspect(
+    path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
+) -> Inspection:
+    """Look into a log; a bag that was cut short is looked into up to the break.
 
     Args:
-        path: the bag, as for `read_log`.
+        path: the file or folder, or several that make one log, as for `read_log`.
+        definitions: message types that bags lack, as for `read_log`.
 
     Raises:
-        ReplayError: no such file, no bag, or nothing of it can be read.
+        ReplayError: no such file, no bag or table, or nothing of it can be read.
     """
-    path = Path(path)
-    surveys, notes = over_bag(path, lambda bag: (_survey(bag, str(path)), tuple(bag.notes)))
-    reports = {survey.channel.topic: survey.report() for survey in surveys}
+    paths = as_paths(path)
+    surveys, notes, tables = _look_through(paths, definitions)
+    reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
     mapping = guess_topics(
         {
             survey.channel.topic: Sample(
                 survey.channel.msgtype, len(survey.recorded), survey.messages
             )
-            for survey in surveys
+            for survey in surveys.values()
         }
     )
-    clocks_differ = _clocks_differ(mapping, reports)
-    if clocks_differ:
-        mapping = _by_recording(mapping)
-    log = None
+    if tables:
+        mapping = replace(mapping, columns=guess_columns(tables))
+        if mapping.columns is None:
+            notes.append("not all tables have a column that looks like a time: none is proposed")
+    log: Log | None = None
+    clocks: dict[str, Choice] = {}
     try:
-        log = _log_in_units_of_radius(path, mapping)
+        gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
+        clocks = choose_clocks(evidence_of(gathered.streams))
+        log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
     except ReplayError as problem:
-        notes = (*notes, f"the proposed topics cannot be read: {problem}")
-    if log is not None and mapping.tracks is not None:
-        report = reports[mapping.tracks.topic]
-        reports[report.topic] = with_changed(report, repeated_share=_repeated_share(log))
+        if not tables or mapping.columns is not None:
+            notes.append(f"the proposed topics cannot be read: {problem}")
+    for purpose, repeated in (_repeated_shares(log) if log is not None else {}).items():
+        entry = mapping.tracks if purpose == "tracks" else mapping.imu
+        if entry is not None and entry.topic in reports:
+            reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
     mounting = estimate_mounting(log) if log is not None else None
-    times = [survey.recorded for survey in surveys if survey.recorded]
+    estimates = NO_ESTIMATES
+    if log is not None:
+        vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
+        correlation = mounting.turning_correlation if mounting else None
+        estimates = wheel_estimates(log, vertical, correlation)
+    times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
+    if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
+        duration = max(duration, log.duration)
+    listed = [reports[name] for name in sorted(reports)]
+    listed += [report for table in tables for report in _column_reports(table)]
     return Inspection(
-        path=path,
+        path=paths[0],
         duration=duration,
-        topics=tuple(reports[name] for name in sorted(reports)),
+        topics=tuple(listed),
         mapping=mapping,
         mounting=mounting,
+        findings=tuple(_findings(log, mapping, mounting, estimates, clocks)),
         dropped=log.dropped if log is not None else {},
-        notes=notes,
-        proposed_robot_file=robot_file_text(path, mapping, mounting, log, clocks_differ),
+        notes=tuple(notes),
+        proposed_robot_file=robot_file_text(
+            paths[0],
+            _with_clocks(mapping, clocks),
+            mounting,
+            log,
+            estimates,
+            clocks,
+            heading_offset(log) if log is not None else None,
+        ),
     )
 
 
-@dataclass
-class _Survey:
-    """One pass over a topic's messages."""
+def _look_through(
+    paths: Sequence[Path], definitions: Definitions
+) -> tuple[dict[tuple[str, str], Survey], list[str], list[Table]]:
+    """One pass over all files: their topics by name and type, what is worth telling, the tables."""
+    surveys: dict[tuple[str, str], Survey] = {}
+    notes: list[str] = []
+    tables = []
+    for path in paths:
+        if path.is_file() and is_table(path):
+            tables.append(Table(path))
+            continue
+        read = partial(survey_bag, source=str(path), definitions=definitions)
+        found, told = over_bag(path, read)
+        notes += told
+        for survey in found:
+            name = (survey.channel.topic, survey.channel.msgtype)
+            if name in surveys:
+                surveys[name].extend(survey)
+            else:
+                surveys[name] = survey
+    return surveys, notes, tables
 
-    channel: Channel
-    recorded: list[int] = field(default_factory=list)
-    offsets: list[int] = field(default_factory=list)
-    frame_id: str = ""
-    messages: list[Any] = field(default_factory=list)
 
-    def report(self) -> TopicReport:
-        times = np.sort(np.array(self.recorded, dtype=np.int64))
-        several = len(times) > 1 and times[-1] > times[0]
-        return TopicReport(
-            topic=self.channel.topic,
-            msgtype=self.channel.msgtype,
-            frame_id=self.frame_id,
-            count=len(times),
-            mean_rate=(len(times) - 1) / float((times[-1] - times[0]) * NANOSECOND)
-            if several
-            else None,
-            largest_gap=float(np.diff(times).max() * NANOSECOND) if several else None,
-            clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
+def _column_reports(table: Table) -> Iterator[TopicReport]:
+    for column in table.columns:
+        yield TopicReport(
+            topic=column.name,
+            msgtype=column.kind,
+            frame_id=table.path.name,
+            count=column.filled,
+            mean_rate=None,
+            largest_gap=None,
+            clock_offset=None,
         )
 
 
-def _survey(bag: Bag, source: str) -> list[_Survey]:
-    surveys = {channel: _Survey(channel) for channel in bag.counts}
-    headers = {channel: header_reader(channel) for channel in surveys}
-    decoders = {}
-    for channel in surveys:
-        if channel.msgtype in SHAPE_CHECKS:
-            # A type that cannot be decoded is listed all the same.
-            with suppress(ReplayError):
-                decoders[channel] = decoder(channel, source)
-    for record in bag.messages({channel.topic for channel in surveys}):
-        survey = surveys[record.channel]
-        survey.recorded.append(record.time)
-        read_header = headers[record.channel]
-        if read_header is not None:
-            try:
-                header = read_header(record.data)
-            except (struct.error, IndexError, TypeError, UnicodeDecodeError):
-                continue
-            survey.offsets.append(header.stamp - record.time)
-            survey.frame_id = survey.frame_id or header.frame_id
-        if record.channel in decoders and len(survey.messages) < SAMPLES:
-            try:
-                message = decoders[record.channel](record.data)
-                SHAPE_CHECKS[record.channel.msgtype](message)
-                survey.messages.append(message)
-            except Exception:  # noqa: S112
-                # Not a message of its type; `read_log` counts these.
-                continue
-    return list(surveys.values())
-
-
-def _mapped_topics(mapping: TopicMap) -> list[str]:
-    entries = (mapping.tracks, mapping.imu, mapping.fixes, mapping.truth)
-    return [entry.topic for entry in entries if entry is not None]
-
-
-def _clocks_differ(mapping: TopicMap, reports: dict[str, TopicReport]) -> bool:
-    """Whether header stamps come from clocks that are far apart, of all topics with a header.
-
-    All topics count, not only the mapped ones: a fix that is not mapped now may be later.
-    """
-    offsets = [
-        report.clock_offset for report in reports.values() if report.clock_offset is not None
-    ]
-    return bool(_mapped_topics(mapping)) and np.ptp(offsets or [0.0]) > CLOCKS_APART
-
-
-def _by_recording(mapping: TopicMap) -> TopicMap:
-    return TopicMap(
-        tracks=mapping.tracks and replace(mapping.tracks, time="recording"),
-        imu=mapping.imu and replace(mapping.imu, time="recording"),
-        fixes=mapping.fixes and replace(mapping.fixes, time="recording"),
-        truth=mapping.truth and replace(mapping.truth, time="recording"),
+def _findings(
+    log: Log | None,
+    mapping: TopicMap,
+    mounting: Mounting | None,
+    estimates: WheelEstimates,
+    clocks: dict[str, Choice],
+) -> Iterator[str]:
+    for purpose, choice in clocks.items():
+        clock = "header stamps" if choice.clock == "header" else "time of recording"
+        if not mapping.columns or purpose in _mapped_purposes(mapping):
+            yield f"{purpose}: {clock}; {choice.reason}"
+    if log is None:
+        return
+    yield from (f"{note}" for note in log.notes if "out of order" in note)
+    if len(log.tracks.stamps):
+        stops = standstills(log)
+        total = sum(end - begin for begin, end in stops)
+        spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
+        more = ", ..." if len(stops) > MOST_STOPS else ""
+        yield (
+            f"standstills: {len(stops)}, {total:.0f} s in all ({spans}{more})"
+            if stops
+            else "standstills: none of a second or more"
+        )
+    if mounting is not None and mounting.gyro_bias is not None:
+        bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
+        yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
+    yield from (
+        f"suspicious: {said}"
+        for said in unit_suspicions(
+            log,
+            mounting,
+            estimates,
+            rates=in_rates(mapping),
+            vertical=vertical_rate(log.imu, mounting) if log.imu and mounting else None,
+            from_twist=mapping.tracks is not None and not mapping.tracks.left,
+        )
     )
 
 
-def _log_in_units_of_radius(path: Path, mapping: TopicMap) -> Log:
-    unit = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0)
-    return read_log(path, Robot(name="unknown", vehicle=unit), topics=mapping)
+def _mapped_purposes(mapping: TopicMap) -> list[str]:
+    return [
+        name
+        for name in ("tracks", "imu", "fixes", "heading", "truth")
+        if getattr(mapping, name) is not None
+    ]
 
 
-def _repeated_share(log: Log) -> float | None:
+def _with_clocks(mapping: TopicMap, clocks: dict[str, Choice]) -> TopicMap:
+    """The mapping with the time of recording where that was chosen."""
+    changes = {
+        purpose: replace(getattr(mapping, purpose), time="recording")
+        for purpose in _mapped_purposes(mapping)
+        if purpose in clocks and clocks[purpose].clock == "recording"
+    }
+    return replace(mapping, **changes)
+
+
+def _repeated_shares(log: Log) -> dict[str, float]:
+    """Share of values that only repeat the one before, of tracks that move; of samples, of the IMU."""
+    shares = {}
     speeds = log.tracks.speeds
     moving = (speeds[:-1] != 0.0).any(axis=1)
-    if not moving.any():
-        return None
-    return float((speeds[1:] == speeds[:-1])[moving].mean())
+    if moving.any():
+        shares["tracks"] = float((speeds[1:] == speeds[:-1])[moving].mean())
+    if log.imu is not None and len(log.imu.stamps) > 1:
+        rates = log.imu.angular_velocity
+        same = (rates[1:] == rates[:-1]).all(axis=1)
+        if log.imu.linear_acceleration is not None:
+            forces = log.imu.linear_acceleration
+            same &= (forces[1:] == forces[:-1]).all(axis=1)
+        shares["imu"] = float(same.mean())
+    return shares

@@ -130,6 +130,16 @@ def forward_yaw(
     return best if scores[best] >= CLEAR_SCORE and scores[best] >= 2.0 * scores[second] else None
 
 
+def vertical_rate(imu: ImuSeries, mounting: Mounting) -> Floats:
+    """(n,) rate about the vertical [rad/s] of an IMU that is mounted so."""
+    roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
+    upward = rpy_to_matrix(roll, pitch, 0.0)[2]
+    rates = imu.angular_velocity
+    if mounting.gyro_axes == "xyz":
+        return np.asarray(rates @ upward)
+    return np.asarray(rates[:, 2] / upward[2])
+
+
 def level(specific_force: Floats) -> tuple[float, float, float]:
     """Roll, pitch and yaw = 0 [deg] of a mount in which gravity gives this specific force (3,)."""
     x, y, z = specific_force

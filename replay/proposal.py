@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from estimator.log import Log
+from replay.clocks import Choice
+from replay.columns import ColumnMap
+from replay.first_estimates import WheelEstimates
 from replay.mounting import Mounting
 from replay.topics import TopicMap
+from replay.track_units import OF_GROUND
 
 FIRST_WORDS = "# Proposed by inspecting"
 FILL_IN = "# not in the log: fill in"
 
 
 def robot_file_text(
-    path: Path, mapping: TopicMap, mounting: Mounting | None, log: Log | None, clocks_differ: bool
+    path: Path,
+    mapping: TopicMap,
+    mounting: Mounting | None,
+    log: Log | None,
+    estimates: WheelEstimates,
+    clocks: Mapping[str, Choice],
+    heading_offset: float | None,
 ) -> str:
     """The text of a robot file that `load_robot` and `topic_map` accept.
 
@@ -25,24 +36,40 @@ def robot_file_text(
         mapping: the topics as guessed.
         mounting: what the log tells about the IMU, or None.
         log: the log read by that mapping with a sprocket radius of 1 m, or None.
-        clocks_differ: whether header stamps of the topics come from clocks that are far apart.
+        estimates: what the log says of the wheels.
+        clocks: which clock stamps each stream, and why, by purpose.
+        heading_offset: from a heading to the direction of driving [deg], or None.
     """
     lines = [
         f"{FIRST_WORDS} {path.name}: check every line.",
         f"name = {_text(path.stem)}",
         "format = 1",
         "",
-        *_vehicle(mapping, log),
+        *_vehicle(mapping, log, estimates),
         "",
         *_imu(mounting, log),
-        *_log(mapping, clocks_differ),
+        *_log(mapping, clocks, heading_offset),
+        *(columns_text(mapping.columns) if mapping.columns else []),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _vehicle(mapping: TopicMap, log: Log | None) -> list[str]:
+def in_rates(mapping: TopicMap) -> bool:
+    """Whether the mapping's track speeds are multiplied by the sprocket radius."""
+    if mapping.columns is not None and mapping.columns.tracks is not None:
+        return mapping.columns.tracks.unit not in OF_GROUND
+    tracks = mapping.tracks
+    return tracks is not None and bool(tracks.left) and tracks.unit not in OF_GROUND
+
+
+def has_tracks(mapping: TopicMap) -> bool:
+    """Whether the mapping has track speeds."""
+    return mapping.tracks is not None or bool(mapping.columns and mapping.columns.tracks)
+
+
+def _vehicle(mapping: TopicMap, log: Log | None, estimates: WheelEstimates) -> list[str]:
     # Not a number: a robot file that was not completed is refused rather than believed.
-    radius_matters = mapping.tracks is not None and bool(mapping.tracks.left)
+    radius_matters = in_rates(mapping)
     lines = [
         "[vehicle]",
         f"mass = nan               {FILL_IN} (kg, with load)",
@@ -52,14 +79,28 @@ def _vehicle(mapping: TopicMap, log: Log | None) -> list[str]:
         else "sprocket_radius = 0.1    # not used for this log",
         f"max_track_speed = 2.0    {FILL_IN} (m/s)",
     ]
-    if mapping.tracks is None:
+    if not has_tracks(mapping):
         lines.append("# The log holds no track speeds: it shows the IMU, but cannot be replayed.")
     elif log is not None and len(log.tracks.speeds):
         fastest = float(np.abs(log.tracks.speeds).max())
-        if mapping.tracks.left:
+        if radius_matters:
             lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
         else:
             lines.append(f"# Fastest in the log: {fastest:.1f} m/s.")
+    way, track = estimates.way_ratio, estimates.track_ratio
+    if radius_matters and way is not None:
+        lines.append(
+            f"# Effective radius by the {estimates.way_source}: {way:.3f} m, where it hardly turned."
+        )
+    # Speed and yaw rate of a controller are read with a gauge of 1 m here: that tells no track.
+    if track is not None and (radius_matters or not mapping.tracks):
+        known = track * way if radius_matters and way is not None else None
+        lines.append(
+            f"# Effective track by the gyro: {track:.3g} times the effective radius"
+            f"{'' if known is None else f', {known:.2f} m'}; eta0 is it over track_gauge."
+            if radius_matters
+            else f"# Effective track by the gyro: {track:.2f} m; eta0 is it over track_gauge."
+        )
     return lines
 
 
@@ -113,10 +154,15 @@ def _turning_comment(correlation: float | None) -> str:
     return f"{said}: too little to check the sign of turning."
 
 
-def _log(mapping: TopicMap, clocks_differ: bool) -> list[str]:
-    time = []
-    if clocks_differ:
-        time = ['time = "recording"    # header stamps of the topics are more than 1 s apart']
+def _log(
+    mapping: TopicMap, clocks: Mapping[str, Choice], heading_offset: float | None
+) -> list[str]:
+    def time(purpose: str) -> list[str]:
+        choice = clocks.get(purpose)
+        if choice is None or choice.clock == "header":
+            return []
+        return [f'time = "recording"    # {choice.reason}']
+
     lines: list[str] = []
     if mapping.tracks:
         lines += ["[log.tracks]", f"topic = {_text(mapping.tracks.topic)}"]
@@ -127,14 +173,26 @@ def _log(mapping: TopicMap, clocks_differ: bool) -> list[str]:
             ]
         else:
             lines.append(f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)")
-        lines += [*time, ""]
+        lines += [*time("tracks"), ""]
     if mapping.imu:
-        lines += ["[log.imu]", f"topic = {_text(mapping.imu.topic)}", *time, ""]
+        lines += ["[log.imu]", f"topic = {_text(mapping.imu.topic)}", *time("imu"), ""]
     if mapping.fixes:
         lines += ["[log.fixes]", f"topic = {_text(mapping.fixes.topic)}"]
         if mapping.fixes.position_sigma is not None:
             lines.append(f"position_sigma = {mapping.fixes.position_sigma}    {FILL_IN} (m)")
-        lines += [*time, ""]
+        lines += [*time("fixes"), ""]
+    if mapping.heading:
+        lines += ["[log.heading]", f"topic = {_text(mapping.heading.topic)}"]
+        if mapping.heading.sigma is not None:
+            lines.append(f"sigma = {mapping.heading.sigma}    {FILL_IN} (rad)")
+        lines += [
+            f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
+            if heading_offset is None
+            else f"offset_deg = {_round(heading_offset)}    # course over ground less heading, if it"
+            " drives forward",
+            *time("heading"),
+            "",
+        ]
     if mapping.truth:
         lines += ["[log.truth]", f"topic = {_text(mapping.truth.topic)}"]
         if mapping.truth.twist:
@@ -143,12 +201,35 @@ def _log(mapping: TopicMap, clocks_differ: bool) -> list[str]:
             lines.append(f"tracks = {_text(mapping.truth.tracks)}")
         if mapping.truth.source_topic:
             lines.append(f"source_topic = {_text(mapping.truth.source_topic)}")
-        lines += [*time, ""]
+        lines += [*time("truth"), ""]
     return lines[:-1]
 
 
-def _text(value: str) -> str:
-    """A TOML basic string; JSON's escapes are a subset of TOML's."""
+def columns_text(columns: ColumnMap) -> list[str]:
+    """The lines of a column map."""
+    lines = ["[log.columns]", f"time = {_text(columns.time)}"]
+    lines.append(f"time_unit = {_text(columns.time_unit)}    # check it")
+    for purpose in ("tracks", "imu", "fixes", "truth"):
+        spec = getattr(columns, purpose)
+        if spec is None:
+            continue
+        lines += ["", f"[log.columns.{purpose}]"]
+        for name in spec.__struct_fields__:
+            value = getattr(spec, name)
+            if value is None or value in ((), ""):
+                continue
+            text = _texts(value) if isinstance(value, tuple) else _text(value)
+            if name == "counts_per_turn":
+                text = "nan"
+            guessed = {"unit": "# check it", "rate_unit": "# check it"}
+            filled = {"position_sigma": FILL_IN, "counts_per_turn": FILL_IN}
+            remark = {**guessed, "acceleration_unit": "# check it", **filled}.get(name)
+            lines.append(f"{name} = {text}{f'    {remark}' if remark else ''}")
+    return lines
+
+
+def _text(value: object) -> str:
+    """A TOML basic string or number; JSON's escapes are a subset of TOML's."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 

@@ -1,22 +1,25 @@
-"""From messages to rows of numbers: what each stream takes of each message type."""
+"""Streams: the rows of numbers gathered of a topic's messages for one purpose."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from estimator.frames import quaternion_to_yaw
-from estimator.log import Floats, Stamps
-from replay.decoding import NANOSECONDS, decoder
+from estimator.log import NANOSECOND, Floats, Stamps
+from replay.clocks import Evidence
+from replay.decoding import NANOSECONDS, Definitions, decoder
 from replay.errors import ReplayError
+from replay.ordering import WINDOW, arrival_in_order
 from replay.records import Channel, Record
 from replay.topics import Clock
 
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
+Quick = Callable[[bytes], tuple[int, Row | None]]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
@@ -25,10 +28,21 @@ TWIST = "geometry_msgs/msg/TwistStamped"
 STRING = "std_msgs/msg/String"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+QUATERNION = "geometry_msgs/msg/QuaternionStamped"
+NAVSATFIX = "sensor_msgs/msg/NavSatFix"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
+TF = "tf2_msgs/msg/TFMessage"
+TF_ROS1 = "tf/msg/tfMessage"
+COLUMNS = "columns"
+"""Stands for the type of messages where rows come from a table."""
 
 NAN = float("nan")
 ABSENT = -1.0
 """Element 0 of a sensor_msgs/Imu covariance whose quantity the sensor does not measure."""
+
+
+class UnusableError(Exception):
+    """A message is of no use; the text says why, for the counts."""
 
 
 @dataclass
@@ -39,11 +53,16 @@ class Stream:
         purpose: "tracks", "imu", "fixes", "truth", ...; the name in the counts of dropped samples.
         topic: the topic.
         source: name of the bag, for messages.
-        time: which clock stamps the rows.
+        time: which clock is to stamp the rows.
         readers: for each message type that will do, what to take of a message: a row of numbers,
             or None for a message that is none of this stream's business.
+        any_reader: what to take of messages of all other types; None to refuse them.
+        definitions: of message types that the bag may lack.
+        quick: gives a faster way from bytes to stamp and row, for channels that have one.
         msgtype: the type that was found, "" before the first message.
-        undecodable: how many messages were no such message.
+        from_table: whether the rows come from a table.
+        lost: how many messages were of no use, by reason.
+        notes: what is worth telling of the stream.
     """
 
     purpose: str
@@ -51,12 +70,24 @@ class Stream:
     source: str
     time: Clock
     readers: Mapping[str, RowReader]
+    any_reader: RowReader | None = None
+    definitions: Definitions = ()
     msgtype: str = ""
-    undecodable: int = 0
+    from_table: bool = False
+    lost: dict[str, int] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    quick: Callable[[Channel, RowReader], Quick | None] | None = None
+    _quick: dict[Channel, Quick] = field(default_factory=dict)
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
-    _recorded: list[int] = field(default_factory=list)
-    _stamped: list[int] = field(default_factory=list)
-    _rows: list[Row] = field(default_factory=list)
+    _recorded: array[int] = field(default_factory=lambda: array("q"))
+    _stamped: array[int] = field(default_factory=lambda: array("q"))
+    _rows: array[float] = field(default_factory=lambda: array("d"))
+    _headless: int = 0
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics whose messages it takes."""
+        return (self.topic,)
 
     def take(self, record: Record) -> None:
         """Add a message.
@@ -64,171 +95,145 @@ class Stream:
         Raises:
             ReplayError: a message type that this stream cannot be read from, or no definition.
         """
-        channel = record.channel
-        decode = self._decode.get(channel)
-        if decode is None:
-            if channel.msgtype not in self.readers:
-                raise ReplayError(
-                    f"{self.source}: topic {self.topic!r} is of type {channel.msgtype!r}, of which "
-                    f"{self.purpose} cannot be read; readable are {', '.join(self.readers)}"
-                )
-            if self.msgtype not in ("", channel.msgtype):
-                raise ReplayError(
-                    f"{self.source}: topic {self.topic!r} carries two types of message, "
-                    f"{self.msgtype!r} and {channel.msgtype!r}"
-                )
-            decode = self._decode[channel] = decoder(channel, self.source)
-            self.msgtype = channel.msgtype
+        decode = self._decode.get(record.channel) or self._decoder(record.channel)
+        if record.channel in self._quick and self._take_quickly(record):
+            return
         try:
             message = decode(record.data)
-            row = self.readers[channel.msgtype](message)
-            stamp = message.header.stamp
+            self._take(record, message)
+        except ReplayError as problem:
+            raise ReplayError(f"{self.source}: topic {self.topic!r}: {problem}") from None
+        except UnusableError as problem:
+            self.lose(str(problem))
         except Exception:
             # Whatever rosbags or a reader stumbles over, the bytes are no message of this type.
-            self.undecodable += 1
-            return
-        if row is not None:
-            self._recorded.append(record.time)
-            self._stamped.append(stamp.sec * NANOSECONDS + stamp.nanosec)
-            self._rows.append(row)
+            self.lose("cannot be decoded")
 
-    def arrays(self) -> tuple[Stamps, Floats]:
-        """(n,) stamps [ns] and (n, k) rows, in the order of recording.
+    def lose(self, reason: str, count: int = 1) -> None:
+        """Count messages that are of no use."""
+        if count:
+            self.lost[reason] = self.lost.get(reason, 0) + count
+
+    def extend(self, other: Stream) -> None:
+        """Add what was gathered for the same purpose elsewhere.
 
         Raises:
-            ReplayError: stamps of the headers were asked for, and all are zero.
+            ReplayError: it is of another type of message.
+        """
+        if self.msgtype and other.msgtype and self.msgtype != other.msgtype:
+            raise ReplayError(
+                f"{self.purpose} are of type {self.msgtype!r} in {self.source}, and of type "
+                f"{other.msgtype!r} in {other.source}; one log has them of one type"
+            )
+        self.msgtype = self.msgtype or other.msgtype
+        for reason, count in other.lost.items():
+            self.lose(reason, count)
+        self.notes.extend(note for note in other.notes if note not in self.notes)
+        self._recorded.extend(other._recorded)
+        self._stamped.extend(other._stamped)
+        self._rows.extend(other._rows)
+        self._headless += other._headless
+
+    def add(self, stamps: Stamps, rows: Floats) -> None:
+        """Add (n,) stamps [ns] and (n, k) rows that come from no messages."""
+        self._recorded.frombytes(stamps.astype(np.int64).tobytes())
+        self._stamped.frombytes(stamps.astype(np.int64).tobytes())
+        self._rows.frombytes(np.ascontiguousarray(rows, dtype=float).tobytes())
+
+    def evidence(self) -> Evidence:
+        """What the stream shows of its clock."""
+        if self._headless or not len(self._stamped):
+            return Evidence(self.topic, self.time, None)
+        stamped = np.frombuffer(self._stamped, dtype=np.int64)
+        offsets = stamped - np.frombuffer(self._recorded, dtype=np.int64)
+        constant = len(stamped) > 1 and bool((stamped == stamped[0]).all())
+        return Evidence(self.topic, self.time, float(np.median(offsets)) * NANOSECOND, constant)
+
+    def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+        """(n,) stamps [ns] and (n, k) rows, in order but for what is far out of it.
+
+        Raises:
+            ReplayError: stamps of the headers were asked for, and there are none or all are zero.
         """
         recorded = np.array(self._recorded, dtype=np.int64)
-        order = np.argsort(recorded, kind="stable")
+        rows = np.array(self._rows, dtype=float)
+        return self._in_order(clock, recorded, np.array(self._stamped, dtype=np.int64), rows)
+
+    def _in_order(
+        self,
+        clock: Literal["header", "recording"],
+        recorded: Stamps,
+        stamped: Stamps,
+        rows: Floats,
+    ) -> tuple[Stamps, Floats]:
         stamps = recorded
-        if self.time == "header":
-            stamps = np.array(self._stamped, dtype=np.int64)
+        if clock == "header":
+            stamps = stamped
+            missing = "messages have no header" if self._headless else ""
             if len(stamps) > 1 and not stamps.any():
+                missing = missing or "header stamps are all zero"
+            if missing:
                 raise ReplayError(
-                    f"{self.source}: topic {self.topic!r}: the header stamps are all zero; "
+                    f"{self.source}: topic {self.topic!r}: the {missing}; "
                     'set time = "recording" for it in the robot file'
                 )
-        width = len(self._rows[0]) if self._rows else 0
-        rows = np.array(self._rows, dtype=float).reshape(len(stamps), width)
+        rows = rows.reshape(len(stamps), -1) if len(stamps) else np.empty((0, 0))
+        order = np.argsort(recorded, kind="stable")
+        places, moved = arrival_in_order(stamps[order])
+        if moved:
+            self.notes.append(
+                f"{moved} messages for {self.purpose} came out of order, by less than "
+                f"{WINDOW:g} s, and were sorted"
+            )
+        order = order[places]
         return stamps[order], rows[order]
 
+    def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
+        if channel.msgtype not in self.readers and self.any_reader is None:
+            raise ReplayError(
+                f"{self.source}: topic {self.topic!r} is of type {channel.msgtype!r}, of which "
+                f"{self.purpose} cannot be read; readable are {', '.join(self.readers)}"
+            )
+        if self.msgtype not in ("", channel.msgtype):
+            raise ReplayError(
+                f"{self.source}: topic {self.topic!r} carries two types of message, "
+                f"{self.msgtype!r} and {channel.msgtype!r}"
+            )
+        self._decode[channel] = decoder(channel, self.source, self.definitions)
+        self.msgtype = channel.msgtype
+        reader = self.readers.get(channel.msgtype)
+        if self.quick is not None and reader is not None:
+            quick = self.quick(channel, reader)
+            if quick is not None:
+                self._quick[channel] = quick
+        return self._decode[channel]
 
-def track_readers(left: Sequence[str], right: Sequence[str]) -> dict[str, RowReader]:
-    """Rows for track speeds.
+    def _take(self, record: Record, message: Any) -> None:
+        reader = self.readers.get(record.channel.msgtype, self.any_reader)
+        if reader is None:
+            return
+        row = reader(message)
+        if row is None:
+            return
+        header = getattr(message, "header", None)
+        stamp = 0
+        if header is None:
+            self._headless += 1
+        else:
+            stamp = header.stamp.sec * NANOSECONDS + header.stamp.nanosec
+        self._put(record.time, stamp, row)
 
-    Args:
-        left: joints of the left side.
-        right: joints of the right side.
+    def _take_quickly(self, record: Record) -> bool:
+        """Whether the message was one for the quick way; the ordinary one judges those that are not."""
+        try:
+            stamp, row = self._quick[record.channel](record.data)
+        except Exception:
+            return False
+        if row is not None:
+            self._put(record.time, stamp, row)
+        return True
 
-    Returns:
-        Of JointState the mean rates (left, right) [rad/s]; of Odometry and TwistStamped the forward
-        speed [m/s] and the yaw rate [rad/s].
-    """
-    readers: dict[str, RowReader] = {ODOMETRY: _odometry_speeds, TWIST: _twist_speeds}
-    if left and right:
-        readers[JOINT_STATE] = JointReader(left, right)
-    return readers
-
-
-class JointReader:
-    """Called with a JointState: mean rates (left, right) [rad/s]; None if it has no such joint.
-
-    Attributes:
-        seen: names of the joints that were met.
-    """
-
-    def __init__(self, left: Sequence[str], right: Sequence[str]) -> None:
-        self.seen: set[str] = set()
-        self._sides = (left, right)
-        self._places: dict[tuple[str, ...], list[list[int]]] = {}
-
-    def __call__(self, message: Any) -> Row | None:  # noqa: D102
-        names = tuple(message.name)
-        places = self._places.get(names)
-        if places is None:
-            places = self._places[names] = self._find(names)
-        if not places:
-            return None
-        rates = message.velocity
-        left, right = (sum(float(rates[i]) for i in side) / len(side) for side in places)
-        return (left, right)
-
-    def _find(self, names: tuple[str, ...]) -> list[list[int]]:
-        self.seen.update(names)
-        if not any(name in names for side in self._sides for name in side):
-            return []
-        return [[names.index(name) for name in side] for side in self._sides]
-
-
-def _odometry_speeds(message: Any) -> Row:
-    twist = message.twist.twist
-    return (twist.linear.x, twist.angular.z)
-
-
-def _twist_speeds(message: Any) -> Row:
-    return (message.twist.linear.x, message.twist.angular.z)
-
-
-def imu_row(message: Any) -> Row:
-    """Angular velocity and specific force, NaN where the message says that it has none."""
-    rate, force = message.angular_velocity, message.linear_acceleration
-    rates = (rate.x, rate.y, rate.z)
-    forces = (force.x, force.y, force.z)
-    if message.angular_velocity_covariance[0] == ABSENT:
-        rates = (NAN, NAN, NAN)
-    if message.linear_acceleration_covariance[0] == ABSENT:
-        forces = (NAN, NAN, NAN)
-    return (*rates, *forces)
-
-
-def twist_row(message: Any) -> Row:
-    """Body velocity v_x, v_y, w of a TwistStamped."""
-    twist = message.twist
-    return (twist.linear.x, twist.linear.y, twist.angular.z)
-
-
-def _pose(pose: Any) -> Row:
-    at, q = pose.position, pose.orientation
-    return (at.x, at.y, q.x, q.y, q.z, q.w)
-
-
-def _variances(covariance: Any) -> Row:
-    """Of position (the larger one) and yaw; NaN where the covariance is left at zeros: unknown."""
-    variances = (max(covariance[0], covariance[7]), covariance[35])
-    return variances if any(variances) else (NAN, NAN)
-
-
-def _pose_stamped_row(message: Any) -> Row:
-    return (*_pose(message.pose), NAN, NAN, NAN, NAN, NAN)
-
-
-def _pose_with_covariance_row(message: Any) -> Row:
-    return (*_pose(message.pose.pose), *_variances(message.pose.covariance), NAN, NAN, NAN)
-
-
-def _odometry_row(message: Any) -> Row:
-    twist = message.twist.twist
-    return (
-        *_pose(message.pose.pose),
-        *_variances(message.pose.covariance),
-        twist.linear.x,
-        twist.linear.y,
-        twist.angular.z,
-    )
-
-
-POSE_READERS: dict[str, RowReader] = {
-    POSE: _pose_stamped_row,
-    POSE_WITH_COVARIANCE: _pose_with_covariance_row,
-    ODOMETRY: _odometry_row,
-}
-"""Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w; NaN for none."""
-
-
-def planar_poses(rows: Floats) -> Floats:
-    """(n, 3) x, y, yaw of rows of `POSE_READERS`; yaw NaN where the quaternion is zero."""
-    quaternions = rows[:, 2:6]
-    with np.errstate(over="ignore"):
-        norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    norms[~((norms > 1e-6) & np.isfinite(norms))] = np.nan
-    return np.column_stack([rows[:, :2], quaternion_to_yaw(quaternions / norms)])
+    def _put(self, recorded: int, stamp: int, row: Row) -> None:
+        self._recorded.append(recorded)
+        self._stamped.append(stamp)
+        self._rows.extend(row)

@@ -13,9 +13,13 @@ import msgspec
 
 from estimator.config import convert
 from estimator.robot import Robot
+from replay.columns import ColumnMap
 from replay.errors import ReplayError
+from replay.geodesy import check_origin
+from replay.track_units import TrackUnit, check_unit
 
-Clock = Literal["header", "recording"]
+Clock = Literal["auto", "header", "recording"]
+"""What stamps a stream: header stamps, the time of recording, or what `replay.clocks` chooses."""
 
 
 def _require_positive(name: str, value: float | None) -> None:
@@ -23,28 +27,46 @@ def _require_positive(name: str, value: float | None) -> None:
         raise ValueError(f"{name} must be a positive number, found {value!r}")
 
 
+def _check_frames(frames: tuple[str, str] | None) -> None:
+    if frames is not None and (not all(frames) or frames[0] == frames[1]):
+        raise ValueError(
+            f'frames must name two frames, as ["map", "base_link"], found {list(frames)!r}'
+        )
+
+
 class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The topic of the track speeds.
 
     Attributes:
-        topic: name; sensor_msgs/JointState, nav_msgs/Odometry or geometry_msgs/TwistStamped.
-        left: joints of the left side (JointState), whose rates are averaged.
-        right: joints of the right side (JointState).
+        topic: name; sensor_msgs/JointState, nav_msgs/Odometry, geometry_msgs/TwistStamped, or any
+            other type whose fields `left` and `right` name.
+        left: joints of the left side (JointState), which are averaged, or the fields of it in a
+            message of another type, as "wheels.left.rate" or "data[0]".
+        right: those of the right side.
         gauge: track gauge by which the robot's controller made speed and yaw rate of track speeds
             [m] (Odometry, TwistStamped); the vehicle's where left out.
-        time: stamps from the message's header, or the time of recording.
+        unit: of the values of `left` and `right`; what adds up ("counts", "rad", ...) is taken from
+            the position of the joints.
+        counts_per_turn: of the sprocket, for unit "counts".
+        wrap: where the counter starts again, in `unit`; None if it does not.
+        time: which clock stamps it.
     """
 
     topic: str
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
     gauge: float | None = None
-    time: Clock = "header"
+    unit: TrackUnit = "rad/s"
+    counts_per_turn: float | None = None
+    wrap: float | None = None
+    time: Clock = "auto"
 
     def __post_init__(self) -> None:
         if bool(self.left) != bool(self.right):
             raise ValueError("left and right must both name joints, or both be left out")
         _require_positive("gauge", self.gauge)
+        on_a_side = max(len(self.left), len(self.right))
+        check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
 
 
 class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -52,44 +74,76 @@ class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         topic: name.
-        time: stamps from the message's header, or the time of recording.
+        time: which clock stamps it.
     """
 
     topic: str
-    time: Clock = "header"
+    time: Clock = "auto"
 
 
 class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The topic of position or pose fixes in `odom`.
 
     Attributes:
-        topic: name; geometry_msgs/PoseWithCovarianceStamped or PoseStamped, or nav_msgs/Odometry.
+        topic: name; geometry_msgs/PoseWithCovarianceStamped or PoseStamped, nav_msgs/Odometry,
+            sensor_msgs/NavSatFix (then `odom` is east and north from `origin`), or tf
+            (tf2_msgs/TFMessage, geometry_msgs/TransformStamped) with `frames`.
         position_sigma: standard deviation of each coordinate where a message has no covariance [m].
         heading_sigma: the same of yaw [rad]; where left out, such a message has no heading.
-        time: stamps from the message's header, or the time of recording.
+        frames: of tf, the frame that the fixes are in and that of the robot, ["map", "base_link"].
+        origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
+            where left out.
+        time: which clock stamps it.
     """
 
     topic: str
     position_sigma: float | None = None
     heading_sigma: float | None = None
-    time: Clock = "header"
+    frames: tuple[str, str] | None = None
+    origin: tuple[float, float, float] | None = None
+    time: Clock = "auto"
 
     def __post_init__(self) -> None:
         _require_positive("position_sigma", self.position_sigma)
         _require_positive("heading_sigma", self.heading_sigma)
+        _check_frames(self.frames)
+        check_origin(self.origin)
+
+
+class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The topic of a heading without a position: two antennas, a compass.
+
+    Attributes:
+        topic: name; sensor_msgs/Imu, of which only the orientation is read, or
+            geometry_msgs/QuaternionStamped.
+        sigma: standard deviation where a message has no covariance [rad].
+        offset_deg: what to add to get the direction of driving from what is measured [deg].
+        time: which clock stamps it.
+    """
+
+    topic: str
+    sigma: float | None = None
+    offset_deg: float = 0.0
+    time: Clock = "auto"
+
+    def __post_init__(self) -> None:
+        _require_positive("sigma", self.sigma)
+        if not math.isfinite(self.offset_deg):
+            raise ValueError(f"offset_deg must be a number, found {self.offset_deg!r}")
 
 
 class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The topics of the truth.
 
     Attributes:
-        topic: the pose; geometry_msgs/PoseStamped or PoseWithCovarianceStamped, or
-            nav_msgs/Odometry (which gives the twist too).
+        topic: the pose; geometry_msgs/PoseStamped or PoseWithCovarianceStamped,
+            nav_msgs/Odometry (which gives the twist too), or tf with `frames`.
         twist: the body velocity (geometry_msgs/TwistStamped), or None.
         tracks: the true track speeds (JointState, joints as in `[log.tracks]`), or None.
         source: what the truth is ("lidar map", say), for reports; the topic where left out.
         source_topic: a topic that says it instead (std_msgs/String), or None.
-        time: stamps from the messages' headers, or the time of recording.
+        frames: of tf, the frame that the truth is in and that of the robot.
+        time: which clock stamps it.
     """
 
     topic: str
@@ -97,16 +151,31 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tracks: str | None = None
     source: str = ""
     source_topic: str | None = None
-    time: Clock = "header"
+    frames: tuple[str, str] | None = None
+    time: Clock = "auto"
+
+    def __post_init__(self) -> None:
+        _check_frames(self.frames)
 
 
 class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a robot's logs keep each stream; None where they have none of it."""
+    """Where a robot's logs keep each stream; None where they have none of it.
+
+    Attributes:
+        tracks: topic of the track speeds.
+        imu: topic of the IMU.
+        fixes: topic of the fixes.
+        truth: topics of the truth.
+        heading: topic of a heading without a position.
+        columns: the same for logs that are tables (CSV, Parquet).
+    """
 
     tracks: TrackTopic | None = None
     imu: ImuTopic | None = None
     fixes: FixTopic | None = None
     truth: TruthTopic | None = None
+    heading: HeadingTopic | None = None
+    columns: ColumnMap | None = None
 
     def __post_init__(self) -> None:
         if self.truth and self.truth.tracks and not (self.tracks and self.tracks.left):
@@ -122,7 +191,7 @@ DEFAULT_TRUTH = TruthTopic(
     source_topic="/ground_truth/source",
 )
 DEFAULT_TOPICS = TopicMap(
-    DEFAULT_TRACKS, ImuTopic("/imu/data_raw"), FixTopic("/fix/pose"), DEFAULT_TRUTH
+    DEFAULT_TRACKS, ImuTopic("/imu/data_raw"), FixTopic("/fix/pose"), truth=DEFAULT_TRUTH
 )
 MAPPING_TOPIC = "/icreckon/topics"
 
@@ -138,12 +207,17 @@ def writable_topics(own: TopicMap) -> TopicMap:
         names, which are written as JointState; `DEFAULT_TOPICS` altogether where two streams would
         come to share a topic.
     """
-    tracks = own.tracks if own.tracks is not None and own.tracks.left else DEFAULT_TRACKS
-    said = {} if own.truth is None else msgspec.structs.asdict(own.truth)
+    tracks, fixes = own.tracks, own.fixes
+    if tracks is None or not tracks.left or tracks.unit != "rad/s":
+        tracks = DEFAULT_TRACKS
+    if fixes is None or fixes.frames is not None:
+        fixes = DEFAULT_TOPICS.fixes
+    by_topic = own.truth is not None and own.truth.frames is None
+    said = msgspec.structs.asdict(own.truth) if own.truth is not None and by_topic else {}
     truth = msgspec.structs.replace(
         DEFAULT_TRUTH, **{key: value for key, value in said.items() if value is not None}
     )
-    full = TopicMap(tracks, own.imu or DEFAULT_TOPICS.imu, own.fixes or DEFAULT_TOPICS.fixes, truth)
+    full = TopicMap(tracks, own.imu or DEFAULT_TOPICS.imu, fixes, truth=truth)
     names = [stream.topic for stream in (full.tracks, full.imu, full.fixes, truth) if stream]
     names += [name for name in (truth.twist, truth.tracks, truth.source_topic) if name]
     return full if len(set(names)) == len(names) else DEFAULT_TOPICS

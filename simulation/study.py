@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from simulation.errors import SimulationError
 from simulation.study_blocks import RESULTS, BlockStore, Job, jobs_of, open_store, write_whole
 from simulation.study_cells import Plan, expand
-from simulation.study_engines import choose_engine
+from simulation.study_engines import choose_engine, why_slow
 from simulation.study_executors import cluster as on_cluster
 from simulation.study_executors import given, here
 from simulation.study_manifest import as_json, manifest
@@ -36,6 +36,7 @@ def run_study(
     cluster: str | None = None,
     overwrite: bool = False,
     report: Report | None = None,
+    remark: Callable[[str], None] | None = None,
 ) -> Results:
     """Run a study, or go on with it, and leave its results in a folder; see docs/study.md.
 
@@ -48,6 +49,7 @@ def run_study(
         cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).
         overwrite: whether another study in the folder may be thrown away.
         report: called at the start and after each block.
+        remark: called with what may surprise, in words.
 
     Returns:
         What `results.json` holds, NaN where that has null.
@@ -60,6 +62,9 @@ def run_study(
         raise SimulationError("an executor and a cluster to run on; give one of them")
     plan = expand(study)
     chosen = choose_engine(plan, engine)
+    slow = why_slow(plan, chosen)
+    if remark is not None and slow is not None:
+        remark(f"runs are worked out one after the other, which is slow: {slow}")
     told = manifest(plan, chosen)
     shape = (len(plan.labels), len(statistics(study.horizons)))
     store = open_store(Path(folder), told, shape, overwrite=overwrite)

@@ -9,9 +9,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from msgspec import msgpack
 
+from estimator.admission import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from estimator.batch.filters import BatchFilter
 from estimator.batch.from_logs import measured_of
 from estimator.batch.front_end import Measured
@@ -44,16 +46,16 @@ from estimator.robot import Robot
 from estimator.scores import path_length, without_fixes
 from estimator.variants import find_variant
 from simulation import study_streaming
-from simulation.noise import encoder_errors, fix_errors, noise_preset
+from simulation.noise import FixSpec, encoder_errors, fix_errors, noise_preset
 from simulation.sampling import sample_times, to_stamps
-from simulation.scenario import Scenario, random_streams
+from simulation.scenario import Scenario, drive, random_streams
 from simulation.sensing import Perfect, perfect, sensed
 from simulation.study_cells import Cell, Filter, Plan
-from simulation.study_plan import DEFAULT_TRUTHS
-from simulation.study_statistics import SENSORS, YAW_HORIZON, statistics
-from simulation.study_streaming import driven, true_motion
+from simulation.study_statistics import SENSORS, YAW_HORIZON, score_times, statistics
 
-KEPT_TRUTHS = 2 * DEFAULT_TRUTHS
+# Runs of a block may have as many true motions, and a few blocks are under way at once; the cells that
+# share them come one after the other.
+KEPT_TRUTHS = 160
 # Degrees of freedom of each sensor's innovations.
 DEGREES = {"gyro": 1.0, "accelerometer": 1.0, "position": 2.0}
 
@@ -61,7 +63,8 @@ DEGREES = {"gyro": 1.0, "accelerometer": 1.0, "position": 2.0}
 def why_not(plan: Plan) -> str | None:
     """Why a study cannot be worked out by filters side by side; None where it can."""
     if not any(_goes_along(one) for cell in plan.cells for one in cell.filters):
-        return "none of the filters can run side by side with others of its kind"
+        labels = ", ".join(one.label for one in plan.cells[0].filters)
+        return f"filters of the friction model or with considered states do so by themselves ({labels})"
     for cell in plan.cells:
         scenario = cell.scenario
         stamps = _stamps(scenario)
@@ -77,6 +80,9 @@ def why_not(plan: Plan) -> str | None:
                 return (
                     f"in cell {cell.index}, inertia is the IMU's, and fixes lie between its samples"
                 )
+            slowest = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
+            if 1.0 / slowest > 0.5 * one.settings.longest_gap:
+                return f"in cell {cell.index}, samples are longer apart than the filter believes"
             if 1.0 / scenario.imu_rate > one.settings.hold:
                 return f"in cell {cell.index}, the IMU is slower than the filter waits for it"
     return None
@@ -87,8 +93,21 @@ def in_threads(plan: Plan) -> bool:
     return all(_goes_along(one) for cell in plan.cells for one in cell.filters)
 
 
-def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> dict[str, Floats]:
-    """The statistics of some runs of a cell; see `simulation.study_engines.Block`."""
+def block(
+    cell: Cell, filters: Sequence[Filter], first_run: int, count: int, *, bits: int = 64
+) -> dict[str, Floats]:
+    """The statistics of some runs of a cell; see `simulation.study_engines.Block`.
+
+    Args:
+        cell: where the runs belong.
+        filters: which of its filters to run.
+        first_run: index of the first run.
+        count: number of runs.
+        bits: of the numbers in filters side by side, 64 or 32.
+
+    Returns:
+        Label of the filter -> (count, n).
+    """
     by_itself = [one for one in filters if not _goes_along(one)]
     together = [one for one in filters if _goes_along(one)]
     found = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in filters}
@@ -96,7 +115,9 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
         found |= study_streaming.block(cell, by_itself, first_run, count)
     if not together:
         return found
-    made = [BatchFilter(one.robot, find_variant(one.variant), one.settings) for one in together]
+    made = [
+        BatchFilter(one.robot, find_variant(one.variant), one.settings, bits) for one in together
+    ]
     schedule = _schedule(cell)
     width = made[0].width
     for begin in range(0, count, width):
@@ -104,9 +125,10 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
         # A group that is not full runs its last run more than once.
         runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
         logs = [_log(cell, run) for run in runs]
+        doubtful = [lane for lane in range(here) if _has_absurd_readings(logs[lane], together)]
         worked = work_through_runs(
             made,
-            _measured(logs, together),
+            _measured(logs, together, schedule.track_stamps),
             schedule.steps,
             start=np.zeros(3),
             start_sigma=np.zeros(3),
@@ -116,6 +138,10 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
         for one, side_by_side, result in zip(together, made, worked, strict=True):
             rows = _statistics(side_by_side, result)
             found[one.label][begin : begin + here] = rows[:here]
+        for lane in doubtful:
+            # What the streaming filter refuses to take, the others have taken.
+            for label, rows in study_streaming.block(cell, together, runs[lane], 1).items():
+                found[label][begin + lane] = rows[0]
     return found
 
 
@@ -125,6 +151,7 @@ def _goes_along(one: Filter) -> bool:
 
 
 class _Schedule(NamedTuple):
+    track_stamps: Stamps
     steps: Steps
     segments: Segments
 
@@ -137,9 +164,9 @@ def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
         fixes = sample_times(duration, scenario.fix_rate)
         for start, end in scenario.outages:
             fixes = fixes[(fixes < start) | (fixes > end)]
-    rates = scenario.track_rate, scenario.imu_rate, scenario.truth_rate
-    tracks, imu, truth = (to_stamps(sample_times(duration, rate)) for rate in rates)
-    return tracks, imu, to_stamps(fixes), truth
+    rates = scenario.track_rate, scenario.imu_rate
+    tracks, imu = (to_stamps(sample_times(duration, rate)) for rate in rates)
+    return tracks, imu, to_stamps(fixes), to_stamps(score_times(scenario))
 
 
 def _schedule(cell: Cell) -> _Schedule:
@@ -151,7 +178,7 @@ def _schedule(cell: Cell) -> _Schedule:
     if len(fixes):
         begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1], truth[-1])
         within = [without_fixes(fixes, int(begin), int(end), horizon) for horizon in horizons]
-    return _Schedule(steps, segments_of(truth, horizons, within))
+    return _Schedule(tracks, steps, segments_of(truth, horizons, within))
 
 
 class _Truth(NamedTuple):
@@ -164,17 +191,34 @@ class _Truth(NamedTuple):
 
 
 def _truth(cell: Cell, run: int) -> _Truth:
-    return _kept_truth(msgpack.encode(cell.scenario), msgpack.encode(cell.robot), run % cell.truths)
+    scenario = as_sensed_perfectly(cell.scenario)
+    return _kept_truth(msgpack.encode(scenario), msgpack.encode(cell.robot), run % cell.truths)
+
+
+def as_sensed_perfectly(scenario: Scenario) -> Scenario:
+    """A scenario as far as it has a part in what perfect sensors read."""
+    latency = fix_errors(scenario.fixes, noise_preset(scenario.noise)).latency
+    defaults = Scenario()
+    return msgspec.structs.replace(
+        scenario,
+        noise=defaults.noise,
+        outages=(),
+        encoders=defaults.encoders,
+        gyro=defaults.gyro,
+        accelerometer=defaults.accelerometer,
+        fixes=FixSpec(latency=latency),
+    )
 
 
 @lru_cache(KEPT_TRUTHS)
 def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
     scenario = msgpack.decode(scenario_data, type=Scenario)
-    motion = true_motion(driven(scenario), robot_data, truth)
-    ticks = sample_times(scenario.duration, scenario.truth_rate)
+    robot = msgpack.decode(robot_data, type=Robot)
+    motion = drive(scenario, robot, random_streams(scenario.seed, truth))
+    ticks = score_times(scenario)
     poses = motion.poses_at(ticks)
     return _Truth(
-        perfect(motion, scenario, msgpack.decode(robot_data, type=Robot)),
+        perfect(motion, scenario, robot),
         poses,
         motion.twists_at(ticks),
         path_length(PoseSeries(to_stamps(ticks), poses)),
@@ -198,14 +242,29 @@ def _log(cell: Cell, run: int) -> Log:
     return Log(name=f"run {run}", tracks=read.tracks, imu=read.imu.series, fixes=read.fixes)
 
 
-def _measured(logs: Sequence[Log], filters: Sequence[Filter]) -> list[Measured]:
+def _has_absurd_readings(log: Log, filters: Sequence[Filter]) -> bool:
+    """Whether there is anything in a log that the streaming filter refuses before it looks at it."""
+    fastest = ABSURD_SPEED * min(one.robot.vehicle.max_track_speed for one in filters)
+    imu = log.imu
+    if imu is None or imu.linear_acceleration is None:
+        return True
+    return bool(
+        np.abs(log.tracks.speeds).max(initial=0.0) > fastest
+        or np.abs(imu.angular_velocity).max(initial=0.0) > ABSURD_RATE
+        or np.abs(imu.linear_acceleration).max(initial=0.0) > ABSURD_FORCE
+    )
+
+
+def _measured(
+    logs: Sequence[Log], filters: Sequence[Filter], track_stamps: Stamps
+) -> list[Measured]:
     """What each filter is told; the same object for filters that take the IMU to be the same."""
     known: dict[bytes, Measured] = {}
     found = []
     for one in filters:
         key = msgpack.encode(one.robot.imu)
         if key not in known:
-            known[key] = measured_of(logs, one.robot)
+            known[key] = measured_of(logs, one.robot, track_stamps)
         found.append(known[key])
     return found
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import time
 import zipfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -21,6 +24,8 @@ BLOCKS = "blocks"
 MANIFEST = "manifest.json"
 RESULTS = "results.json"
 TEMPORARY = ".tmp"
+# A file that has been half written for longer is nobody's [s].
+ABANDONED = 3600.0
 # What comes of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
 # Differences that a refusal names; those of these keys follow from others, or do no harm.
@@ -90,7 +95,7 @@ class BlockStore:
             SimulationError: the file system refuses.
         """
         path = self.path(job)
-        beside = path.with_name(f"{path.name}.{os.getpid()}{TEMPORARY}")
+        beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
         try:
             with beside.open("wb") as file:
                 np.savez(file, values=values, digest=np.array(self._digest))
@@ -102,9 +107,11 @@ class BlockStore:
             raise SimulationError(f"{path}: cannot be written: {problem.strerror}") from None
 
     def tidy(self) -> None:
-        """Take away what interrupted runs left half written."""
+        """Take away what interrupted runs left half written, but nothing that is being written now."""
         for path in (self.folder / BLOCKS).glob(f"*{TEMPORARY}"):
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                if time.time() - path.stat().st_mtime > ABANDONED:
+                    path.unlink()
 
 
 def open_store(
@@ -134,7 +141,7 @@ def open_store(
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file beside its place, and move it there."""
-    beside = path.with_name(f"{path.name}.{os.getpid()}{TEMPORARY}")
+    beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
     with beside.open("wb") as file:
         file.write(content)
         file.flush()

@@ -10,12 +10,13 @@ from typing import Any, Literal, cast
 import msgspec
 import numpy as np
 
+from estimator.assumptions import assumptions
 from estimator.checks import is_finite
 from estimator.config import convert
 from estimator.errors import EstimatorError, nearest_hint
 from estimator.robot import Robot, load_robot
 from estimator.settings import Settings
-from estimator.variants import find_variant, motion_model
+from estimator.variants import find_variant
 from simulation.errors import SimulationError
 from simulation.scenario import Scenario, change_scenario
 from simulation.study_plan import LatinHypercube, Study, nest
@@ -202,7 +203,7 @@ def _cell(
         for spec in study.filters()
     )
     for one in filters:
-        motion_model(one.robot, find_variant(one.variant))
+        assumptions(one.robot, find_variant(one.variant), one.settings)
     driving = _changed_robot(alike, parts[TRUE_ROBOT], TRUE_ROBOT)
     return Cell(index, values, scenario, driving, filters, study.true_motions, study.horizons)
 

@@ -81,8 +81,15 @@ ENGINES = {
     for engine in (
         Engine("batch", "simulation.study_batch", block_runs=64, threads=True),
         Engine("streaming", "simulation.study_streaming", block_runs=4, threads=False),
+        Engine("single", "simulation.study_single", block_runs=64, threads=True),
     )
 }
+
+
+def why_slow(plan: Plan, chosen: Engine) -> str | None:
+    """Why the fastest engine was not chosen, for people; None where it was, or another was wanted."""
+    fastest = next(iter(ENGINES.values()))
+    return None if chosen.name == fastest.name else fastest.why_not(plan)
 
 
 def choose_engine(plan: Plan, wanted: str | None = None) -> Engine:

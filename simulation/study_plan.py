@@ -24,6 +24,8 @@ from simulation.scenario import LARGEST_SEED, Scenario
 STUDIES_FOLDER = Path(__file__).parent / "studies"
 # Distinct true motions of a cell where a study says nothing: the dearest part of a run.
 DEFAULT_TRUTHS = 20
+# More than these take a year, and gigabytes for their results.
+MOST_RUNS = 10_000_000
 DEFAULT_VARIANTS = ("constant-online", "inertia-online", "friction-online")
 SCALES = ("linear", "log")
 # Names become folders and labels columns.
@@ -161,6 +163,10 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         settle_types(self)
         _require_name("name of a study", self.name)
         _require_whole("runs", self.runs, 1)
+        if self.runs > MOST_RUNS:
+            raise SimulationError(
+                f"runs must be at most {MOST_RUNS:,} for each cell, found {self.runs!r}"
+            )
         _require_whole("seed", self.seed, 0)
         if self.truths is not None:
             _require_whole("truths", self.truths, 1)

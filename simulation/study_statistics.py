@@ -24,6 +24,8 @@ from estimator.scores import (
     without_fixes,
 )
 from estimator.trajectory import Trajectory
+from simulation.sampling import sample_times
+from simulation.scenario import Scenario
 
 # Yaw drift is scored over segments of this length [s].
 YAW_HORIZON = 30.0
@@ -31,6 +33,17 @@ YAW_HORIZON = 30.0
 LEAST_EIGENVALUE = 1e-12
 SENSORS = ("gyro", "accelerometer", "position")
 DRIFT = "drift_percent_{:g}s"
+
+
+def score_times(scenario: Scenario) -> Floats:
+    """When (n,) a run is scored [s]: at the IMU samples that come next to the stamps of its truth.
+
+    There the estimate of a filter stands, whatever the rates are.
+    """
+    samples = sample_times(scenario.duration, scenario.imu_rate)
+    wanted = sample_times(scenario.duration, scenario.truth_rate)
+    following = np.minimum(np.searchsorted(samples, wanted - 1e-9), len(samples) - 1)
+    return np.asarray(samples[np.unique(following)])
 
 
 class Statistic(NamedTuple):
@@ -112,7 +125,7 @@ def run_statistics(one: Run, log: Log, horizons: Sequence[float]) -> Floats:
         _rms(errors[:, 2]),
         *(_rms(velocities[:, axis]) for axis in range(3)),
         _mean(nees),
-        float(nees[-1]) if len(nees) else math.nan,
+        float(nees[-1]) if len(nees) and np.isfinite(errors[-1]).all() else math.nan,
         _mean(_velocity_nees(estimate, truth, velocities)),
         *_consistency(one.health),
     ]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import chain
 
 import msgspec
 import numpy as np
@@ -12,15 +14,17 @@ from msgspec import msgpack
 
 from estimator.frames import Floats
 from estimator.log import Log
+from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Robot
-from estimator.run import run
+from estimator.run import Rows, Run
+from estimator.variants import state_names
 from simulation.noise import SensorSpecs
-from simulation.sampling import sample_times
+from simulation.sampling import to_stamps
 from simulation.scenario import Scenario, drive, random_streams
 from simulation.sensing import perfect, sensed, truth_of
 from simulation.study_cells import Cell, Filter
 from simulation.study_plan import DEFAULT_TRUTHS
-from simulation.study_statistics import run_statistics, statistics
+from simulation.study_statistics import run_statistics, score_times, statistics
 from simulation.truth import TrueMotion
 
 # Cells of a sweep mostly share their true motions; so many are kept.
@@ -42,23 +46,42 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
     found = {one.label: np.empty((count, len(names))) for one in filters}
     for row in range(count):
         log = study_log(cell, first_run + row)
+        times = score_times(cell.scenario)
         seen = replace(log, truth=None)
         for one in filters:
-            result = run(seen, one.robot, one.variant, settings=one.settings)
+            result = _run(seen, one, times)
             found[one.label][row] = run_statistics(result, log, cell.horizons)
     return found
+
+
+def _run(log: Log, one: Filter, times: Floats) -> Run:
+    """A filter's run over a log, written down at given times (n,) [s]."""
+    estimator = PoseEstimator(one.robot, one.variant, settings=one.settings)
+    wanted = deque(to_stamps(times).tolist())
+    rows, count = Rows(len(wanted)), 0
+    for measurement in chain(log.measurements(), [None]):
+        while wanted and (measurement is None or measurement.stamp > wanted[0]):
+            # A filter to which nothing has been said by then has nothing to say.
+            if wanted.popleft() == estimator.stamp:
+                rows.put(count, estimator.snapshot())
+                count += 1
+        if measurement is not None:
+            estimator.feed(measurement)
+    names = state_names(estimator.variant)
+    return rows.finish(count, estimator.variant.name, names, estimator.health)
 
 
 def study_log(cell: Cell, run_index: int) -> Log:
     """The log of a run: the true motion of its number modulo `cell.truths`, and noise of its own.
 
-    Of the first `cell.truths` runs it is what `simulation.scenario.simulate` gives.
+    Of the first `cell.truths` runs it is what `simulation.scenario.simulate` gives, but for the stamps
+    of its truth, which are those of `score_times`.
     """
     scenario, robot = cell.scenario, cell.robot
     motion = true_motion(driven(scenario), msgpack.encode(robot), run_index % cell.truths)
     streams = random_streams(scenario.seed, run_index)
     read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
-    truth = truth_of(motion, sample_times(scenario.duration, scenario.truth_rate))
+    truth = truth_of(motion, score_times(scenario))
     name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
     return Log(name=name, tracks=read.tracks, imu=read.imu.series, fixes=read.fixes, truth=truth)
 

@@ -76,7 +76,13 @@ def notes(results: Results) -> list[str]:
     """What the tables' figures are."""
     runs, motions = results["runs"], results["true_motions"]
     shared = "" if motions == runs else f" of {motions} true motions"
+    lost = {
+        label: sum(runs - cell["variants"][label][FINAL_ERROR]["n"] for cell in results["cells"])
+        for label in results["variants"]
+    }
+    failed = _listed([f"{count} of {label}" for label, count in lost.items() if count])
     return [
+        *([f"WITHOUT ANY RESULT, and in no figure here: runs {failed}."] if failed else []),
         f"{runs} runs{shared} in each cell, paired over cells and variants; in brackets 95 % intervals "
         "of the mean (Student's t, over true motions).",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: median, and "
@@ -182,4 +188,4 @@ def _form(value: float) -> str:
 
 
 def _listed(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return ", ".join(parts) if len(parts) < 2 else f"{', '.join(parts[:-1])} and {parts[-1]}"

@@ -82,8 +82,9 @@ def imu(stamp: int, rate=(0.0, 0.0, 0.1), force=(0.0, 0.0, 9.8), rate_covariance
     )
 
 
-def write_bag(path: Path, messages, delay: int = 0, raw=()) -> Path:
-    """A bag of (topic, message) pairs, recorded at their header stamps plus a delay."""
+def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:
+    """A bag of (topic, message) pairs, recorded at their header stamps plus a delay, or at times."""
+    times = iter(times) if times is not None else None
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
         for topic, message in messages:
@@ -91,7 +92,7 @@ def write_bag(path: Path, messages, delay: int = 0, raw=()) -> Path:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
             stamp = message.header.stamp
-            when = stamp.sec * 10**9 + stamp.nanosec + delay
+            when = stamp.sec * 10**9 + stamp.nanosec + delay if times is None else next(times)
             writer.write(connections[topic], when, STORE.serialize_cdr(message, kind))
         for topic, when, data in raw:
             writer.write(connections[topic], when, data)
@@ -150,8 +151,9 @@ def test_time_of_recording(tmp_path: Path) -> None:
 
 def test_header_stamps_that_are_all_zero_are_refused(tmp_path: Path) -> None:
     zeros = [("/js", joints(0, (1.0, 2.0))), ("/js", joints(0, (1.0, 2.0)))]
+    path = write_bag(tmp_path / "bag", zeros)
     with pytest.raises(ReplayError, match='time = "recording"'):
-        read_log(write_bag(tmp_path / "bag", zeros), robot_with(tracks=JOINTS))
+        read_log(path, robot_with(tracks=JOINTS | {"time": "header"}))
 
 
 def test_fixes(tmp_path: Path) -> None:
@@ -181,8 +183,9 @@ def test_fixes(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.fixes.variances[:, 0], [0.09, 0.04, 0.04])
     assert log.dropped == {
         "fixes: not finite": 1,
-        "fixes: variance not positive": 2,
-        "fixes: stamp goes backward": 1,
+        "fixes: no covariance, and no position_sigma given": 1,
+        "fixes: variance not positive": 1,
+        "fixes: duplicate stamp": 1,
     }
 
 

@@ -239,6 +239,36 @@ def test_a_filter_does_not_depend_on_those_beside_it() -> None:
             assert np.array_equal(column, columns[0])
 
 
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
+def test_single_precision_says_nearly_the_same(variant: str) -> None:
+    """A hundredth of a standard deviation over two minutes, with standstill and drop-outs."""
+    encoders = EncoderSpec(dropouts_per_hour=200.0, dropout_reads="last")
+    scenario = msgspec.structs.replace(BASE, duration=120.0, encoders=encoders)
+    logs = logs_of(scenario, 8)
+    found = []
+    for bits in (64, 32):
+        filters = BatchFilter(ROBOT, VARIANTS[variant], Settings(), bits)
+        measured = measured_of([logs[lane % 8] for lane in range(filters.width)], ROBOT)
+        stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
+        steps = steps_of(*stamps, measured.fix_stamps[:0], heading=False)
+        zero = np.zeros(3)
+        (worked,) = work_through_runs([filters], [measured], steps, start=zero, start_sigma=zero)
+        assert worked.lanes.workspace.dtype.itemsize == bits / 8
+        found.append([filters.state(worked.lanes, lane % filters.width) for lane in range(8)])
+    for (x, P), (y, Q) in zip(*found, strict=True):
+        sigma = np.sqrt(np.diagonal(P))
+        known = sigma > 0.0
+        assert np.abs((y - x)[known] / sigma[known]).max() < 0.01
+        assert np.allclose(np.sqrt(np.diagonal(Q))[known], sigma[known], rtol=2e-3)
+        correlations = Q[np.ix_(known, known)] / np.outer(sigma[known], sigma[known])
+        assert np.linalg.eigvalsh(correlations)[0] > 1e-3
+
+
+def test_other_precisions_are_refused() -> None:
+    with pytest.raises(BatchError, match="bits = 16"):
+        BatchFilter(ROBOT, VARIANTS["constant-online"], Settings(), 16)
+
+
 def test_friction_is_refused_with_a_reason() -> None:
     with pytest.raises(BatchError, match="friction-online"):
         BatchFilter(ROBOT, VARIANTS["friction-online"], Settings())

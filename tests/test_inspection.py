@@ -169,8 +169,9 @@ def test_sample_logs(data_dir: Path, tmp_path: Path, name: str) -> None:
 
 def test_warthog_wheel_speeds_are_repeated(data_dir: Path) -> None:
     found = inspect(sample_log(data_dir, "warthog_grass_2024_7_29_14h46s15"))
-    (share,) = (report.repeated_share for report in found.topics if report.repeated_share)
-    assert 0.75 < share < 0.85
+    shares = {report.topic: report.repeated_share for report in found.topics}
+    assert 0.75 < shares["/joint_states"] < 0.85
+    assert shares["/ground_truth/pose"] is None
     assert found.mapping.truth.topic == "/ground_truth/pose"
     assert found.mapping.fixes is None
 
@@ -180,9 +181,15 @@ def test_wetexplorer(data_dir: Path, tmp_path: Path) -> None:
     robot, topics = proposed(found, tmp_path)
     assert topics.tracks is None
     assert topics.imu.topic == "/imu/data_raw"
-    assert topics.imu.time == "recording"
     assert abs(abs(robot.imu.rotation_rpy_deg[0]) - 180.0) < 2.0
     assert "no track speeds" in found.proposed_robot_file
+    assert (topics.fixes.topic, topics.fixes.time) == ("/gps/fix", "recording")
+    assert "19.0 days" in found.proposed_robot_file
+    assert any(said.startswith("fixes: time of recording; ") for said in found.findings)
+    assert any(said.startswith("imu: header stamps; ") for said in found.findings)
+    assert topics.heading.topic == "/gps/navheading"
+    # The README beside the logs: driving direction = heading - 90 degrees.
+    assert topics.heading.offset_deg == pytest.approx(-90.0, abs=5.0)
     offsets = {report.topic: report.clock_offset for report in found.topics}
     assert offsets["/gps/fix"] > 18 * 86400
     assert abs(offsets["/gps/navheading"]) < 0.1

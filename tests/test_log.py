@@ -1,6 +1,7 @@
 """The in-memory log: screening, shapes, and the order in which it hands out measurements."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -325,3 +326,14 @@ def test_an_empty_list_makes_a_log_of_nothing():
     log = Log.from_measurements([])
     assert list(log.measurements()) == []
     assert (log.imu, log.fixes) == (None, None)
+
+
+def test_measurements_made_some_at_a_time_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = replace(make_log(), others=(HeadingFix(make_log().start, 0.1, 0.2),))
+    at_once = list(log.measurements())
+    streams = (log.tracks.stamps, log.imu.stamps, log.fixes.stamps)
+    with_heading = int(np.isfinite(log.fixes.poses[:, 2]).sum())
+    assert len(at_once) == sum(map(len, streams)) + with_heading + 1
+    for size in (1, 7, len(at_once) - 1):
+        monkeypatch.setattr("estimator.log.AT_A_TIME", size)
+        assert list(log.measurements()) == at_once

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from conftest import sample_log
+from conftest import REPOSITORY, sample_log
 from estimator.robot import load_robot, robot_names
 from replay.bags import read_log
+from replay.columns import ColumnMap, ImuColumns, PoseColumns, TrackColumns
 from replay.mounting import forward_yaw, turning_correlation
-from replay.topics import topic_map
+from replay.topics import (
+    FixTopic,
+    HeadingTopic,
+    ImuTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+    topic_map,
+)
 
 # name of the log: robot, least correlation of the turning, largest tilt that is left [m/s²]
 LOGS = {
@@ -72,3 +82,18 @@ def test_mounting(data_dir: Path, name: str) -> None:
 def test_effective_tracks(name: str, track: float) -> None:
     robot = load_robot(name)
     assert robot.vehicle.track_gauge * robot.indices.eta0 == pytest.approx(track, rel=0.01)
+
+
+def test_the_docs_show_every_key_of_the_topics_and_columns() -> None:
+    page = (REPOSITORY / "docs" / "robot-file.md").read_text(encoding="utf-8")
+    block = page.split("```toml")[1].split("```")[0]
+    shown = block[block.index("[log.tracks]") :]
+    kinds = (TrackTopic, ImuTopic, FixTopic, HeadingTopic, TruthTopic)
+    kinds += (ColumnMap, TrackColumns, ImuColumns, PoseColumns)
+    tables = ("tracks", "imu", "fixes", "truth", "heading", "columns")
+    assert TopicMap.__struct_fields__ == tables
+    for table in tables:
+        assert f"\n[log.{table}]" in block
+    for kind in kinds:
+        for name in kind.__struct_fields__:
+            assert re.search(rf"\b{name}\b", shown), f"{kind.__name__}.{name}"

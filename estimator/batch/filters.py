@@ -17,6 +17,7 @@ from estimator.batch.lane import ARRAYS, FilterShape
 from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout
 from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, Steps
 from estimator.batch.step import StepKind, step_kernel
+from estimator.batch.trace import TRACING
 from estimator.batch.work import ESTIMATE, Places, work_through
 from estimator.ekf import REGRESSOR_SMOOTHING
 from estimator.frames import Floats
@@ -32,7 +33,8 @@ from estimator.settings import Settings
 from estimator.track_speeds import smoothing_share
 from estimator.variants import Variant
 
-BITS = 64
+# Numbers of so many bits, and what NumPy calls them.
+PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
 # Registers are as long as lines of the cache on all machines that have such wide ones [bytes].
 LINE = 64
 
@@ -60,11 +62,13 @@ class BatchFilter:
         robot: as the filters know it.
         variant: of one of the index models.
         settings: of the filters.
+        bits: of each number: 64, or 32 for twice as many lanes and seven digits.
 
     Attributes:
         robot: the robot.
         settings: the settings.
         width: how many filters run side by side.
+        number: the type of their numbers.
         layout: what stands where in the workspace.
 
     Raises:
@@ -72,7 +76,9 @@ class BatchFilter:
         EstimatorError: see `PoseEstimator`.
     """
 
-    def __init__(self, robot: Robot, variant: Variant, settings: Settings) -> None:
+    def __init__(self, robot: Robot, variant: Variant, settings: Settings, bits: int = 64) -> None:
+        if bits not in PRECISIONS:
+            raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
         if settings.considered:
             raise BatchError(
                 f"filters side by side cannot take states as uncertain that they do not correct, found "
@@ -87,7 +93,7 @@ class BatchFilter:
         self._model, self._state, self._sigmas = taken.model, taken.state, taken.sigmas
         self._disturbances = taken.disturbances
         self.robot, self.settings = robot, settings
-        self.width = lanes_of_machine(BITS)
+        self.width, self.number = lanes_of_machine(bits), PRECISIONS[bits]
         self._walks = self._disturbances.bias_walk + self._disturbances.parameter_walk
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
         uncertain[s.POSE] = uncertain[s.SLIP] = True
@@ -102,6 +108,7 @@ class BatchFilter:
             tuple(np.flatnonzero(absent).tolist()),
             self._model.form == "literal",
             self._model.slip_in_inertia,
+            bits,
         )
         self.layout = Layout(self.shape.states)
         self.rows = self.layout.rows
@@ -116,7 +123,7 @@ class BatchFilter:
             start: (3,) x, y [m], yaw [rad].
             start_sigma: (3,) standard deviations.
         """
-        lanes = aligned(len(self.rows) * self.width).reshape(-1, self.width)
+        lanes = aligned(len(self.rows) * self.width, self.number).reshape(-1, self.width)
         state, sigmas = self._state.copy(), self._sigmas.copy()
         state[s.POSE], sigmas[s.POSE] = start, start_sigma
         for i in self.shape.states:
@@ -196,7 +203,8 @@ class BatchFilter:
                     "with inertia = 'imu', filters side by side take fixes at the stamps of IMU samples "
                     "only"
                 )
-            self._work = _worker(self.shape, self.width, needs)
+            with TRACING:
+                self._work = _worker(self.shape, self.width, needs)
             self._prepared = steps, self._step_constants(steps)
         return self._prepared[1]
 
@@ -221,7 +229,7 @@ class BatchFilter:
     def _constants(self) -> Floats:
         """What all lanes share, with room for what belongs to a step."""
         names = self.layout.constants
-        values = aligned(len(names))
+        values: Floats = aligned(len(names), self.number)
         slip, sensors = self._disturbances.slip, SensorModels(self.robot).constants
         known = {
             **self._model.vehicle._asdict(),
@@ -242,10 +250,11 @@ class BatchFilter:
         return values
 
 
-def aligned(count: int) -> Floats:
-    """Zeros (count,) that begin where a register's worth of memory does."""
-    room = np.zeros(count + LINE // 8)
-    skip = (-room.ctypes.data % LINE) // 8
+def aligned(count: int, number: Any = np.float64) -> Any:
+    """Zeros (count,) of a type that begin where a register's worth of memory does."""
+    size = np.dtype(number).itemsize
+    room = np.zeros(count + LINE // size, dtype=number)
+    skip = (-room.ctypes.data % LINE) // size
     return room[skip : skip + count]
 
 
@@ -305,7 +314,9 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
             kernels[position] = position_kernel(position, shape, kind)
             if needs.heading:
                 kernels[heading] = heading_kernel(heading, shape, kind)
-    compiled = {name: compiled_kernel(kernel, width) for name, kernel in kernels.items()}
+    compiled = {
+        name: compiled_kernel(kernel, width, shape.bits) for name, kernel in kernels.items()
+    }
     made = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
     return entry(work_through, f".{made}", compiled)
 

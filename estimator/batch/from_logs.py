@@ -16,12 +16,14 @@ from estimator.sensor_models import SensorModels
 NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
 
 
-def measured_of(logs: Sequence[Log], robot: Robot) -> Measured:
+def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None = None) -> Measured:
     """What some logs hold of track speeds, IMU and fixes, as a robot's filter takes it.
 
     Args:
         logs: with the same stamps, but for track speeds that some of them may lack.
         robot: the mounting, axes and scale of its IMU count.
+        track_stamps: (n,) all stamps that track speeds may have [ns]; those that there are in any of
+            the logs where left out.
 
     Raises:
         BatchError: the stamps differ, or there is no IMU or no force in it.
@@ -35,11 +37,14 @@ def measured_of(logs: Sequence[Log], robot: Robot) -> Measured:
             )
         if not np.array_equal(_fix_stamps(log), fix_stamps):
             raise BatchError(f"the fixes of {log.name!r} have other stamps than the first log's")
-    track_stamps = logs[0].tracks.stamps
-    if not all(np.array_equal(log.tracks.stamps, track_stamps) for log in logs):
-        track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
+    if track_stamps is None:
+        track_stamps = logs[0].tracks.stamps
+        if not all(np.array_equal(log.tracks.stamps, track_stamps) for log in logs):
+            track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
     tracks = np.full((len(logs), len(track_stamps), 2), np.nan)
     for row, log in enumerate(logs):
+        if not np.isin(log.tracks.stamps, track_stamps).all():
+            raise BatchError(f"track speeds of {log.name!r} have stamps that no track speeds have")
         tracks[row, np.searchsorted(track_stamps, log.tracks.stamps)] = log.tracks.speeds
     sensors = SensorModels(robot)
     rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])

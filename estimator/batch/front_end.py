@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.batch.errors import BatchError
 from estimator.batch.fixes import AS_USUAL
 from estimator.batch.layout import FIX_INPUTS, INPUTS
 from estimator.batch.schedule import MOVE_AND_UPDATE, POSITION, UPDATE, Steps
@@ -272,9 +273,24 @@ class FrontEnd:
         measured: what was measured, of as many runs as there are lanes.
         steps: all steps.
         settings: what it goes by.
+
+    Raises:
+        BatchError: the steps are those of other stamps, or a run lacks its first track speeds.
     """
 
     def __init__(self, measured: Measured, steps: Steps, settings: FrontSettings) -> None:
+        last = steps.tracks.max(initial=0), steps.samples.max(initial=0)
+        counts = measured.tracks.shape[1], measured.rates.shape[1]
+        fixes = steps.fixes[(steps.extras & POSITION) > 0]
+        if (
+            counts != (len(measured.track_stamps), len(measured.imu_stamps))
+            or last[0] > counts[0]
+            or last[1] >= counts[1]
+            or (len(fixes) and fixes.max() >= measured.fixes.shape[1])
+        ):
+            raise BatchError("the steps of a run and what was measured have other stamps")
+        if not np.isfinite(measured.tracks[:, 0]).all():
+            raise BatchError("a run lacks its first track speeds")
         self._measured, self._steps = measured, steps
         self._settings = np.array(settings)
         lanes = len(measured.tracks)

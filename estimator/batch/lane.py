@@ -17,6 +17,8 @@ from estimator.bounds import BOUND_ROUNDS, ROUNDING, bound_rows
 from estimator.gating import LARGEST_REOPENING
 
 FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
+# What is short of a bound by less is inside: rounding.
+OUTSIDE = {64: ROUNDING, 32: 1e-6}
 # A factor and a vector.
 Part = tuple[Any, Vector]
 ARRAYS = ("lanes", "inputs", "constants")
@@ -30,12 +32,14 @@ class FilterShape(NamedTuple):
         absent: indices of parameters that are zero and stay so.
         is_literal: whether the inertia is taken in the paper's literal form.
         slip_in_inertia: whether it is that with the slip.
+        bits: of each number, 64 or 32.
     """
 
     states: tuple[int, ...]
     absent: tuple[int, ...]
     is_literal: bool
     slip_in_inertia: bool
+    bits: int = 64
 
 
 class Lane:
@@ -47,7 +51,7 @@ class Lane:
     """
 
     def __init__(self, shape: FilterShape, *, with_fast_slip: bool = False) -> None:
-        trace.start()
+        trace.start(shape.bits)
         self.shape = shape
         self.layout = Layout(shape.states)
         self.rows, self._places = self.layout.rows, self.layout.constants
@@ -201,14 +205,14 @@ class Lane:
 
     def keep_inside_bounds(self) -> None:
         """See `IcrEkf.keep_inside_bounds`; what it costs is paid only where a lane is outside."""
-        states = self.P.states
+        states, least_short = self.P.states, OUTSIDE[self.shape.bits]
         bounds = [bound for bound in self._bounds() if bound[0]]
         if not bounds:
             return
         x = self.x
         outside = trace.lift_truth(False)
         for direction, rest, least in bounds:
-            outside = outside | (least - rest - dot(x_of(x, direction), direction) > ROUNDING)
+            outside = outside | (least - rest - dot(x_of(x, direction), direction) > least_short)
 
         def a_round(*values: Any) -> Any:
             now, moved = dict(zip(states, values, strict=True)), trace.lift_truth(False)
@@ -216,7 +220,7 @@ class Lane:
                 cross = self.P.times(direction)
                 spread = dot(cross, direction)
                 short = least - rest - dot(now, direction)
-                moves = (short > ROUNDING) & (spread > 0.0)
+                moves = (short > least_short) & (spread > 0.0)
                 share = select(moves, short / spread, 0.0)
                 now = {i: now[i] + cross[i] * share for i in states}
                 moved = moved | moves

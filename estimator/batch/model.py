@@ -7,6 +7,8 @@ part in each round until the last has found it.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +27,9 @@ from estimator.batch.covariance import Vector
 from estimator.motion_kernel import INERTIA
 
 # Newton's error is squared in each round: after a change of this share none that matters is left.
-LAST_CHANGE = 1e-6
+LAST_CHANGE = {64: 1e-6, 32: 1e-4}
+# Up to this angle [rad] so many terms of a series are right to the last digit.
+SERIES_TO, TERMS = 0.5, 8
 
 
 class TracedTwist(NamedTuple):
@@ -98,7 +102,7 @@ def _balance(problem: Any, guess: Any) -> Any:
         change = (step.g - u) / _at_least(1.0 - step.g_u, motion.SMALLEST_SLOPE)
         moves = goes_on > 0.5
         u = trace.select(moves, u + change, u)
-        unsettled = moves & ~(abs(change) <= LAST_CHANGE * (1.0 + abs(u)))
+        unsettled = moves & ~(abs(change) <= LAST_CHANGE[trace.Traced.bits] * (1.0 + abs(u)))
         return [u, trace.truth_as_number(unsettled)], unsettled
 
     u, _, unsettled = trace.repeat(True, [guess, 1.0], newton, motion.NEWTON_ITERATIONS)
@@ -120,6 +124,34 @@ def _balance(problem: Any, guess: Any) -> Any:
     return trace.select(unsettled, 0.5 * (low + high), u)
 
 
+def _arc_with_slopes(angle: Any) -> Any:
+    """`estimator.propagation.arc_with_slopes` without its cancellations, by series in angle²."""
+    square = angle * angle
+
+    def series(factorial: int, factor: Callable[[int], float]) -> Any:
+        total: Any = 0.0
+        for k in range(TERMS, -1, -1):
+            term = (-1.0) ** k * factor(k) / math.factorial(2 * k + factorial)
+            total = term + square * total
+        return total
+
+    values = [
+        series(1, lambda _: 1.0),
+        angle * series(2, lambda _: 1.0),
+        -angle * series(3, lambda k: 2.0 * (k + 1)),
+        series(2, lambda k: 2.0 * k + 1.0),
+    ]
+    is_large = abs(angle) > SERIES_TO
+
+    def in_full(*series_values: Any) -> Any:
+        full = _arc_in_full(trace.select(is_large, angle, 1.0))
+        chosen = [trace.select(is_large, *pair) for pair in zip(full, series_values, strict=True)]
+        return chosen, trace.lift_truth(False)
+
+    return trace.repeat(is_large, values, in_full, 1)[:4]
+
+
+_arc_in_full = trace.traced(propagation.arc_with_slopes)
 _evaluate = trace.traced(motion._evaluate)
 _at_least = trace.traced(motion_model.at_least)
 slip_at = trace.traced(process_noise.slip_at)
@@ -128,4 +160,4 @@ sideways_density = trace.traced(process_noise.sideways_density)
 share_of_walk = trace.traced(process_noise.share_of_walk)
 gyro_variance = trace.traced(sensor_models.gyro_variance)
 accelerometer_forecast = trace.traced(sensor_models.accelerometer_forecast)
-step_on_se2 = trace.traced(propagation.step_on_se2)
+step_on_se2 = trace.traced(propagation.step_on_se2, arc_with_slopes=_arc_with_slopes)

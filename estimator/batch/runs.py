@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,14 +60,16 @@ def work_through_runs(
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
     keys = [
-        (id(data), front_settings(one.robot, one.settings))
+        (id(data), front_settings(one.robot, one.settings), one.number)
         for one, data in zip(filters, measured, strict=True)
     ]
-    fronts: dict[tuple[int, FrontSettings], FrontEnd] = {}
+    fronts: dict[tuple[int, FrontSettings, Any], FrontEnd] = {}
     for key, data in zip(keys, measured, strict=True):
         if key not in fronts:
             fronts[key] = FrontEnd(data, steps, key[1])
-    inputs = {key: aligned(PART * len(INPUTS) * width).reshape(PART, -1, width) for key in fronts}
+    inputs = {
+        key: aligned(PART * len(INPUTS) * width, key[2]).reshape(PART, -1, width) for key in fronts
+    }
     begun = [
         one.begin(data.tracks[:, 0], start, start_sigma)
         for one, data in zip(filters, measured, strict=True)

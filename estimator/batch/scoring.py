@@ -163,6 +163,8 @@ def add_ticks(
             sums[YAW_SQUARE, lane] += d_yaw * d_yaw
             sums[FINAL_POSITION, lane] = math.sqrt(square)
             sums[FINAL_YAW, lane] = abs(d_yaw)
+            if math.isnan(square):
+                sums[FINAL_NEES, lane] = math.nan
             nees = nees_of(now, 3, lane, d_x, d_y, d_yaw)
             if nees >= 0.0:
                 sums[POSE_NEES, lane] += nees

@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import builtins
 import math
+import threading
 from collections.abc import Callable, Sequence
 from types import FunctionType, SimpleNamespace
 from typing import Any, ClassVar, cast
 
+# Held while something is traced: there is one graph at a time.
+TRACING = threading.RLock()
 # Operations of one lane's number, of several, and of truth values.
 COMMUTATIVE = {"add", "mul", "and", "or"}
 
@@ -28,12 +31,14 @@ class Traced:
         number: its place in the order in which they were made.
         uniform: whether it is the same in all lanes.
         truth: whether it is a truth value.
+        bits: of all numbers of the graph.
     """
 
     __slots__ = ("args", "extra", "number", "op", "truth", "uniform")
     # NumPy's arrays leave operations with these to them.
     __array_ufunc__ = None
     _kept: ClassVar[dict[Any, Traced]] = {}
+    bits: ClassVar[int] = 64
 
     op: str
     args: tuple[Traced, ...]
@@ -119,9 +124,13 @@ class Traced:
         raise TypeError("a traced truth value cannot decide a branch: use select")
 
 
-def start() -> None:
-    """Forget what was traced before: a new graph begins."""
-    Traced._kept = {}
+def start(bits: int = 64) -> None:
+    """Forget what was traced before: a new graph begins. The caller holds `TRACING` until it is done.
+
+    Args:
+        bits: of each number, 64 or 32.
+    """
+    Traced._kept, Traced.bits = {}, bits
 
 
 def lift(value: Any) -> Traced:
@@ -409,11 +418,15 @@ RELATIONS: dict[str, Callable[[float, float], bool]] = {
 
 # pi / 2 in three parts, of which the first two have 33 bits: a whole multiple of up to 2^20 is exact
 # (Cody and Waite, Software Manual for the Elementary Functions, 1980, ch. 8).
-HALF_PI = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+# In single precision the first two have 12 and 11.
+HALF_PI = {
+    64: (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
+    32: (1.5703125, 4.837512969970703125e-4, 7.549789954891882e-8),
+}
 
 
 def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
-    """Of angles up to some 1e5 rad; within two units in the last place of one.
+    """Of angles up to some 1e5 rad (1e3 in single precision); within two units in the last place of one.
 
     The Taylor series on -pi/4 to pi/4, cut where the rest is below 1e-17.
     """
@@ -421,7 +434,7 @@ def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
         return math.sin(angle), math.cos(angle)
     quadrant = rounded(angle * (2.0 / math.pi))
     r = angle
-    for part in HALF_PI:
+    for part in HALF_PI[Traced.bits]:
         r = r - quadrant * part
     square = r * r
     sine, cosine = lift(0.0), lift(0.0)

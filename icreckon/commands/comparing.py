@@ -38,7 +38,8 @@ def compare_and_report(
 
     The other arguments are those of `compare` and `summarise`; `folder` must be there.
     """
-    with progress(f"filtering {log.duration:.0f} s of {log.name}") as report_progress:
+    title = f"filtering {log.duration:.0f} s of {log.name}"
+    with progress(title, log.duration) as report_progress:
         comparison = compare(
             log,
             robot,

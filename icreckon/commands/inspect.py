@@ -11,17 +11,26 @@ from rich.table import Table
 from rich.text import Text
 
 from icreckon.console import messages, results
-from replay.inspection import Inspection, TopicReport, inspect
+from replay.decoding import read_definitions
+from replay.inspection import Inspection, inspect
 from replay.outputs import check_replaceable, written_beside
 from replay.proposal import FIRST_WORDS
+from replay.surveys import TopicReport
 
 
-def run_inspect(*, path: Path, write: Path | None, as_json: bool, overwrite: bool) -> None:
+def run_inspect(
+    *,
+    paths: list[Path],
+    message_files: list[Path],
+    write: Path | None,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
     """See `icreckon inspect --help`."""
     starts = (FIRST_WORDS.encode(),)
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
-    found = inspect(path)
+    found = inspect(paths, definitions=read_definitions(message_files))
     if as_json:
         typer.echo(json.dumps(_as_plain(found), indent=1))
     else:
@@ -31,7 +40,7 @@ def run_inspect(*, path: Path, write: Path | None, as_json: bool, overwrite: boo
             new.write_text(found.proposed_robot_file, encoding="utf-8")
         messages().print(
             f"proposed robot file in {write}; complete the lines marked «fill in», then: "
-            f"icreckon replay {path} --robot {write}",
+            f"icreckon replay {' '.join(map(str, paths))} --robot {write}",
             markup=False,
             soft_wrap=True,
         )
@@ -40,11 +49,12 @@ def run_inspect(*, path: Path, write: Path | None, as_json: bool, overwrite: boo
 def _show(found: Inspection, *, with_file: bool) -> None:
     console = results()
     table = Table(title=f"{found.path}: {found.duration:.1f} s", title_justify="left")
-    for heading in ("topic", "type", "frame"):
+    for heading in ("topic or column", "type", "frame or file"):
         table.add_column(heading, overflow="fold")
     for heading in (
         "messages",
         "rate\nHz",
+        "gaps",
         "longest gap\ns",
         "header less\nrecording, s",
         "repeated",
@@ -53,6 +63,8 @@ def _show(found: Inspection, *, with_file: bool) -> None:
     for topic in found.topics:
         table.add_row(*_cells(topic))
     console.print(table)
+    for said in found.findings:
+        console.print(Text(f"Found: {said}"))
     for what, count in found.dropped.items():
         console.print(Text(f"Would be dropped: {count} x {what}"))
     for note in found.notes:
@@ -70,6 +82,7 @@ def _cells(topic: TopicReport) -> list[str]:
         topic.frame_id,
         str(topic.count),
         _number(topic.mean_rate, 1),
+        "" if topic.gaps is None else str(topic.gaps),
         _number(topic.largest_gap, 2),
         _number(topic.clock_offset, 3),
         "" if share is None else f"{share:.0f} %",
@@ -86,6 +99,7 @@ def _as_plain(found: Inspection) -> dict[str, object]:
         "duration_s": found.duration,
         "topics": [msgspec.to_builtins(topic) for topic in found.topics],
         "mapping": msgspec.to_builtins(found.mapping),
+        "findings": list(found.findings),
         "dropped": found.dropped,
         "notes": list(found.notes),
         "proposed_robot_file": found.proposed_robot_file,

@@ -12,16 +12,19 @@ from estimator.robot import load_robot, robot_names
 from estimator.settings import Settings
 from estimator.variants import find_variant
 from icreckon.commands.comparing import compare_and_report
-from icreckon.console import messages, results_folder
+from icreckon.console import messages, progress, results_folder
 from replay.bags import read_log
 from replay.comparison import DEFAULT_VARIANTS
+from replay.decoding import read_definitions
 from replay.errors import ReplayError
 from replay.fixes import parse_part
+from replay.gathering import source_name
 
 
 def run_replay(
     *,
-    path: Path,
+    paths: list[Path],
+    message_files: list[Path],
     robot_name: str | None,
     variants: str | None,
     fixes: str | None,
@@ -37,7 +40,7 @@ def run_replay(
     if robot_name is None:
         raise ReplayError(
             f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
-            f"file, which `icreckon inspect {path} --write robot.toml` proposes"
+            f"file, which `icreckon inspect {' '.join(map(str, paths))} --write robot.toml` proposes"
         )
     robot = load_robot(robot_name)
     names = None if variants is None else [name.strip() for name in variants.split(",")]
@@ -51,11 +54,14 @@ def run_replay(
             raise ReplayError(f"{option} {value!r}{nearest_hint(value, choices)}")
     settings = convert({"form": form, "inertia": inertia}, Settings, "the options", EstimatorError)
     part = None if fixes is None else parse_part(fixes)
-    with results_folder(out, f"icreckon-replay-{path.stem}", overwrite=overwrite) as folder:
-        log = read_log(path, robot)
+    definitions = read_definitions(message_files)
+    with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
+        with progress(f"reading {source_name(paths)}") as report_progress:
+            log = read_log(paths, robot, definitions=definitions, progress=report_progress)
         messages().print(
-            f"read {path}: {log.duration:.0f} s, {len(log.tracks.stamps)} track speeds",
+            f"read {source_name(paths)}: {log.duration:.0f} s, {len(log.tracks.stamps)} track speeds",
             markup=False,
+            soft_wrap=True,
         )
         compare_and_report(
             log,
@@ -63,14 +69,14 @@ def run_replay(
             folder,
             command="replay",
             configuration={
-                "log": str(path),
+                "log": str(paths[0]) if len(paths) == 1 else [str(path) for path in paths],
                 "robot": robot_name,
                 "variants": names if names is not None else list(DEFAULT_VARIANTS),
                 "fixes": fixes,
                 "smooth": smooth,
                 "settings": msgspec.to_builtins(settings),
             },
-            inputs={str(path): path},
+            inputs={str(path): path for path in [*paths, *message_files]},
             variants=names,
             settings=settings,
             fixes=part,

@@ -66,6 +66,7 @@ def run_study_command(
                 cluster=cluster,
                 overwrite=overwrite,
                 report=reporter.tell,
+                remark=reporter.remark,
             )
     except KeyboardInterrupt:
         _leave(folder, reporter)
@@ -94,6 +95,10 @@ class _Reporter:
             transient=True,
         )
         self._task = self._bar.add_task(name, total=1.0, told="")
+
+    def remark(self, words: str) -> None:
+        """Say something once."""
+        self._bar.console.print(words, markup=False, soft_wrap=True)
 
     def __enter__(self) -> None:
         self._bar.start()
