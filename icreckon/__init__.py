@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from estimator import kinematics as kinematics
     from estimator import motion as motion
+    from estimator.batch.many import run_many as run_many
     from estimator.errors import EstimatorError as EstimatorError
     from estimator.errors import IcreckonError as IcreckonError
     from estimator.gating import GateSettings as GateSettings
@@ -132,6 +133,7 @@ _HOMES = {
     "read_log": "replay.bags",
     "robot_names": "estimator.robot",
     "run": "estimator.run",
+    "run_many": "estimator.batch.many",
     "run_study": "simulation.study",
     "simulate": "simulation.scenario",
     "smooth": "estimator.smoother",

@@ -13,9 +13,8 @@ import msgspec
 import numpy as np
 from msgspec import msgpack
 
-from estimator.admission import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from estimator.batch.filters import BatchFilter
-from estimator.batch.from_logs import measured_of
+from estimator.batch.from_logs import has_absurd_readings, measured_of
 from estimator.batch.front_end import Measured
 from estimator.batch.runs import Worked, work_through_runs
 from estimator.batch.schedule import Steps, steps_of, why_not_steps
@@ -125,7 +124,11 @@ def block(
         # A group that is not full runs its last run more than once.
         runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
         logs = [_log(cell, run) for run in runs]
-        doubtful = [lane for lane in range(here) if _has_absurd_readings(logs[lane], together)]
+        doubtful = [
+            lane
+            for lane in range(here)
+            if any(has_absurd_readings(logs[lane], one.robot) for one in together)
+        ]
         worked = work_through_runs(
             made,
             _measured(logs, together, schedule.track_stamps),
@@ -240,19 +243,6 @@ def _log(cell: Cell, run: int) -> Log:
     streams = random_streams(scenario.seed, run)
     read = sensed(_truth(cell, run).perfect, scenario, cell.robot, streams)
     return Log(name=f"run {run}", tracks=read.tracks, imu=read.imu.series, fixes=read.fixes)
-
-
-def _has_absurd_readings(log: Log, filters: Sequence[Filter]) -> bool:
-    """Whether there is anything in a log that the streaming filter refuses before it looks at it."""
-    fastest = ABSURD_SPEED * min(one.robot.vehicle.max_track_speed for one in filters)
-    imu = log.imu
-    if imu is None or imu.linear_acceleration is None:
-        return True
-    return bool(
-        np.abs(log.tracks.speeds).max(initial=0.0) > fastest
-        or np.abs(imu.angular_velocity).max(initial=0.0) > ABSURD_RATE
-        or np.abs(imu.linear_acceleration).max(initial=0.0) > ABSURD_FORCE
-    )
 
 
 def _measured(

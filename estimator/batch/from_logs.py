@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimator.admission import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from estimator.batch.errors import BatchError
 from estimator.batch.front_end import Measured
 from estimator.frames import Floats
@@ -26,8 +27,15 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
             the logs where left out.
 
     Raises:
-        BatchError: the stamps differ, or there is no IMU or no force in it.
+        BatchError: the stamps differ, there is no IMU or no force in it, or there are measurements that
+            filters side by side do not take.
     """
+    for log in logs:
+        if log.others:
+            kinds = ", ".join(sorted({type(other).__name__ for other in log.others}))
+            raise BatchError(
+                f"the log {log.name!r} holds {kinds}, which filters side by side cannot take"
+            )
     imus = [_imu(log) for log in logs]
     imu_stamps, fix_stamps = imus[0].stamps, _fix_stamps(logs[0])
     for log, imu in zip(logs, imus, strict=True):
@@ -73,5 +81,24 @@ def _fix_stamps(log: Log) -> Stamps:
 
 
 def has_heading(fixes: Floats) -> bool:
-    """Whether fixes (..., 5) have a heading."""
-    return bool(fixes.size) and bool(np.isfinite(fixes[..., 2]).all())
+    """Whether fixes (..., 5) have a heading.
+
+    Raises:
+        BatchError: some have, and some have not.
+    """
+    known = np.isfinite(fixes[..., 2])
+    if known.any() and not known.all():
+        raise BatchError("some fixes have a heading and some have none")
+    return bool(known.any())
+
+
+def has_absurd_readings(log: Log, robot: Robot) -> bool:
+    """Whether there is anything in a log that `PoseEstimator` refuses before it looks at it."""
+    fastest = ABSURD_SPEED * robot.vehicle.max_track_speed
+    imu = _imu(log)
+    readings = (
+        (log.tracks.speeds, fastest),
+        (imu.angular_velocity, ABSURD_RATE),
+        (_forces(imu), ABSURD_FORCE),
+    )
+    return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)
