@@ -341,3 +341,22 @@ def test_logs_that_hold_more_than_lanes_can_take_are_refused() -> None:
     mixed = replace(log, fixes=FixSeries(log.fixes.stamps, poses, log.fixes.variances))
     with pytest.raises(BatchError, match="some have none"):
         run_many([mixed], ROBOT, "constant-online")
+
+
+def test_a_bias_that_nobody_expects_is_found_when_the_gate_gives_in() -> None:
+    """The streaming filter makes the bias uncertain then, though the robot file says there is none."""
+    imu = msgspec.structs.replace(
+        ROBOT.imu, accelerometer_bias_sigma=0.0, accelerometer_bias_walk=0.0
+    )
+    robot = msgspec.structs.replace(ROBOT, imu=imu)
+    knocked = []
+    for log in logs_of(msgspec.structs.replace(BASE, trajectory="aggressive"), 2):
+        assert log.imu is not None
+        assert log.imu.linear_acceleration is not None
+        forces = log.imu.linear_acceleration.copy()
+        forces[1200:, :2] += 8.0
+        series = replace(log.imu, linear_acceleration=forces)
+        knocked.append(replace(log, imu=series))
+    counts, streams = assert_same("constant-online", knocked, robot=robot)
+    assert counts["accelerometer_rejected"].min() >= 10.0
+    assert all(abs(stream.biases["accelerometer_bias"]) > 1.0 for stream in streams)

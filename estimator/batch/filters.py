@@ -14,7 +14,7 @@ from estimator.batch.emit import Kernel, compiled_kernel, lanes_of_machine
 from estimator.batch.errors import BatchError
 from estimator.batch.fixes import FixKind, heading_kernel, position_kernel
 from estimator.batch.lane import ARRAYS, FilterShape
-from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout
+from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
 from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, Steps
 from estimator.batch.step import StepKind, step_kernel
 from estimator.batch.trace import TRACING
@@ -98,8 +98,8 @@ class BatchFilter:
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
         uncertain[s.POSE] = uncertain[s.SLIP] = True
         uncertain[s.FAST_SLIP] = False
-        # Without a bias nothing could tell a standing robot, so there always is one.
-        uncertain[s.GYRO_BIAS] = True
+        # Standstill asks for that of the gyro, and a gate that gives in makes the other uncertain.
+        uncertain[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS]] = True
         parameters = np.zeros(s.SIZE, dtype=bool)
         parameters[s.PARAMETERS] = True
         absent = parameters & ~uncertain & (self._state == 0.0)
@@ -262,8 +262,8 @@ def aligned(count: int, number: Any = np.float64) -> Any:
 def _places(layout: Layout) -> Places:
     rows = layout.rows
     pose = [rows[f"x{i}"] for i in range(3)]
-    spread = [rows[f"P{i}_{j}"] for i in range(3) for j in range(i, 3)]
-    with_pose = [[rows[f"P{min(i, j)}_{max(i, j)}"] for j in layout.states] for i in range(3)]
+    spread = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
+    with_pose = [[rows[covariance_name(i, j)] for j in layout.states] for i in range(3)]
     return Places(
         np.array([*pose, *spread, *(rows[name] for name in TWIST)]),
         np.array(with_pose),
