@@ -246,7 +246,7 @@ def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) ->
     data["trajectory_options"] = {name: options[name] for name in options if name not in lost}
     if TRAJECTORY_FILE in lost:
         data[TRAJECTORY_FILE] = None
-    return convert(_merged(data, changes), Scenario, source, SimulationError)
+    return convert(merged(data, changes), Scenario, source, SimulationError)
 
 
 def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
@@ -362,11 +362,12 @@ def _check_whole(name: str, value: int) -> None:
         )
 
 
-def _merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+def merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Nested tables with some of their keys changed."""
     result = dict(data)
     for key, value in changes.items():
         old = result.get(key)
         if isinstance(old, dict) and isinstance(value, dict):
-            value = _merged(old, value)
+            value = merged(old, value)
         result[key] = value
     return result

@@ -119,24 +119,20 @@ def block(
     ]
     schedule = _schedule(cell)
     width = made[0].width
+    slowest = min(one.robot.vehicle.max_track_speed for one in together)
     for begin in range(0, count, width):
         here = min(width, count - begin)
         # A group that is not full runs its last run more than once.
         runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
         logs = [_log(cell, run) for run in runs]
-        doubtful = [
-            lane
-            for lane in range(here)
-            if any(has_absurd_readings(logs[lane], one.robot) for one in together)
-        ]
+        doubtful = [lane for lane in range(here) if has_absurd_readings(logs[lane], slowest)]
         worked = work_through_runs(
             made,
             _measured(logs, together, schedule.track_stamps),
             schedule.steps,
             start=np.zeros(3),
             start_sigma=np.zeros(3),
-            truth=_true_ticks(cell, runs),
-            segments=schedule.segments,
+            against=(_true_ticks(cell, runs), schedule.segments),
         )
         for one, side_by_side, result in zip(together, made, worked, strict=True):
             rows = _statistics(side_by_side, result)

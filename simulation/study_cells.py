@@ -18,7 +18,7 @@ from estimator.robot import Robot, load_robot
 from estimator.settings import Settings
 from estimator.variants import find_variant
 from simulation.errors import SimulationError
-from simulation.scenario import Scenario, change_scenario
+from simulation.scenario import Scenario, change_scenario, merged
 from simulation.study_plan import LatinHypercube, Study, nest
 
 # Roots of the dotted keys that are not the scenario's.
@@ -227,17 +227,6 @@ def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
         return robot
     data = merged(msgspec.to_builtins(robot), changes)
     return convert(data, Robot, source, EstimatorError)
-
-
-def merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Nested tables with some of their keys changed."""
-    result = dict(data)
-    for key, value in changes.items():
-        old = result.get(key)
-        if isinstance(old, dict) and isinstance(value, dict):
-            value = merged(old, value)
-        result[key] = value
-    return result
 
 
 def _with_outage(scenario: Scenario, length: Any) -> Scenario:

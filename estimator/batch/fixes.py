@@ -109,7 +109,5 @@ def _finished(lane: Lane, name: str, flags: Sequence[Traced], kind: FixKind) -> 
     if kind.tells:
         speeds = lane.told("now_left"), lane.told("now_right")
         now = lane.twist_model(1.0, *speeds, lane.row("u"))
-        for axis, row in enumerate(now.rows):
-            row.update({i: lane.row(f"r{axis}_{i}") for i in lane.layout.parameters if i in row})
-        lane.tell_twist(now)
+        lane.tell_twist(lane.with_kept_derivatives(now))
     return lane.kernel(name, flags, with_fast_slip=kind.tells)

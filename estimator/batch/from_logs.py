@@ -51,9 +51,13 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
             track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
     tracks = np.full((len(logs), len(track_stamps), 2), np.nan)
     for row, log in enumerate(logs):
-        if not np.isin(log.tracks.stamps, track_stamps).all():
+        stamps, speeds = log.tracks.stamps, log.tracks.speeds
+        if np.array_equal(stamps, track_stamps):
+            tracks[row] = speeds
+        elif np.isin(stamps, track_stamps).all():
+            tracks[row, np.searchsorted(track_stamps, stamps)] = speeds
+        else:
             raise BatchError(f"track speeds of {log.name!r} have stamps that no track speeds have")
-        tracks[row, np.searchsorted(track_stamps, log.tracks.stamps)] = log.tracks.speeds
     sensors = SensorModels(robot)
     rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])
     forces = np.stack([sensors.to_the_left_of(_forces(imu)) for imu in imus])
@@ -92,12 +96,16 @@ def has_heading(fixes: Floats) -> bool:
     return bool(known.any())
 
 
-def has_absurd_readings(log: Log, robot: Robot) -> bool:
-    """Whether there is anything in a log that `PoseEstimator` refuses before it looks at it."""
-    fastest = ABSURD_SPEED * robot.vehicle.max_track_speed
+def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
+    """Whether there is anything in a log that `PoseEstimator` refuses before it looks at it.
+
+    Args:
+        log: the log.
+        max_track_speed: of the robot, or of the slowest of several [m/s].
+    """
     imu = _imu(log)
     readings = (
-        (log.tracks.speeds, fastest),
+        (log.tracks.speeds, ABSURD_SPEED * max_track_speed),
         (imu.angular_velocity, ABSURD_RATE),
         (_forces(imu), ABSURD_FORCE),
     )

@@ -98,6 +98,12 @@ class Lane:
         values = [*now.twist, *(dot(with_rows[i], now.rows[j]) for i, j in pairs)]
         self.stores.update(zip(TWIST, values, strict=True))
 
+    def with_kept_derivatives(self, now: model.TracedTwist) -> model.TracedTwist:
+        """A twist whose derivatives by the parameters are the smoothed ones of the newest step."""
+        for axis, row in enumerate(now.rows):
+            row.update({i: self.row(f"r{axis}_{i}") for i in self.layout.parameters if i in row})
+        return now
+
     def kernel(
         self, name: str, flags: Sequence[Traced] = (), *, with_fast_slip: bool = False
     ) -> Kernel:
@@ -176,15 +182,13 @@ class Lane:
         more = minimum(square, LARGEST_REOPENING * expected)
         along = row.get(reopen, 0.0)
 
-        def reopened(_: Any, __: Any) -> Any:
-            wider = 1.0 / (expected + more * along * along)
-            values = [select(reacquired, more, 0.0), select(reacquired, wider, per_expected)]
-            return values, trace.lift_truth(False)
-
-        if reopen in self.P.states or reopen in FAST:
-            added, per_expected, _ = trace.repeat(reacquired, [0.0, per_expected], reopened, 1)
-            self.P.add(reopen, reopen, added)
-            cross[reopen] = cross[reopen] + added * along
+        added, per_expected = trace.where_needed(
+            reacquired,
+            [0.0, per_expected],
+            lambda: [more, 1.0 / (expected + more * along * along)],
+        )
+        self.P.add(reopen, reopen, added)
+        cross[reopen] = cross[reopen] + added * along
         used = admitted | reacquired
         self._apply(residual, cross, select(trace.lift_truth(only) & used, per_expected, 0.0), kept)
         self.count(sensor, nis, admitted, used, only)

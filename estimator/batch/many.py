@@ -59,7 +59,7 @@ def run_many(
         raise EstimatorError(f"every must be a time of more than 0 s, found {every!r}")
     filters = BatchFilter(robot, find_variant(variant), settings or Settings())
     for log in logs:
-        if has_absurd_readings(log, robot):
+        if has_absurd_readings(log, robot.vehicle.max_track_speed):
             raise BatchError(
                 f"the log {log.name!r} holds readings that no such sensor gives, which filters side by "
                 "side do not look for; use run"

@@ -142,13 +142,8 @@ def _arc_with_slopes(angle: Any) -> Any:
         series(2, lambda k: 2.0 * k + 1.0),
     ]
     is_large = abs(angle) > SERIES_TO
-
-    def in_full(*series_values: Any) -> Any:
-        full = _arc_in_full(trace.select(is_large, angle, 1.0))
-        chosen = [trace.select(is_large, *pair) for pair in zip(full, series_values, strict=True)]
-        return chosen, trace.lift_truth(False)
-
-    return trace.repeat(is_large, values, in_full, 1)[:4]
+    large = trace.select(is_large, angle, 1.0)
+    return trace.where_needed(is_large, values, lambda: _arc_in_full(large))
 
 
 _arc_in_full = trace.traced(propagation.arc_with_slopes)

@@ -41,8 +41,7 @@ def work_through_runs(
     *,
     start: Floats,
     start_sigma: Floats,
-    truth: TrueTicks | None = None,
-    segments: Segments | None = None,
+    against: tuple[TrueTicks, Segments] | None = None,
     keep: bool = False,
 ) -> list[Worked]:
     """Run filters over runs, as many as the filters are wide.
@@ -53,8 +52,7 @@ def work_through_runs(
         steps: the steps.
         start: (3,) pose at the start: x, y [m], yaw [rad].
         start_sigma: (3,) its standard deviations.
-        truth: to score against, with `segments`; None for no scores.
-        segments: of drift.
+        against: truth to score against, and segments of drift; None for no scores.
         keep: whether all estimates at the ticks are wanted.
     """
     width = filters[0].width
@@ -75,8 +73,7 @@ def work_through_runs(
         for one, data in zip(filters, measured, strict=True)
     ]
     tables = [one.prepare(steps) for one in filters]
-    scored = truth is not None and segments is not None
-    scores = [Scores(width, segments) if scored and segments is not None else None for _ in filters]
+    scores = [None if against is None else Scores(width, *against) for _ in filters]
     kept = [np.zeros((ticks, len(ESTIMATE), width)) if keep else None for _ in filters]
     room = np.zeros((PART + 1, len(ESTIMATE), width))
     for begin in range(0, len(steps.kinds), PART):
@@ -93,8 +90,8 @@ def work_through_runs(
             first = int(part.ticks[told[0]])
             estimates = room[first - int(part.ticks[0]) :][: len(told)]
             of_one = scores[number]
-            if of_one is not None and truth is not None:
-                of_one.add(first, estimates, truth)
+            if of_one is not None:
+                of_one.add(first, estimates)
             of_kept = kept[number]
             if of_kept is not None:
                 of_kept[first : first + len(told)] = estimates

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.frames import Floats, wrap_angle
 from estimator.jit_kernel import entry
 from estimator.log import NANOSECOND, Stamps
 from estimator.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
@@ -103,25 +103,25 @@ class Scores:
 
     Args:
         lanes: how many filters there are.
+        truth: of all ticks, of each lane.
         segments: of drift.
     """
 
-    def __init__(self, lanes: int, segments: Segments) -> None:
-        self._segments = segments
+    def __init__(self, lanes: int, truth: TrueTicks, segments: Segments) -> None:
+        self._truth, self._segments = truth, segments
         self.sums = np.zeros((SUMS, lanes))
         self.sums[FINAL_NEES] = math.nan
         self.drifts = np.zeros((len(segments.horizons), DRIFTS, lanes))
         self._kept = np.zeros((segments.room, 7, lanes))
 
-    def add(self, tick: int, estimates: Floats, truth: TrueTicks) -> None:
+    def add(self, tick: int, estimates: Floats) -> None:
         """Some ticks in a row.
 
         Args:
             tick: the first.
             estimates: (n, rows, lanes) see `estimator.batch.work.ESTIMATE`.
-            truth: of all ticks.
         """
-        segments = self._segments
+        truth, segments = self._truth, self._segments
         add_entry(
             self.sums,
             self.drifts,
@@ -156,7 +156,7 @@ def add_ticks(
         now, at = estimates[k], tick + k
         for lane in range(lanes):
             d_x, d_y = now[0, lane] - poses[at, 0, lane], now[1, lane] - poses[at, 1, lane]
-            d_yaw = wrapped(now[2, lane] - poses[at, 2, lane])
+            d_yaw = wrap_angle(now[2, lane] - poses[at, 2, lane])
             square = d_x * d_x + d_y * d_y
             sums[COUNT, lane] += 1.0
             sums[POSITION_SQUARE, lane] += square
@@ -212,7 +212,7 @@ def end_segment(
     x, y, yaw = moved(begin, 0, now, lane)
     true_x, true_y, true_yaw = moved(begin, 3, pose, lane)
     sums[ERROR, lane] += math.sqrt((x - true_x) ** 2 + (y - true_y) ** 2)
-    sums[YAW_ERROR, lane] += abs(wrapped(yaw - true_yaw))
+    sums[YAW_ERROR, lane] += abs(wrap_angle(yaw - true_yaw))
     sums[DISTANCE, lane] += distance
 
 
@@ -249,11 +249,6 @@ def positive(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -
     if left_yy <= 0.0:
         return False
     return zz - xz * xz / xx - left_yz * left_yz / left_yy > 0.0
-
-
-def wrapped(angle: float) -> float:
-    """An angle between -pi and pi [rad]."""
-    return float(angle - 2.0 * math.pi * np.rint(angle * (0.5 / math.pi)))
 
 
 add_entry = entry(add_ticks)

@@ -149,16 +149,14 @@ class Step:
 
     def foretell_pose(self) -> Foretold:
         """The pose a step later, with no more than is known now; see `estimator.look_ahead`."""
-        lane, now = self.lane, self.model
-        dt = lane.constant("dt")
-        for axis, row in enumerate(now.rows):
-            row.update({i: lane.row(f"r{axis}_{i}") for i in lane.layout.parameters if i in row})
+        lane = self.lane
+        dt, now = lane.constant("dt"), lane.with_kept_derivatives(self.model)
         density = self._density(now)
         step, by_yaw, M = model.step_on_se2(lane.x[s.YAW], [part * dt for part in now.twist])
         yaws = (by_yaw[0], by_yaw[1], 0.0)
         rows: list[Vector] = []
         for i in range(3):
-            row = {i: trace.lift(1.0)}
+            row: Vector = {i: trace.lift(1.0)}
             row[s.YAW] = row.get(s.YAW, 0.0) + yaws[i]
             for k in range(3):
                 for j, value in now.rows[k].items():

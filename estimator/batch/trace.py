@@ -232,6 +232,24 @@ def lift_truth(value: Any) -> Traced:
     return _make("constant", (), float(value), uniform=True, truth=True)
 
 
+def where_needed(
+    needed: Any, usual: Sequence[Any], instead: Callable[[], Sequence[Any]]
+) -> list[Traced]:
+    """Values that are others in some lanes, worked out only if there are such.
+
+    Args:
+        needed: in which lanes they are others.
+        usual: what they are elsewhere.
+        instead: what they are there.
+    """
+
+    def a_round(*values: Traced) -> tuple[Sequence[Traced], Traced]:
+        chosen = [select(needed, *pair) for pair in zip(instead(), values, strict=True)]
+        return chosen, lift_truth(False)
+
+    return repeat(needed, usual, a_round, 1)[:-1]
+
+
 def traced(function: Callable[..., Any], **replaced: Any) -> Any:
     """A function of numbers, for traced numbers.
 
