@@ -358,11 +358,13 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     def keep_inside_bounds(self) -> None:
         """Project the parameters back to where the motion model allows them to be.
 
-        The state moves along the covariance to the nearest point of the violated bound; the covariance
-        stays, which is on the safe side (Simon, Optimal State Estimation, section 7.5).
+        The state moves along the covariance to the nearest point of the violated bound, but for what only
+        fixes move; the covariance stays, which is on the safe side (Simon, Optimal State Estimation,
+        section 7.5).
         """
         before, P = self.x, self.P
         considered = list(self.considered)
+        kept = [*IMU_KEPT, *considered]
         for _ in range(BOUND_ROUNDS):
             moved = False
             for bound in range(len(self._bounds)):
@@ -374,13 +376,11 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 of_state[s.PARAMETERS] = direction
                 of_state[considered] = 0.0
                 cross = of_state[s.PARAMETERS].dot(P[s.PARAMETERS])
-                cross[considered] = 0.0
+                cross[kept] = 0.0
                 spread = float(of_state[s.PARAMETERS].dot(cross[s.PARAMETERS]))
                 if spread <= 0.0:
                     continue
                 self.x = self.x + cross * (short / spread)
-                if self.marks is not None:
-                    self.marks = self.marks.projected(of_state, short / spread)
                 moved = True
             if not moved:
                 break

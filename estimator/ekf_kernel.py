@@ -226,14 +226,15 @@ def update(
             P[i, j] -= gain[i] * half[j] + gain[j] * half[i]
 
 
-def move_inside(x: Floats, P: Floats, bounds: Floats, considered: int) -> None:
+def move_inside(x: Floats, P: Floats, bounds: Floats, kept: int, considered: int) -> None:
     """See `IcrEkf.keep_inside_bounds`.
 
     Args:
         x: (SIZE,) the state.
         P: (SIZE, SIZE) its covariance.
         bounds: (n, 9) of the parameters.
-        considered: the states that nothing moves, a bit each.
+        kept: the states that are not moved, a bit each.
+        considered: those of them that nothing ever moves.
     """
     cross = np.empty(SIZE)
     for _ in range(BOUND_ROUNDS):
@@ -255,7 +256,7 @@ def move_inside(x: Floats, P: Floats, bounds: Floats, considered: int) -> None:
                     spread += bounds[bound, k] * cross[PARAMETERS + k]
             if spread > 0.0:
                 for j in range(SIZE):
-                    if not (considered >> j) & 1:
+                    if not (kept >> j) & 1:
                         x[j] += cross[j] * (short / spread)
                 moved = True
         if not moved:

@@ -223,7 +223,7 @@ def imu_step(
             cross,
             gain,
         )
-    move_inside(x, P, bounds, considered)
+    move_inside(x, P, bounds, kept, considered)
 
     eta = steering_efficiency(kind, constants, x[s.PARAMETERS])
     sigma = slip_at(smooth_left, smooth_right, slip, gauge, eta, pushed)

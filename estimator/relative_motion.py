@@ -188,11 +188,6 @@ class Marks(msgspec.Struct, frozen=True):
             self.covariance - (half + half.T),
         )
 
-    def projected(self, by_state: Floats, share: float) -> Marks:
-        """After the filter's state has moved by its covariance times `by_state` times `share`."""
-        poses = self.poses + share * (self.cross @ by_state).reshape(-1, 3)
-        return Marks(self.stamps, poses, self.cross, self.covariance)
-
     def between(self, from_stamp: int, to_stamp: int | None, now: int) -> RelativeMotion:
         """From one mark to another.
 

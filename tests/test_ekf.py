@@ -9,7 +9,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.integrate import quad
 
 from estimator import state as s
-from estimator.bounds import BOUND_MARGIN
+from estimator.bounds import BOUND_MARGIN, ROUNDING
 from estimator.compiled_ekf import CompiledEkf
 from estimator.ekf import IcrEkf, ProcessNoise
 from estimator.frames import arc_factors, compose
@@ -360,6 +360,20 @@ def test_projection_moves_along_the_covariance_to_the_nearest_point():
     assert ekf.x[s.ETA0] == pytest.approx(1.0)
     # What is known together moves together: 0.2 * 0.001 / 0.04.
     assert ekf.x[s.GYRO_BIAS] == pytest.approx(0.005)
+
+
+def test_projection_moves_neither_the_pose_nor_what_only_fixes_show():
+    rng = np.random.default_rng(13)
+    ekf = make(rng)
+    root = rng.normal(size=(s.SIZE, s.SIZE))
+    ekf.P = root @ root.T
+    ekf.x[s.ETA0] = 0.5
+    before = ekf.x.copy()
+    ekf.keep_inside_bounds()
+    assert ekf.x[s.ETA0] >= 1.0 - ROUNDING
+    assert ekf.x[s.GYRO_BIAS] != before[s.GYRO_BIAS]
+    still = [s.X, s.Y, s.YAW, s.TRACK_SCALE]
+    assert (ekf.x[still] == before[still]).all()
 
 
 def test_nothing_moves_that_is_inside_or_not_estimated():

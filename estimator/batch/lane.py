@@ -14,6 +14,7 @@ from estimator.batch.emit import Kernel, Store
 from estimator.batch.layout import INPUTS, TWIST, Layout, covariance_name
 from estimator.batch.trace import Traced, minimum, select
 from estimator.bounds import BOUND_ROUNDS, ROUNDING, bound_rows
+from estimator.ekf import IMU_KEPT
 from estimator.gating import LARGEST_REOPENING
 
 FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
@@ -213,7 +214,7 @@ class Lane:
         bounds = [bound for bound in self._bounds() if bound[0]]
         if not bounds:
             return
-        x = self.x
+        x, moving = self.x, [i for i in states if i not in IMU_KEPT]
         outside = trace.lift_truth(False)
         for direction, rest, least in bounds:
             outside = outside | (least - rest - dot(x_of(x, direction), direction) > least_short)
@@ -226,7 +227,7 @@ class Lane:
                 short = least - rest - dot(now, direction)
                 moves = (short > least_short) & (spread > 0.0)
                 share = select(moves, short / spread, 0.0)
-                now = {i: now[i] + cross[i] * share for i in states}
+                now |= {i: now[i] + cross[i] * share for i in moving}
                 moved = moved | moves
             return [now[i] for i in states], moved
 
