@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.frames import wrap_angle
 from estimator.log import (
+    NANOSECOND,
     FixSeries,
     Floats,
     ImuSeries,
@@ -98,7 +99,15 @@ class _Assembly:
 
     def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
         stamps, rows = stream.arrays(self.clocks[stream.purpose].clock)
-        return stamps, rows.reshape(-1, width)
+        late = round(self._latency(stream) / NANOSECOND)
+        return stamps - late, rows.reshape(-1, width)
+
+    def _latency(self, stream: Stream) -> float:
+        """How late a stream's stamps are, as the robot file says [s]."""
+        mapping = self.gathered.mapping
+        table = stream.from_table and mapping.columns is not None
+        spec = getattr(mapping.columns if table else mapping, stream.purpose, None)
+        return 0.0 if spec is None else float(spec.latency)
 
     def _screened(
         self, stream: Stream, stamps: Stamps, values: Floats, positive: Floats | None = None

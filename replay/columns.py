@@ -11,6 +11,7 @@ from typing import Literal
 import msgspec
 
 from replay.geodesy import check_origin
+from replay.latency import check_latency
 from replay.track_units import TrackUnit, check_unit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
@@ -27,6 +28,7 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         counts_per_turn: of the sprocket, for unit "counts".
         wrap: where the counter starts again, in `unit`; None if it does not.
         time: column of their time where it is not that of the map.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     left: tuple[str, ...]
@@ -35,8 +37,10 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     counts_per_turn: float | None = None
     wrap: float | None = None
     time: str | None = None
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
+        check_latency(self.latency)
         if not (self.left and self.right):
             raise ValueError("left and right must name columns")
         on_a_side = max(len(self.left), len(self.right))
@@ -52,6 +56,7 @@ class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         rate_unit: of the angular velocity.
         acceleration_unit: of the acceleration.
         time: column of their time where it is not that of the map.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     angular_velocity: tuple[str, ...]
@@ -59,8 +64,10 @@ class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
     acceleration_unit: Literal["m/s2", "g"] = "m/s2"
     time: str | None = None
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
+        check_latency(self.latency)
         if len(self.angular_velocity) not in (1, 3):
             raise ValueError("angular_velocity must name three columns, or that of z alone")
         if len(self.linear_acceleration) not in (0, 3):
@@ -83,6 +90,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
         source: what the truth is, for reports.
         time: column of their time where it is not that of the map.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     x: str | None = None
@@ -97,8 +105,10 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     origin: tuple[float, float, float] | None = None
     source: str = ""
     time: str | None = None
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
+        check_latency(self.latency)
         plane, globe = (self.x, self.y), (self.latitude, self.longitude)
         if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
             raise ValueError("x and y must name columns, or else latitude and longitude")

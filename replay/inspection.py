@@ -8,8 +8,10 @@ from dataclasses import replace as with_changed
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from msgspec.structs import replace
 
+from estimator.frames import Floats
 from estimator.log import NANOSECOND, Log
 from estimator.robot import Robot, Vehicle
 from replay.assembly import assemble, evidence_of
@@ -27,7 +29,8 @@ from replay.first_estimates import (
 )
 from replay.gathering import as_paths, gather
 from replay.guess import Sample, guess_topics
-from replay.mounting import Mounting, estimate_mounting, vertical_rate
+from replay.latency import Latency, heading_latency, track_latency
+from replay.mounting import ABSURD, Mounting, estimate_mounting, vertical_rate
 from replay.proposal import in_rates, robot_file_text
 from replay.surveys import Survey, TopicReport, survey_bag
 from replay.table_files import Table, is_table
@@ -110,10 +113,12 @@ def inspect(
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
     mounting = estimate_mounting(log) if log is not None else None
     estimates = NO_ESTIMATES
+    latencies: dict[str, Latency] = {}
     if log is not None:
         vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
         correlation = mounting.turning_correlation if mounting else None
         estimates = wheel_estimates(log, vertical, correlation)
+        latencies = _latencies(log, vertical)
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
@@ -126,7 +131,7 @@ def inspect(
         topics=tuple(listed),
         mapping=mapping,
         mounting=mounting,
-        findings=tuple(_findings(log, mapping, mounting, estimates, clocks)),
+        findings=tuple(_findings(log, mapping, mounting, estimates, clocks, latencies)),
         dropped=log.dropped if log is not None else {},
         notes=tuple(notes),
         proposed_robot_file=robot_file_text(
@@ -137,8 +142,22 @@ def inspect(
             estimates,
             clocks,
             heading_offset(log) if log is not None else None,
+            latencies.get("tracks"),
         ),
     )
+
+
+def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency]:
+    """How late streams are against the gyro, of those that clearly are, by purpose."""
+    if log.imu is None or vertical is None:
+        return {}
+    found = {}
+    if not len(log.tracks.speeds) or np.abs(log.tracks.speeds).max() <= ABSURD:
+        found["tracks"] = track_latency(log.tracks, log.imu, vertical)
+    if log.truth is not None:
+        truth = log.truth.poses
+        found["truth"] = heading_latency(truth.stamps, truth.poses[:, 2], log.imu, vertical)
+    return {purpose: one for purpose, one in found.items() if one is not None and one.clear}
 
 
 def _look_through(
@@ -183,6 +202,7 @@ def _findings(
     mounting: Mounting | None,
     estimates: WheelEstimates,
     clocks: dict[str, Choice],
+    latencies: dict[str, Latency],
 ) -> Iterator[str]:
     for purpose, choice in clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
@@ -191,6 +211,12 @@ def _findings(
     if log is None:
         return
     yield from (f"{note}" for note in log.notes if "out of order" in note)
+    for purpose, latency in latencies.items():
+        late = "late" if latency.seconds > 0.0 else "early"
+        yield (
+            f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
+            "the gyro's, by what both turn"
+        )
     if len(log.tracks.stamps):
         stops = standstills(log)
         total = sum(end - begin for begin, end in stops)

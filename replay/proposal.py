@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from estimator.log import Log
 from replay.clocks import Choice
 from replay.columns import ColumnMap
 from replay.first_estimates import WheelEstimates
+from replay.latency import Latency
 from replay.mounting import Mounting
 from replay.topics import TopicMap
 from replay.track_units import OF_GROUND
@@ -28,6 +29,7 @@ def robot_file_text(
     estimates: WheelEstimates,
     clocks: Mapping[str, Choice],
     heading_offset: float | None,
+    track_latency: Latency | None = None,
 ) -> str:
     """The text of a robot file that `load_robot` and `topic_map` accept.
 
@@ -39,6 +41,7 @@ def robot_file_text(
         estimates: what the log says of the wheels.
         clocks: which clock stamps each stream, and why, by purpose.
         heading_offset: from a heading to the direction of driving [deg], or None.
+        track_latency: how late the track speeds are against the gyro, where they clearly are.
     """
     lines = [
         f"{FIRST_WORDS} {path.name}: check every line.",
@@ -48,8 +51,8 @@ def robot_file_text(
         *_vehicle(mapping, log, estimates),
         "",
         *_imu(mounting, log),
-        *_log(mapping, clocks, heading_offset),
-        *(columns_text(mapping.columns) if mapping.columns else []),
+        *_log(mapping, clocks, heading_offset, _latency_lines(track_latency)),
+        *(columns_text(mapping.columns, _latency_lines(track_latency)) if mapping.columns else []),
     ]
     return "\n".join(lines) + "\n"
 
@@ -154,8 +157,17 @@ def _turning_comment(correlation: float | None) -> str:
     return f"{said}: too little to check the sign of turning."
 
 
+def _latency_lines(latency: Latency | None) -> list[str]:
+    if latency is None:
+        return []
+    return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.3f}: late against the gyro"]
+
+
 def _log(
-    mapping: TopicMap, clocks: Mapping[str, Choice], heading_offset: float | None
+    mapping: TopicMap,
+    clocks: Mapping[str, Choice],
+    heading_offset: float | None,
+    track_latency: list[str],
 ) -> list[str]:
     def time(purpose: str) -> list[str]:
         choice = clocks.get(purpose)
@@ -173,7 +185,7 @@ def _log(
             ]
         else:
             lines.append(f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)")
-        lines += [*time("tracks"), ""]
+        lines += [*time("tracks"), *track_latency, ""]
     if mapping.imu:
         lines += ["[log.imu]", f"topic = {_text(mapping.imu.topic)}", *time("imu"), ""]
     if mapping.fixes:
@@ -205,8 +217,8 @@ def _log(
     return lines[:-1]
 
 
-def columns_text(columns: ColumnMap) -> list[str]:
-    """The lines of a column map."""
+def columns_text(columns: ColumnMap, track_latency: Sequence[str] = ()) -> list[str]:
+    """The lines of a column map, with one of the tracks' latency."""
     lines = ["[log.columns]", f"time = {_text(columns.time)}"]
     lines.append(f"time_unit = {_text(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):
@@ -216,7 +228,7 @@ def columns_text(columns: ColumnMap) -> list[str]:
         lines += ["", f"[log.columns.{purpose}]"]
         for name in spec.__struct_fields__:
             value = getattr(spec, name)
-            if value is None or value in ((), ""):
+            if value is None or value in ((), "") or name == "latency":
                 continue
             text = _texts(value) if isinstance(value, tuple) else _text(value)
             if name == "counts_per_turn":
@@ -225,6 +237,7 @@ def columns_text(columns: ColumnMap) -> list[str]:
             filled = {"position_sigma": FILL_IN, "counts_per_turn": FILL_IN}
             remark = {**guessed, "acceleration_unit": "# check it", **filled}.get(name)
             lines.append(f"{name} = {text}{f'    {remark}' if remark else ''}")
+        lines += track_latency if purpose == "tracks" else []
     return lines
 
 

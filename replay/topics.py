@@ -16,6 +16,7 @@ from estimator.robot import Robot
 from replay.columns import ColumnMap
 from replay.errors import ReplayError
 from replay.geodesy import check_origin
+from replay.latency import check_latency
 from replay.track_units import TrackUnit, check_unit
 
 Clock = Literal["auto", "header", "recording"]
@@ -50,6 +51,7 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         counts_per_turn: of the sprocket, for unit "counts".
         wrap: where the counter starts again, in `unit`; None if it does not.
         time: which clock stamps it.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     topic: str
@@ -60,6 +62,7 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     counts_per_turn: float | None = None
     wrap: float | None = None
     time: Clock = "auto"
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
         if bool(self.left) != bool(self.right):
@@ -67,6 +70,7 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _require_positive("gauge", self.gauge)
         on_a_side = max(len(self.left), len(self.right))
         check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
+        check_latency(self.latency)
 
 
 class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -75,10 +79,15 @@ class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         topic: name.
         time: which clock stamps it.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     topic: str
     time: Clock = "auto"
+    latency: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_latency(self.latency)
 
 
 class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -94,6 +103,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
             where left out.
         time: which clock stamps it.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     topic: str
@@ -102,12 +112,14 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     frames: tuple[str, str] | None = None
     origin: tuple[float, float, float] | None = None
     time: Clock = "auto"
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
         _require_positive("position_sigma", self.position_sigma)
         _require_positive("heading_sigma", self.heading_sigma)
         _check_frames(self.frames)
         check_origin(self.origin)
+        check_latency(self.latency)
 
 
 class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -119,17 +131,20 @@ class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         sigma: standard deviation where a message has no covariance [rad].
         offset_deg: what to add to get the direction of driving from what is measured [deg].
         time: which clock stamps it.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     topic: str
     sigma: float | None = None
     offset_deg: float = 0.0
     time: Clock = "auto"
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
         _require_positive("sigma", self.sigma)
         if not math.isfinite(self.offset_deg):
             raise ValueError(f"offset_deg must be a number, found {self.offset_deg!r}")
+        check_latency(self.latency)
 
 
 class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -144,6 +159,7 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         source_topic: a topic that says it instead (std_msgs/String), or None.
         frames: of tf, the frame that the truth is in and that of the robot.
         time: which clock stamps it.
+        latency: how late these stamps are, which is taken off them [s].
     """
 
     topic: str
@@ -153,9 +169,11 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     source_topic: str | None = None
     frames: tuple[str, str] | None = None
     time: Clock = "auto"
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
         _check_frames(self.frames)
+        check_latency(self.latency)
 
 
 class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -217,7 +235,13 @@ def writable_topics(own: TopicMap) -> TopicMap:
     truth = msgspec.structs.replace(
         DEFAULT_TRUTH, **{key: value for key, value in said.items() if value is not None}
     )
-    full = TopicMap(tracks, own.imu or DEFAULT_TOPICS.imu, fixes, truth=truth)
+    imu = own.imu or DEFAULT_TOPICS.imu
+    # What is written is stamped in time.
+    tracks, imu, fixes, truth = (
+        stream and msgspec.structs.replace(stream, latency=0.0)
+        for stream in (tracks, imu, fixes, truth)
+    )
+    full = TopicMap(tracks, imu, fixes, truth=truth)
     names = [stream.topic for stream in (full.tracks, full.imu, full.fixes, truth) if stream]
     names += [name for name in (truth.twist, truth.tracks, truth.source_topic) if name]
     return full if len(set(names)) == len(names) else DEFAULT_TOPICS
