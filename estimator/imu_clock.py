@@ -18,7 +18,7 @@ class ImuClock:
 
     Attributes:
         stamp: of the newest sample [ns], or None.
-        interval: time between the newest two, at most `hold` [s].
+        interval: time between the newest two that were not further apart than `hold` [s].
     """
 
     def __init__(self, hold: float) -> None:
@@ -28,8 +28,8 @@ class ImuClock:
 
     def tick(self, stamp: int, *, used: bool) -> None:
         """A sample comes at a stamp [ns]; its interval counts if it is used."""
-        if used and self.stamp is not None:
-            self.interval = min((stamp - self.stamp) * NANOSECOND, self._hold)
+        if used and self.stamp is not None and self.is_alive(stamp):
+            self.interval = (stamp - self.stamp) * NANOSECOND
         self.stamp = stamp
 
     def is_alive(self, stamp: int) -> bool:

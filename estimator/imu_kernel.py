@@ -161,7 +161,7 @@ def imu_step(
             regressors[i, j] += regressors_share * (now - regressors[i, j])
     _put(regressors, jacobian)
     density = fast_slip_density(
-        by_speeds, left_density, right_density, slip.white_time, sigma[2], gap_density, gauge
+        by_speeds, left_density, right_density, slip.white_time, sigma[2], gap_density
     )
     renew(x, P, _divided(density, dt))
     linearised_at = x.copy()

@@ -118,7 +118,6 @@ class Disturbances:
             self._slip.white_time,
             sigma[2],
             tracks.gap_density(start, end),
-            self._track_gauge,
         )
         return np.array(density)
 
@@ -161,7 +160,6 @@ def fast_slip_density(
     white_time: float,
     sigma_w: float,
     gap_density: float,
-    gauge: float,
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
 
@@ -171,8 +169,7 @@ def fast_slip_density(
         right_density: of the right.
         white_time: of the slip, see `Slip` [s].
         sigma_w: standard deviation of the slip of w [rad/s].
-        gap_density: of what the speeds may have changed by in a gap [m²/s].
-        gauge: L [m].
+        gap_density: of what their mean may have changed by in a gap, and their half difference [m²/s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
     xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
@@ -183,7 +180,7 @@ def fast_slip_density(
     yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP)
     ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
     ww += 2.0 * white_time * (sigma_w * sigma_w)
-    ww += gap_density * (4.0 / (gauge * gauge))
+    ww += 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
 
 

@@ -254,6 +254,9 @@ class Reckoning:
             # Not a robot at rest, but one of which nothing is known yet.
             self.health.sensor("imu").reject("before the first track speeds")
             return False
+        if self._is_hole(m.stamp):
+            # It tells how the robot turns now, and nothing of the hole before.
+            self._advance(m.stamp - int(self._imu.interval / NANOSECOND))
         ekf = self.ekf
         rate = self._sensors.yaw_rate(m)
         bias_sigma = math.sqrt(ekf.P[s.GYRO_BIAS, s.GYRO_BIAS])
@@ -281,6 +284,10 @@ class Reckoning:
         ekf.keep_inside_bounds()
         self._advance(m.stamp)
         return used
+
+    def _is_hole(self, stamp: int) -> bool:
+        """Whether nothing was reckoned with for longer than `Settings.hold` before a stamp [ns]."""
+        return self.stamp is not None and (stamp - self.stamp) * NANOSECOND > self._settings.hold
 
     def _take_imu_at_once(self, m: ImuSample, rate: float) -> bool | None:
         """What follows in `_take_imu`, compiled; None where it must be done one thing at a time."""

@@ -462,8 +462,10 @@ def test_gap_in_the_track_speeds_grows_the_uncertainty_with_its_length(imu):
     assert sigmas[3] == pytest.approx(math.sqrt(4.0**3 / 3.0 + 2.0 * (8.7**2 - 4.0**2)), rel=0.05)
     assert sigmas[0] < 0.02
     if not imu:
-        # One track forward and one backward: the yaw rate is off by twice that over the gauge.
-        assert yaw_sigma == pytest.approx(2.0 / 0.42 * sigmas[3], rel=0.05)
+        # One track forward and one backward: the yaw rate is off by twice that over the gauge that
+        # the robot turns with.
+        effective = 0.42 * load_robot("auriga-alpha").indices.eta0
+        assert yaw_sigma == pytest.approx(2.0 / effective * sigmas[3], rel=0.05)
 
 
 def test_a_gap_is_bridged_with_the_speeds_before_it_dying_away():

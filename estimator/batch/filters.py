@@ -189,8 +189,15 @@ class BatchFilter:
             (n, k) what belongs to each step, for `work_through`.
 
         Raises:
-            BatchError: there are fixes between IMU samples, and inertia is that with the slip.
+            BatchError: there are fixes between IMU samples, and inertia is that with the slip; or the IMU
+                is silent for longer than `Settings.hold`.
         """
+        longest = float(steps.intervals.max(initial=0.0))
+        if longest > self.settings.hold:
+            raise BatchError(
+                f"the IMU is silent for {longest:.2f} s, longer than Settings.hold, which filters side by "
+                "side cannot bridge; use run"
+            )
         if self._prepared is None or self._prepared[0] is not steps:
             needs = Needs(
                 accelerometer=self.settings.use_accelerometer,

@@ -182,7 +182,6 @@ class Step:
             self.slip.white_time,
             self._sigma()[2],
             lane.told("gap_density"),
-            lane.constant("gauge"),
         )
 
     def _with_smooth_derivatives(self, now: model.TracedTwist) -> model.TracedTwist:
