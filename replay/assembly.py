@@ -25,6 +25,7 @@ from estimator.log import (
 )
 from estimator.measurements import HeadingFix
 from estimator.robot import Robot
+from replay.clock_steps import doubled_times, in_both
 from replay.clocks import Choice, Evidence, choose_clocks
 from replay.errors import ReplayError
 from replay.gathering import Gathered
@@ -33,6 +34,8 @@ from replay.readers import JointReader, planar_poses
 from replay.streams import COLUMNS, JOINT_STATE, NAN, NAVSATFIX, ODOMETRY, TWIST, Stream
 from replay.track_units import ADDS_UP, differences, metres
 
+OVERLAID = ("tracks", "imu")
+"""Streams that show, where both have twice their rate, that a clock was set back."""
 NO_HEADING_VARIANCE = 1e3
 """Yaw variance [rad²] from which on a fix is taken to have no heading."""
 
@@ -64,6 +67,8 @@ class _Assembly:
     clocks: dict[str, Choice]
     dropped: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    _arrays_of: dict[str, tuple[Stamps, Floats]] = field(default_factory=dict)
+    _overlaid: list[tuple[int, int]] = field(default_factory=list)
 
     def log(self, name: str) -> Log:
         streams = self.gathered.streams
@@ -71,6 +76,7 @@ class _Assembly:
         for purpose, choice in self.clocks.items():
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
+        self._find_overlaid()
         tracks = self._tracks(streams.get("tracks"))
         if tracks is None:
             self.notes.append("no track speeds: the robot file maps no topic for them")
@@ -98,9 +104,33 @@ class _Assembly:
         self.dropped[reason] = self.dropped.get(reason, 0) + count
 
     def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
-        stamps, rows = stream.arrays(self.clocks[stream.purpose].clock)
+        stamps, rows = self._ordered(stream)
+        for begin, end in self._overlaid:
+            if stream.purpose in OVERLAID:
+                inside = (stamps >= begin) & (stamps <= end)
+                stream.lose("two times one over the other", int(inside.sum()))
+                stamps, rows = stamps[~inside], rows[~inside]
         late = round(self._latency(stream) / NANOSECOND)
         return stamps - late, rows.reshape(-1, width)
+
+    def _ordered(self, stream: Stream) -> tuple[Stamps, Floats]:
+        if stream.purpose not in self._arrays_of:
+            self._arrays_of[stream.purpose] = stream.arrays(self.clocks[stream.purpose].clock)
+        return self._arrays_of[stream.purpose]
+
+    def _find_overlaid(self) -> None:
+        """When both track speeds and IMU have twice the usual rate: the recorder's clock was set back."""
+        streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
+        doubled = [doubled_times(self._ordered(one)[0]) for one in streams if one is not None]
+        if len(doubled) < len(OVERLAID):
+            return
+        self._overlaid = in_both(*doubled)
+        for begin, end in self._overlaid:
+            self.notes.append(
+                f"for {(end - begin) * NANOSECOND:.1f} s there are twice as many track speeds and IMU "
+                "samples as usual, as where the recorder's clock was set back: that time is left out "
+                "and bridged"
+            )
 
     def _latency(self, stream: Stream) -> float:
         """How late a stream's stamps are, as the robot file says [s]."""

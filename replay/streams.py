@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from estimator.log import NANOSECOND, Floats, Stamps
+from replay.clock_steps import without_steps
 from replay.clocks import Evidence
 from replay.decoding import NANOSECONDS, Definitions, decoder
 from replay.errors import ReplayError
@@ -145,7 +146,9 @@ class Stream:
         if self._headless or not len(self._stamped):
             return Evidence(self.topic, self.time, None)
         stamped = np.frombuffer(self._stamped, dtype=np.int64)
-        offsets = stamped - np.frombuffer(self._recorded, dtype=np.int64)
+        recorded = np.frombuffer(self._recorded, dtype=np.int64)
+        order = np.argsort(recorded, kind="stable")
+        offsets = without_steps(stamped[order], recorded[order])[0] - recorded[order]
         constant = len(stamped) > 1 and bool((stamped == stamped[0]).all())
         return Evidence(self.topic, self.time, float(np.median(offsets)) * NANOSECOND, constant)
 
@@ -166,6 +169,7 @@ class Stream:
         stamped: Stamps,
         rows: Floats,
     ) -> tuple[Stamps, Floats]:
+        order = np.argsort(recorded, kind="stable")
         stamps = recorded
         if clock == "header":
             stamps = stamped
@@ -178,15 +182,22 @@ class Stream:
                     'set time = "recording" for it in the robot file'
                 )
         rows = rows.reshape(len(stamps), -1) if len(stamps) else np.empty((0, 0))
-        order = np.argsort(recorded, kind="stable")
-        places, moved = arrival_in_order(stamps[order])
+        stamps, rows = stamps[order], rows[order]
+        if clock == "header":
+            stamps, steps = without_steps(stamps, recorded[order])
+            for place, step in steps:
+                seconds = (int(recorded[order[place]]) - int(recorded[order[0]])) * NANOSECOND
+                self.notes.append(
+                    f"the clock of {self.purpose} was set {'forward' if step > 0 else 'back'} by "
+                    f"{abs(step):.2f} s, {seconds:.0f} s after the start; its stamps go on by the old one"
+                )
+        places, moved = arrival_in_order(stamps)
         if moved:
             self.notes.append(
                 f"{moved} messages for {self.purpose} came out of order, by less than "
                 f"{WINDOW:g} s, and were sorted"
             )
-        order = order[places]
-        return stamps[order], rows[order]
+        return stamps[places], rows[places]
 
     def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
         if channel.msgtype not in self.readers and self.any_reader is None:
