@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,6 +97,9 @@ class FixSeries:
         _check_shape("variances", self.stamps, self.variances, (2,))
 
 
+_Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSeries, FixSeries)
+
+
 @dataclass(frozen=True)
 class Truth:
     """What really happened, as far as it is known.
@@ -180,6 +183,34 @@ class Log:
         if not filled:
             raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
         return filled
+
+    def between(self, start: int, end: int) -> Log:
+        """The same log from one stamp to another, both included [ns]; its counts and notes stay."""
+
+        def cut(series: _Series, *columns: str) -> _Series:
+            inside = (series.stamps >= start) & (series.stamps <= end)
+            values = {name: getattr(series, name) for name in ("stamps", *columns)}
+            kept: dict[str, Any] = {
+                name: None if old is None else old[inside] for name, old in values.items()
+            }
+            return replace(series, **kept)
+
+        truth = self.truth
+        if truth is not None:
+            truth = replace(
+                truth,
+                poses=cut(truth.poses, "poses"),
+                twists=truth.twists and cut(truth.twists, "twists"),
+                tracks=truth.tracks and cut(truth.tracks, "speeds"),
+            )
+        return replace(
+            self,
+            tracks=cut(self.tracks, "speeds"),
+            imu=self.imu and cut(self.imu, "angular_velocity", "linear_acceleration"),
+            fixes=self.fixes and cut(self.fixes, "poses", "variances"),
+            truth=truth,
+            others=tuple(one for one in self.others if start <= one.stamp <= end),
+        )
 
     def measurements(self) -> Iterator[Measurement]:
         """All measurements in the order of their stamps; at equal stamps tracks, IMU, fixes, others."""

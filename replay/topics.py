@@ -7,7 +7,7 @@ itself holds its mapping, as JSON on `MAPPING_TOPIC`.
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 
@@ -200,6 +200,8 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("truth.tracks needs the joints left and right of tracks")
 
 
+_Topic = TypeVar("_Topic", TrackTopic, ImuTopic | None, FixTopic | None, TruthTopic)
+
 # Where bags that are written keep what the robot's file does not say.
 DEFAULT_TRACKS = TrackTopic("/joint_states", ("left_track_joint",), ("right_track_joint",))
 DEFAULT_TRUTH = TruthTopic(
@@ -235,16 +237,17 @@ def writable_topics(own: TopicMap) -> TopicMap:
     truth = msgspec.structs.replace(
         DEFAULT_TRUTH, **{key: value for key, value in said.items() if value is not None}
     )
-    imu = own.imu or DEFAULT_TOPICS.imu
     # What is written is stamped in time.
-    tracks, imu, fixes, truth = (
-        stream and msgspec.structs.replace(stream, latency=0.0)
-        for stream in (tracks, imu, fixes, truth)
+    full = TopicMap(
+        _in_time(tracks), _in_time(own.imu or DEFAULT_TOPICS.imu), _in_time(fixes), _in_time(truth)
     )
-    full = TopicMap(tracks, imu, fixes, truth=truth)
     names = [stream.topic for stream in (full.tracks, full.imu, full.fixes, truth) if stream]
     names += [name for name in (truth.twist, truth.tracks, truth.source_topic) if name]
     return full if len(set(names)) == len(names) else DEFAULT_TOPICS
+
+
+def _in_time(stream: _Topic) -> _Topic:
+    return stream and msgspec.structs.replace(stream, latency=0.0)
 
 
 def topic_map(robot: Robot, source: str) -> TopicMap:

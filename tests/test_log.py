@@ -337,3 +337,25 @@ def test_measurements_made_some_at_a_time_are_the_same(monkeypatch: pytest.Monke
     for size in (1, 7, len(at_once) - 1):
         monkeypatch.setattr("estimator.log.AT_A_TIME", size)
         assert list(log.measurements()) == at_once
+
+
+def test_a_part_of_a_log_has_what_lies_between():
+    log = make_log()
+    begin, end = log.start + 1_000_000_000, log.start + 2_000_000_000
+    part = log.between(begin, end)
+    wanted = [one for one in log.measurements() if begin <= one.stamp <= end]
+    assert list(part.measurements()) == wanted
+    assert log.truth is not None
+    assert part.truth is not None
+    for whole, cut in (
+        (log.truth.poses, part.truth.poses),
+        (log.truth.twists, part.truth.twists),
+        (log.truth.tracks, part.truth.tracks),
+    ):
+        assert (cut is None) == (whole is None)
+        if cut is not None:
+            assert cut.stamps[0] >= begin
+            assert cut.stamps[-1] <= end
+    assert log.between(log.start, log.end).tracks.speeds.shape == log.tracks.speeds.shape
+    bare = replace(log, imu=None, fixes=None, truth=None)
+    assert bare.between(begin, end).imu is None
