@@ -45,6 +45,9 @@ RANKS = {kind: rank for rank, kind in enumerate(EVENTS)}
 Key = tuple[int, int]
 # So many samples in a row must agree before a clock that jumped ahead is believed.
 CLOCK_WITNESSES = 10
+# So many in a row that are too old, with nothing newer between them, and of tracks and IMU at least these,
+# show a clock that was set back.
+BEHIND, BEHIND_OF_EACH = 20, 4
 # Track speeds and body velocities this many times beyond the fastest track are none.
 ABSURD_SPEED = 10.0
 # No gyro of a vehicle reads more [rad/s], and no accelerometer [m/s²].
@@ -175,6 +178,33 @@ class Admission:
         self._longest_gap = int(longest_gap / NANOSECOND)
         self._absurd = ABSURD_SPEED * fastest
         self.witnesses: dict[str, tuple[int, int]] = {}
+        self._behind: list[Measurement] = []
+
+    def in_time(self) -> None:
+        """A measurement was in time."""
+        if self._behind:
+            self._behind.clear()
+
+    def too_old(self, measurement: Measurement) -> list[Measurement]:
+        """A measurement was too old to be taken in.
+
+        Returns:
+            The measurements in a row that were, in the order of their stamps, where these are so many
+            and so even that it must be the clock that was set back; otherwise nothing.
+        """
+        behind = self._behind
+        if behind and abs(measurement.stamp - behind[-1].stamp) > self._longest_gap:
+            behind.clear()
+        behind.append(measurement)
+        if len(behind) < BEHIND:
+            return []
+        of_each = [sum(type(one) is kind for one in behind) for kind in (TrackSpeeds, ImuSample)]
+        if min(of_each) < BEHIND_OF_EACH:
+            del behind[0]
+            return []
+        found = sorted(behind, key=key_of)
+        behind.clear()
+        return found
 
     def objection(self, measurement: Measurement) -> str | None:
         """Why what was measured cannot be right; None admits it.

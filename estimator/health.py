@@ -161,12 +161,14 @@ class Health:
         standstill_updates: how many IMU samples of a robot that was found standing.
         track_gaps: how many gaps in the track speeds were bridged, longer than `Settings.hold`.
         stuck_tracks: how often the sensor of a track was found stuck.
+        clock_steps: how often the clock of all sensors was found set back; the estimate goes on by it.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
     standstill_updates: int = 0
     track_gaps: int = 0
     stuck_tracks: int = 0
+    clock_steps: int = 0
 
     def sensor(self, name: str) -> SensorHealth:
         """The counts of one kind, made when first asked for."""
@@ -186,7 +188,13 @@ class Health:
     def copy(self) -> Health:
         """The same counts, on their own."""
         sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        return Health(sensors, self.standstill_updates, self.track_gaps, self.stuck_tracks)
+        return Health(
+            sensors,
+            self.standstill_updates,
+            self.track_gaps,
+            self.stuck_tracks,
+            self.clock_steps,
+        )
 
     def add(self, other: Health) -> None:
         """Count what the other has counted, too."""
@@ -195,6 +203,7 @@ class Health:
         self.standstill_updates += other.standstill_updates
         self.track_gaps += other.track_gaps
         self.stuck_tracks += other.stuck_tracks
+        self.clock_steps += other.clock_steps
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,9 @@ class History:
     def objection(self, key: Key) -> str | None:
         """Why an event of this key cannot be put in its place; None if it can."""
         keys = self._keys
-        if not keys or key > keys[-1]:
+        if not keys:
+            return None if key > self._checkpoints[0].after else TOO_OLD
+        if key > keys[-1]:
             return None
         if key[0] < keys[-1][0] - self._span:
             return TOO_OLD
@@ -117,6 +119,20 @@ class History:
         if self._keep_checkpoint(key):
             self._forget()
         return used
+
+    def set_clock(self, by: int) -> None:
+        """Go on by a clock that shows `by` more than the one so far [ns]; nothing older can come."""
+        memory = self._reckoning.memory().shifted(by)
+        self._reckoning.recall(memory)
+        stamp, rank = self._keys[-1]
+        self._keys, self._events = [], []
+        self._checkpoints = [Checkpoint((stamp + by, rank), memory)]
+        self._since_checkpoint = 0
+
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest measurement that was taken [ns]."""
+        return self._keys[-1][0] if self._keys else self._checkpoints[0].after[0]
 
     def forget_mark(self, mark: Mark) -> None:
         """Drop a mark, wherever it is kept."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from estimator import state as s
 from estimator.health import Health
@@ -60,3 +61,26 @@ class FilterMemory(msgspec.Struct, frozen=True):
             raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")
         if self.regressors is not None and self.regressors.shape != (3, 8):
             raise ValueError("three rows of eight derivatives by the parameters are needed")
+
+    def shifted(self, by: int) -> FilterMemory:
+        """The same by a clock that shows `by` more [ns]; marks keep the stamps that they are known by."""
+
+        def later(stamp: int | None) -> int | None:
+            return None if stamp is None else stamp + by
+
+        tracks, standstill = self.tracks, self.standstill
+        repeating = tracks.repeating and tuple(
+            replace(track, since=track.since + by, newest=track.newest + by)
+            for track in tracks.repeating
+        )
+        return replace(
+            self,
+            stamp=later(self.stamp),
+            tracks=replace(tracks, stamp=later(tracks.stamp), repeating=repeating),
+            standstill=StandstillMemory(
+                later(standstill.stopped_since),
+                tuple((stamp + by, reading) for stamp, reading in standstill.readings),
+            ),
+            imu_stamp=later(self.imu_stamp),
+            stood_at=later(self.stood_at),
+        )

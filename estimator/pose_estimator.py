@@ -12,7 +12,7 @@ from estimator.admission import STREAMS, Admission, as_plain, key_of
 from estimator.checks import require_kind, three_numbers
 from estimator.errors import EstimatorError
 from estimator.frames import Floats, paper_to_rep103
-from estimator.health import Health, ParameterHealth
+from estimator.health import TOO_OLD, Health, Judged, ParameterHealth
 from estimator.history import History
 from estimator.kinematics import IndexValues, icrs_from_indices
 from estimator.log import NANOSECOND
@@ -173,6 +173,11 @@ class PoseEstimator:
         health.add(self._arrivals)
         return health
 
+    def newest_judged(self) -> list[tuple[str, Judged]]:
+        """The newest innovation of each sensor that a gate has judged, without a copy of `health`."""
+        sensors = self._reckoning.health.sensors.items()
+        return [(name, one.newest_judged) for name, one in sensors if one.newest_judged is not None]
+
     @property
     def parameter_health(self) -> dict[str, ParameterHealth]:
         """How well each of the parameters is known, and whether the present motion shows it."""
@@ -236,10 +241,27 @@ class PoseEstimator:
         )
         if reason is not None:
             self._arrivals.sensor(stream).reject(reason)
-            return False
+            return reason == TOO_OLD and self._go_on_by_clock_of(admission.too_old(measurement))
+        admission.in_time()
         if history.is_late(key):
             self._arrivals.sensor(stream).late += 1
         return history.take(key, measurement)
+
+    def _go_on_by_clock_of(self, behind: list[Measurement]) -> bool:
+        """Take the first of these, if any, for the next after the newest; whether one was used."""
+        if not behind:
+            return False
+        step = round(self._reckoning.imu_interval / NANOSECOND)
+        self._history.set_clock(behind[0].stamp - step - self._history.newest)
+        self._arrivals.clock_steps += 1
+        used = False
+        for measurement in behind:
+            sensor = self._arrivals.sensor(STREAMS[type(measurement)])
+            sensor.rejected[TOO_OLD] -= 1
+            if not sensor.rejected[TOO_OLD]:
+                del sensor.rejected[TOO_OLD]
+            used |= self.feed(measurement)
+        return used
 
     # --- how far it has come ----------------------------------------------------------------------
 

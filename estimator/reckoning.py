@@ -119,6 +119,11 @@ class Reckoning:
             self._gates["accelerometer"],
         )
 
+    @property
+    def imu_interval(self) -> float:
+        """Time between the newest two IMU samples [s]."""
+        return self._imu.interval
+
     # --- what it knows ---------------------------------------------------------------------------
 
     def memory(self) -> FilterMemory:

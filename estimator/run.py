@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimator import state as s
 from estimator.errors import EstimatorError
 from estimator.frames import Floats
-from estimator.health import Health
+from estimator.health import Health, Judged
+from estimator.innovation_rows import InnovationRows, Singles
 from estimator.log import Log, Stamps
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import PoseEstimator, Snapshot
@@ -35,6 +36,10 @@ class Run:
         states: (n, SIZE) the filter's state.
         state_sigmas: (n, SIZE) standard deviations of the state.
         health: what became of the measurements.
+        innovation_names: (k,) components of the sensors that were judged, see
+            `estimator.innovation_rows`.
+        innovations: (n, k) of each the newest innovation since the row before over the standard deviation
+            that it should have [-], NaN where there was none; of a smoothed run there are none.
     """
 
     variant: str
@@ -44,6 +49,8 @@ class Run:
     states: Floats
     state_sigmas: Floats
     health: Health
+    innovation_names: tuple[str, ...] = ()
+    innovations: Singles = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
     @property
     def stamps(self) -> Stamps:
@@ -108,7 +115,7 @@ def work_through(
 
     def write_row() -> None:
         nonlocal count, written
-        rows.put(count, estimator.snapshot())
+        rows.put(count, estimator.snapshot(), estimator.newest_judged())
         count, written = count + 1, estimator.stamp
         if at_row is not None:
             at_row()
@@ -144,9 +151,11 @@ class Rows:
         self._pose_covariances = np.zeros((most, 3, 3))
         self._twists = np.zeros((most, 3))
         self._twist_covariances = np.zeros((most, 3, 3))
+        self._innovations = InnovationRows(most)
 
-    def put(self, row: int, estimate: Snapshot) -> None:
-        """Write down an estimate in a row."""
+    def put(self, row: int, estimate: Snapshot, judged: Iterable[tuple[str, Judged]] = ()) -> None:
+        """Write down an estimate in a row, and with it the newest innovation of each sensor."""
+        self._innovations.put(row, judged)
         self._stamps[row] = estimate.stamp
         self._states[row] = estimate.state
         self._sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
@@ -173,4 +182,5 @@ class Rows:
             self._states[kept],
             self._sigmas[kept],
             health,
+            *self._innovations.finish(count),
         )

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -820,3 +821,37 @@ def test_a_robot_that_is_on_its_way_at_the_start_has_slip_already(variant):
     later = PoseEstimator(ALPHA, variant)
     later.feed(TrackSpeeds(EPOCH, 0.0, 0.0))
     assert np.all(np.diagonal(later.covariance)[s.SLIP] == 0.0)
+
+
+@pytest.mark.parametrize("back", [5.0, 3600.0])
+def test_a_clock_that_is_set_back_for_good_is_followed(back):
+    log = replace(simulate(Scenario(duration=20.0, seed=3), ALPHA), fixes=None)
+    turn = log.start + seconds(10.0)
+    estimators = []
+    for by in (0, seconds(back)):
+        estimator = PoseEstimator(ALPHA)
+        estimators.append(estimator)
+        for measurement in log.measurements():
+            stamp = measurement.stamp - (by if measurement.stamp > turn else 0)
+            estimator.feed(replace(measurement, stamp=stamp))
+    whole, stepped = estimators
+    assert stepped.health.clock_steps == 1
+    assert stepped.health.rejections() == {}
+    assert stepped.stamp == whole.stamp - seconds(back)
+    assert stepped.pose == pytest.approx(whole.pose, abs=1e-6)
+    assert stepped.pose_covariance == pytest.approx(whole.pose_covariance, rel=1e-3)
+
+
+def test_one_sensor_that_is_late_is_no_clock_set_back():
+    log = replace(simulate(Scenario(duration=10.0, seed=3), ALPHA), fixes=None)
+    estimator = PoseEstimator(ALPHA)
+    for measurement in log.measurements():
+        late = isinstance(measurement, TrackSpeeds) and measurement.stamp > log.start + seconds(5.0)
+        stamp = measurement.stamp - (seconds(3.0) if late else 0)
+        estimator.feed(replace(measurement, stamp=stamp))
+    assert estimator.health.clock_steps == 0
+    assert estimator.health.rejections()["tracks: older than Settings.history"] > 100
+    # A flood of old samples of one sensor, with nothing else between them, is none either.
+    for k in range(100):
+        assert not estimator.feed(ImuSample(log.start + 1000 + k, (0.0, 0.0, 0.0)))
+    assert estimator.health.clock_steps == 0

@@ -5,7 +5,7 @@ import pytest
 
 from estimator import state as s
 from estimator.errors import EstimatorError
-from estimator.log import ImuSeries, Log, TrackSpeedSeries
+from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
@@ -54,6 +54,50 @@ def test_columns_agree_with_each_other(result):
     variances = np.diagonal(result.trajectory.pose_covariances, axis1=1, axis2=2)
     assert result.state_sigmas[:, s.POSE] == pytest.approx(np.sqrt(variances), rel=1e-12)
     assert np.isfinite(result.states).all()
+
+
+def test_innovations_are_the_newest_of_each_sensor_since_the_row_before(log, result):
+    assert result.innovations.shape == (len(result.stamps), len(result.innovation_names))
+    assert result.innovations.dtype == np.float32
+    columns = dict(zip(result.innovation_names, result.innovations.T, strict=True))
+    assert list(columns) == ["gyro", "accelerometer", "position_x", "position_y"]
+    estimator = PoseEstimator(
+        ALPHA, "inertia-online", start=(1.0, 2.0, 0.5), start_sigma=(0.1, 0.1, 0.05)
+    )
+    newest = {}
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+        seen = estimator.health.sensors
+        for name in ("gyro", "position"):
+            if name in seen and seen[name].newest is not None:
+                one = seen[name].newest
+                newest[name, one.stamp] = one
+    fixes = [one for (name, _), one in newest.items() if name == "position"]
+    expected = [one.residual[1] / np.sqrt(one.covariance[1][1]) for one in fixes]
+    told = columns["position_y"][np.isfinite(columns["position_y"])]
+    np.testing.assert_allclose(told, expected, rtol=1e-6)
+    gyro = [
+        one.residual[0] / one.covariance[0][0] ** 0.5
+        for (n, _), one in newest.items()
+        if n == "gyro"
+    ]
+    told = columns["gyro"][np.isfinite(columns["gyro"])]
+    assert np.isin(told, np.array(gyro, np.float32)).all()
+    assert len(told) > 0.9 * len(result.stamps)
+    assert 0.3 < told.std() < 3.0
+
+
+def test_a_rejected_fix_shows_as_far_off(log):
+    poses = log.fixes.poses.copy()
+    poses[5, :2] += 50.0
+    wrong = Log(
+        log.name, log.tracks, log.imu, FixSeries(log.fixes.stamps, poses, log.fixes.variances)
+    )
+    found = run(wrong, ALPHA, "inertia-online")
+    x = found.innovations[:, found.innovation_names.index("position_x")]
+    assert np.nanmax(np.abs(x)) > 100.0
+    row = int(np.nanargmax(np.abs(x)))
+    assert abs(found.stamps[row] - log.fixes.stamps[5]) < 30_000_000
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

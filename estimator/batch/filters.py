@@ -195,8 +195,8 @@ class BatchFilter:
         longest = float(steps.intervals.max(initial=0.0))
         if longest > self.settings.hold:
             raise BatchError(
-                f"the IMU is silent for {longest:.2f} s, longer than Settings.hold, which filters side by "
-                "side cannot bridge; use run"
+                f"the IMU is silent for {longest:.2f} s, longer than Settings.hold, which filters side "
+                "by side cannot bridge; use run"
             )
         if self._prepared is None or self._prepared[0] is not steps:
             needs = Needs(
