@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from estimator.health import JudgedInnovation as JudgedInnovation
     from estimator.health import ParameterHealth as ParameterHealth
     from estimator.health import SensorHealth as SensorHealth
+    from estimator.identification import Identification as Identification
+    from estimator.identification import identify as identify
     from estimator.log import FixSeries as FixSeries
     from estimator.log import ImuSeries as ImuSeries
     from estimator.log import Log as Log
@@ -88,6 +90,7 @@ _HOMES = {
     "HeadingFix": "estimator.measurements",
     "Health": "estimator.health",
     "IcreckonError": "estimator.errors",
+    "Identification": "estimator.identification",
     "ImuSample": "estimator.measurements",
     "ImuSeries": "estimator.log",
     "InertialSpec": "simulation.noise",
@@ -124,6 +127,7 @@ _HOMES = {
     "compare": "replay.comparison",
     "default_adaptation": "estimator.variants",
     "drift": "estimator.scores",
+    "identify": "estimator.identification",
     "inspect": "replay.inspection",
     "load_robot": "estimator.robot",
     "load_scenario": "simulation.scenario",

@@ -55,6 +55,13 @@ Definitions = Annotated[
         "repeatable.",
     ),
 ]
+Formats = Annotated[
+    str | None,
+    typer.Option(
+        help="What to write trajectories as, separated by commas: tum, kitti, csv, parquet, mcap, "
+        "ros1, or none (default: tum,parquet,mcap)."
+    ),
+]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]
 
 
@@ -82,6 +89,7 @@ def demo(
     seed: Seed = 1,
     duration: Duration = 300.0,
     trajectory: Trajectory = "random",
+    formats: Formats = None,
     out: Out = None,
     json: Json = False,
     overwrite: Overwrite = False,
@@ -97,6 +105,7 @@ def demo(
         seed=seed,
         duration=duration,
         trajectory=trajectory,
+        formats=formats,
         out=out,
         as_json=json,
         overwrite=overwrite,
@@ -239,6 +248,7 @@ def replay(
             "as variants NAME-smoothed.",
         ),
     ] = False,
+    formats: Formats = None,
     out: Out = None,
     json: Json = False,
     overwrite: Overwrite = False,
@@ -259,6 +269,7 @@ def replay(
         form=form,
         inertia=inertia,
         smooth=smooth,
+        formats=formats,
         out=out,
         as_json=json,
         overwrite=overwrite,
@@ -282,6 +293,66 @@ def inspect(
     from icreckon.commands.inspect import run_inspect
 
     run_inspect(paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite)
+
+
+@app.command()
+def identify(
+    log: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Logs of one robot with a truth, each by itself: a ROS 1 .bag, a ROS 2 folder, an .mcap "
+            "or a .db3, a CSV or Parquet table. A folder of such files is one log.",
+            metavar="LOG...",
+            show_default=False,
+        ),
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
+    ] = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the robot file with what was found here.")
+    ] = None,
+    lever_arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Point that the truth follows, forward and left of the robot's origin in metres, as "
+            "0.3,0.0 (default: found as far as it can be)."
+        ),
+    ] = None,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Models to compare, separated by commas (default: all): differential, constant, "
+            "inertia, friction."
+        ),
+    ] = None,
+    segment: Annotated[
+        float, typer.Option(help="Length of the segments that are predicted, in seconds.")
+    ] = 3.0,
+    msg: Definitions = None,
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Calibrate a robot from logs with a ground truth.
+
+    Says what the logs show and what they do not, and which model they support.
+    """
+    from icreckon.commands.identify import run_identify
+
+    run_identify(
+        paths=log,
+        message_files=msg or [],
+        robot_name=robot,
+        write=write,
+        lever_arm=lever_arm,
+        models=models,
+        segment=segment,
+        out=out,
+        as_json=json,
+        overwrite=overwrite,
+    )
 
 
 @app.command()

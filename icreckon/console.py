@@ -84,13 +84,15 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
         ReplayError: something is there and may not be replaced.
     """
     from replay.outputs import written_beside
-    from replay.report import FIGURE_FILE, RESULTS_FILE
+    from replay.report import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
     folder = wanted if wanted is not None else _first_free(default)
     with written_beside(folder, overwrite=overwrite, marker=RESULTS_FILE, starts=()) as new:
         new.mkdir()
         yield new
-    messages().print(f"results in {folder}/, the picture is {folder / FIGURE_FILE}", markup=False)
+    page, figure = folder / PAGE_FILE, folder / FIGURE_FILE
+    told = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
+    messages().print(f"results in {folder}/, {told}", markup=False)
 
 
 def _first_free(default: str) -> Path:

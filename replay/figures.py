@@ -11,20 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from estimator.smoother import SMOOTHED
+from replay.colours import OTHER_COLOUR, TRUTH_COLOUR
+from replay.colours import colour_of as _colour
 from replay.results import Results
 
-# Okabe and Ito's colours, which people with any colour vision can tell apart, and for the last a dark
-# shade of the one before.
-COLOURS = {
-    "differential": "#999999",
-    "constant-fixed": "#E69F00",
-    "constant-online": "#D55E00",
-    "inertia-fixed": "#56B4E9",
-    "inertia-online": "#0072B2",
-    "friction-fixed": "#CC79A7",
-    "friction-online": "#882255",
-}
-TRUTH_COLOUR = "black"
 # The variants whose uncertainty and indices are drawn.
 SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
 # Axes show at least so much, also of a robot that never moved [m, deg].
@@ -86,10 +76,6 @@ def _numbers(values: list[float | None]) -> Any:
     return np.array([np.nan if value is None else value for value in values])
 
 
-def _colour(name: str) -> str:
-    return COLOURS.get(name.removesuffix(SMOOTHED), "#009E73")
-
-
 def _style(name: str, *, bold: bool) -> str:
     if name.endswith(SMOOTHED):
         return ":"
@@ -109,7 +95,7 @@ def _draw_paths(axes: Axes, results: Results) -> None:
             series["fixes"]["x_m"],
             series["fixes"]["y_m"],
             "+",
-            color="#009E73",
+            color=OTHER_COLOUR,
             ms=7,
             label="fixes used",
         )

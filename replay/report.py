@@ -2,34 +2,77 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from replay.bag_writer import write_odometry
+from estimator.log import PoseSeries
+from estimator.robot import Robot
 from replay.comparison import Comparison
 from replay.figures import write_figure
+from replay.formats import DEFAULT_FORMATS
+from replay.page import write_page
+from replay.replay_bag import write_replay_bag
 from replay.results import Results, write_results
-from replay.trajectory_files import write_tum
+from replay.time_series import write_poses, write_run
+from replay.trajectory_files import write_kitti, write_tum
 
 RESULTS_FILE = "results.json"
 FIGURE_FILE = "figure.png"
+PAGE_FILE = "page.html"
 ODOMETRY_FILE = "odometry.mcap"
-TRUTH_FILE = "ground_truth.tum"
+ROS1_FILE = "odometry.bag"
+TRUTH = "ground_truth"
 
 
-def write_report(folder: Path, comparison: Comparison, results: Results) -> None:
-    """Write results, figure, trajectories (TUM) and odometry (MCAP) of a comparison.
+def write_report(
+    folder: Path,
+    comparison: Comparison,
+    results: Results,
+    robot: Robot,
+    formats: Sequence[str] = DEFAULT_FORMATS,
+) -> None:
+    """Write results, figure and page of a comparison, and its trajectories in the formats wanted.
 
     Args:
         folder: where to; it is there already.
         comparison: the runs.
         results: what `summarise` made of them.
+        robot: the robot.
+        formats: names from `replay.formats.FORMATS`.
     """
-    truth = comparison.log.truth
-    for name, one in comparison.runs.items():
-        write_tum(folder / f"{name}.tum", one.trajectory.pose_series)
-    if truth is not None:
-        write_tum(folder / TRUTH_FILE, truth.poses)
-    trajectories = {name: one.trajectory for name, one in comparison.runs.items()}
-    write_odometry(folder / ODOMETRY_FILE, trajectories, None if truth is None else truth.poses)
     write_figure(folder / FIGURE_FILE, results)
     write_results(folder / RESULTS_FILE, results)
+    write_page(folder / PAGE_FILE, results)
+    _write_trajectories(folder, comparison, formats)
+    _write_tables(folder, comparison, robot, formats)
+    if "mcap" in formats:
+        write_replay_bag(folder / ODOMETRY_FILE, "mcap", comparison, robot)
+    if "ros1" in formats:
+        write_replay_bag(folder / ROS1_FILE, "ros1", comparison, robot)
+
+
+def _write_trajectories(folder: Path, comparison: Comparison, formats: Sequence[str]) -> None:
+    truth = comparison.log.truth
+    paths: dict[str, PoseSeries] = {
+        name: one.trajectory.pose_series for name, one in comparison.runs.items()
+    }
+    if truth is not None:
+        paths[TRUTH] = truth.poses
+    for name, poses in paths.items():
+        if "tum" in formats:
+            write_tum(folder / f"{name}.tum", poses)
+        if "kitti" in formats:
+            write_kitti(folder / f"{name}.kitti", poses)
+
+
+def _write_tables(
+    folder: Path, comparison: Comparison, robot: Robot, formats: Sequence[str]
+) -> None:
+    truth, start = comparison.log.truth, comparison.log.start
+    for form in ("csv", "parquet"):
+        if form not in formats:
+            continue
+        for name, one in comparison.runs.items():
+            write_run(folder / f"{name}.{form}", form, one, robot, start)
+        if truth is not None:
+            write_poses(folder / f"{TRUTH}.{form}", form, truth.poses, start)

@@ -1,4 +1,8 @@
-"""TUM trajectory files, for `evo`: one pose a line, `t x y z qx qy qz qw`, t in seconds."""
+"""Trajectory files, for `evo` and others.
+
+TUM: one pose a line, `t x y z qx qy qz qw`, t in seconds. KITTI: one pose a line, the upper three rows of
+its 4x4 matrix one after the other, and the times in a file of their own.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,7 @@ from replay.errors import ReplayError
 from replay.outputs import written_beside
 
 NANOSECONDS = 1_000_000_000
+TIMES_SUFFIX = ".times"
 
 
 def write_tum(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Path:
@@ -42,6 +47,40 @@ def write_tum(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Path
                     )
         except OSError as problem:
             raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
+    return path
+
+
+def write_kitti(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Path:
+    """Write planar poses as a KITTI file, 9 decimals each, and beside it their times.
+
+    The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. The times, in
+    seconds with 9 decimals, one a line, go to the same path with the suffix `.times`, since KITTI files
+    have none.
+
+    Args:
+        path: the file.
+        poses: the poses.
+        overwrite: whether files that are there may be replaced.
+
+    Returns:
+        The path.
+
+    Raises:
+        ReplayError: a file is there already, or cannot be written.
+    """
+    x, y, yaw = poses.poses.T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    none, one = np.zeros_like(x), np.ones_like(x)
+    rows = np.column_stack([cos, -sin, none, x, sin, cos, none, y, none, none, one, none])
+    matrices = (" ".join(f"{value + 0.0:.9f}" for value in row) for row in rows.tolist())
+    times = (_seconds(stamp) for stamp in poses.stamps.tolist())
+    for place, lines in ((path, matrices), (path.with_suffix(TIMES_SUFFIX), times)):
+        with written_beside(place, overwrite=overwrite) as new:
+            try:
+                with new.open("w", encoding="ascii", newline="\n") as file:
+                    file.writelines(f"{line}\n" for line in lines)
+            except OSError as problem:
+                raise ReplayError(f"{place}: cannot be written: {problem.strerror}") from None
     return path
 
 

@@ -14,8 +14,7 @@ from conftest import make_log
 from estimator.frames import wrap_angle
 from estimator.log import ImuSeries, Log, PoseSeries
 from estimator.robot import Robot, Vehicle, load_robot
-from estimator.trajectory import Trajectory
-from replay.bag_writer import check_place, write_log, write_odometry
+from replay.bag_writer import check_place, write_log
 from replay.bags import read_log
 from replay.errors import ReplayError
 from replay.topics import (
@@ -256,45 +255,3 @@ def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robo
     np.testing.assert_array_equal(covariance, np.diag(np.diag(covariance)))
     assert covariance[5, 5] == 1e6
     assert np.isfinite(covariance).all()
-
-
-def test_odometry(tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    count = 40
-    factors = rng.normal(size=(2, count, 3, 3))
-    covariances = factors @ np.swapaxes(factors, -1, -2)
-    stamps = 5 * 10**9 + np.arange(count) * 20_000_000
-    trajectory = Trajectory(
-        stamps,
-        rng.normal(size=(count, 3)),
-        covariances[0],
-        rng.normal(size=(count, 3)),
-        covariances[1],
-    )
-    estimates = {"constant-fixed": trajectory, "inertia-online": trajectory}
-    truth = PoseSeries(stamps, trajectory.poses)
-    path = write_odometry(tmp_path / "out", estimates, truth)
-    topics = set()
-    with (path / "out.mcap").open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        messages = list(reader.iter_decoded_messages())
-    for _, channel, _, decoded in messages:
-        topics.add(channel.topic)
-        if channel.topic == "/ground_truth/pose":
-            continue
-        stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
-        i = int(np.flatnonzero(stamps == stamp)[0])
-        assert (decoded.header.frame_id, decoded.child_frame_id) == ("odom", "base_link")
-        assert decoded.pose.pose.position.x == trajectory.poses[i, 0]
-        assert decoded.twist.twist.angular.z == trajectory.twists[i, 2]
-        for found, expected in (
-            (decoded.pose.covariance, trajectory.pose_covariances[i]),
-            (decoded.twist.covariance, trajectory.twist_covariances[i]),
-        ):
-            matrix = np.reshape(found, (6, 6))
-            np.testing.assert_array_equal(matrix[np.ix_([0, 1, 5], [0, 1, 5])], expected)
-            np.testing.assert_array_equal(np.diag(matrix)[2:5], 1e6)
-    assert topics == {"/constant_fixed/odom", "/inertia_online/odom", "/ground_truth/pose"}
-    assert len(messages) == 3 * count
-    with pytest.raises(ReplayError, match="--overwrite"):
-        write_odometry(path, estimates, truth)

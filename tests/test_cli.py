@@ -27,6 +27,7 @@ ALL_VARIANTS = {
     "friction-fixed",
     "friction-online",
 }
+TRAJECTORIES = {*ALL_VARIANTS, "ground_truth"}
 
 
 def icreckon(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -67,10 +68,10 @@ def test_demo_leaves_everything_it_promises(demo: Path) -> None:
     assert names == {
         "bag",
         "figure.png",
-        "ground_truth.tum",
         "odometry.mcap",
+        "page.html",
         "results.json",
-        *(f"{variant}.tum" for variant in ALL_VARIANTS),
+        *(f"{name}.{form}" for name in TRAJECTORIES for form in ("tum", "parquet")),
     }
     assert (demo / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert not [path for path in demo.parent.iterdir() if path != demo]

@@ -13,8 +13,8 @@ from rich.console import Console
 from estimator.errors import EstimatorError
 from estimator.robot import Robot
 from estimator.variants import VARIANTS as ALL_VARIANTS
+from replay.colours import COLOURS
 from replay.comparison import Comparison, compare
-from replay.figures import COLOURS
 from replay.results import summarise
 from replay.tables import _best, results_table
 from simulation.scenario import Scenario, simulate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from estimator.settings import Settings
 from icreckon.console import progress, results, worker_count
 from replay.comparison import DEFAULT_VARIANTS, compare
 from replay.fixes import LogPart
+from replay.formats import DEFAULT_FORMATS
 from replay.report import RESULTS_FILE, write_report
 from replay.results import summarise
 from replay.tables import results_table
@@ -31,12 +33,13 @@ def compare_and_report(
     fixes: LogPart | None = None,
     smooth: bool = False,
     seed: int | None = None,
+    formats: Sequence[str] = DEFAULT_FORMATS,
     as_json: bool = False,
     workers: int | None = None,
 ) -> None:
     """Run the variants over a log, leave a report in a folder, and print the table or the JSON.
 
-    The other arguments are those of `compare` and `summarise`; `folder` must be there.
+    The other arguments are those of `compare`, `summarise` and `write_report`; `folder` must be there.
     """
     title = f"filtering {log.duration:.0f} s of {log.name}"
     with progress(title, log.duration) as report_progress:
@@ -53,7 +56,7 @@ def compare_and_report(
     summary = summarise(
         comparison, robot, command=command, configuration=configuration, seed=seed, inputs=inputs
     )
-    write_report(folder, comparison, summary)
+    write_report(folder, comparison, summary, robot, formats)
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
     else:

@@ -13,6 +13,7 @@ from icreckon.commands.comparing import compare_and_report
 from icreckon.console import messages, results_folder
 from replay.bag_writer import write_log
 from replay.bags import read_log
+from replay.formats import parse_formats
 from simulation.errors import SimulationError
 from simulation.scenario import Scenario, simulate
 from simulation.trajectories import TRAJECTORIES
@@ -30,6 +31,7 @@ def run_demo(
     seed: int,
     duration: float,
     trajectory: str,
+    formats: str | None,
     out: Path | None,
     as_json: bool,
     overwrite: bool,
@@ -40,6 +42,7 @@ def run_demo(
         raise SimulationError(
             f"no trajectory of a demo: {trajectory!r}{nearest_hint(trajectory, list(TRAJECTORIES))}"
         )
+    wanted = parse_formats(formats)
     robot = load_robot(ROBOT)
     scenario = demo_scenario(seed, duration, trajectory)
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
@@ -53,6 +56,7 @@ def run_demo(
             configuration=msgspec.to_builtins(scenario),
             inputs={BAG: bag},
             seed=seed,
+            formats=wanted,
             as_json=as_json,
             workers=workers,
         )

@@ -18,6 +18,7 @@ from replay.comparison import DEFAULT_VARIANTS
 from replay.decoding import read_definitions
 from replay.errors import ReplayError
 from replay.fixes import parse_part
+from replay.formats import parse_formats
 from replay.gathering import source_name
 
 
@@ -31,6 +32,7 @@ def run_replay(
     form: str,
     inertia: str,
     smooth: bool,
+    formats: str | None,
     out: Path | None,
     as_json: bool,
     overwrite: bool,
@@ -53,6 +55,7 @@ def run_replay(
         if value not in choices:
             raise ReplayError(f"{option} {value!r}{nearest_hint(value, choices)}")
     settings = convert({"form": form, "inertia": inertia}, Settings, "the options", EstimatorError)
+    wanted = parse_formats(formats)
     part = None if fixes is None else parse_part(fixes)
     definitions = read_definitions(message_files)
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
@@ -81,6 +84,7 @@ def run_replay(
             settings=settings,
             fixes=part,
             smooth=smooth,
+            formats=wanted,
             as_json=as_json,
             workers=workers,
         )

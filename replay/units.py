@@ -1,0 +1,33 @@
+"""Units of the quantities that a filter learns: as they end column names, and as people read them."""
+
+from __future__ import annotations
+
+# Name of the state -> (end of a column name, unit on an axis); docs/model.md says what they are.
+UNITS: dict[str, tuple[str, str]] = {
+    "zeta0": ("m", "m"),
+    "zeta1": ("m_per_N", "m/N"),
+    "epsilon0": ("m", "m"),
+    "epsilon1": ("m_per_N", "m/N"),
+    "eta1": ("per_N", "1/N"),
+    "eta2": ("per_N2", "1/N²"),
+    "half_contact_length": ("m", "m"),
+    "x_CM": ("m", "m"),
+    "y_CM": ("m", "m"),
+    "z_CM": ("m", "m"),
+    "slip_x": ("m_s", "m/s"),
+    "slip_y": ("m_s", "m/s"),
+    "slip_w": ("rad_s", "rad/s"),
+    "gyro_bias": ("rad_s", "rad/s"),
+    "accelerometer_bias": ("m_s2", "m/s²"),
+}
+PURE_NUMBER = ("", "-")
+
+
+def column(name: str, *more: str) -> str:
+    """Column of a state: its name, what more it is, its unit, as "zeta0_sigma_m"."""
+    return "_".join(part for part in (name, *more, UNITS.get(name, PURE_NUMBER)[0]) if part)
+
+
+def unit(name: str) -> str:
+    """Unit of a state as people read it, "-" for a pure number."""
+    return UNITS.get(name, PURE_NUMBER)[1]
