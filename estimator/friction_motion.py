@@ -69,6 +69,8 @@ MEMORY = STARTED + 1
 # divides [m], are at least so much, the contact's length is this share of what it is taken for, and the
 # centre of mass stands within these shares of half the gauge and of half the contact's length.
 LEAST_FRICTION, LEAST_ROLLING, LEAST_HEIGHT = 0.05, 0.0, 1e-3
+# Friction is at least this share of the robot file's, and so many times the rolling resistance.
+LEAST_OF_NOMINAL, LEAST_TRACTION = 0.2, 2.0
 LEAST_LENGTH = 0.1
 WITHIN_GAUGE, WITHIN_LENGTH = 0.8, 0.8
 
@@ -109,10 +111,10 @@ class FrictionMotion:
     def bounds(self) -> Floats:
         """See `MotionModel`."""
         half_gauge = 0.5 * self.vehicle.gauge
-        rows = np.zeros((8, 9))
+        rows = np.zeros((9, 9))
         for row, (place, least) in enumerate(
             (
-                (FRICTION, LEAST_FRICTION),
+                (FRICTION, max(LEAST_FRICTION, LEAST_OF_NOMINAL * self.nominal[FRICTION])),
                 (ROLLING, LEAST_ROLLING),
                 (Z_CM, LEAST_HEIGHT),
                 (LENGTH, LEAST_LENGTH * self.nominal[LENGTH]),
@@ -122,6 +124,8 @@ class FrictionMotion:
         for row, side in ((4, 1.0), (5, -1.0)):
             rows[row, [X_CM, 8]] = side, -WITHIN_GAUGE * half_gauge
             rows[row + 2, [Y_CM, LENGTH]] = side, WITHIN_LENGTH
+        # Tracks that cannot overcome the rolling resistance would move nothing.
+        rows[8, [FRICTION, ROLLING]] = 1.0, -LEAST_TRACTION
         return rows
 
     @property

@@ -8,7 +8,7 @@ import pytest
 
 from conftest import sample_log
 from estimator.robot import load_robot
-from estimator.scores import drift
+from estimator.scores import drift, path_length
 from replay.bags import read_log
 from replay.comparison import compare
 from replay.results import summarise
@@ -56,3 +56,16 @@ def test_the_pose_is_continuous_without_fixes(data_dir: Path) -> None:
     seconds = np.diff(run.stamps) * 1e-9
     speeds = np.hypot(*np.diff(run.trajectory.poses[:, :2], axis=0).T) / seconds
     assert speeds.max() < 1.1 * np.abs(log.tracks.speeds).max()
+
+
+def test_friction_that_is_learnt_still_moves_the_robot(data_dir: Path) -> None:
+    # The odometry of this log turns seven times as much as the gyro: friction is what gives way.
+    robot = load_robot("jackal")
+    log = read_log(sample_log(data_dir, "jackal_test2.bag"), robot)
+    runs = compare(log, robot, ["constant-online", "friction-online"]).runs
+    ways = [path_length(one.trajectory.pose_series)[-1] for one in runs.values()]
+    assert ways[1] > 0.9 * ways[0]
+    names = runs["friction-online"].state_names
+    friction, rolling = (names.index(name) for name in ("friction", "rolling_resistance"))
+    states = runs["friction-online"].states
+    assert (states[:, friction] >= 2.0 * states[:, rolling] - 1e-9).all()
