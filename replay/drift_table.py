@@ -8,10 +8,11 @@ from typing import Any
 
 from estimator.drift_by_distance import DISTANCES, drift_by_distance
 from estimator.log import PoseSeries
+from estimator.run import Run
 from estimator.scores import HORIZONS, Drift, drift
 from estimator.smoother import SMOOTHED
-from replay.comparison import Comparison
 from replay.intervals import Estimate, PairedDrift, paired_drift
+from replay.truth_alignment import TruthAlignment
 
 # What variants are compared with, the first of these that was run.
 BASELINES = ("constant-online", "constant-fixed", "differential")
@@ -27,20 +28,23 @@ def horizon_labels() -> list[str]:
     return [f"{one:g}s" for one in HORIZONS] + [f"{one:g}m" for one in DISTANCES]
 
 
-def paired_drifts(comparison: Comparison, scored: Stretches) -> dict[str, PairedDrift]:
+def paired_drifts(
+    runs: Mapping[str, Run], truths: Mapping[str, TruthAlignment], scored: Stretches
+) -> dict[str, PairedDrift]:
     """Drift of all variants against the truth by the label of the horizon.
 
     Args:
-        comparison: the runs; their log has a truth.
+        runs: by name.
+        truths: what each is scored against.
         scored: intervals of stamps [ns] that segments must lie in.
     """
-    truth = comparison.log.truth
-    if truth is None:
-        raise ValueError("there is no truth to score against")
-    paths = {name: one.trajectory.pose_series for name, one in comparison.runs.items()}
+    paths = {name: one.trajectory.pose_series for name, one in runs.items()}
     found = {}
     for label in horizon_labels():
-        drifts = {name: _drift(path, truth.poses, label, scored) for name, path in paths.items()}
+        drifts = {
+            name: _drift(path, truths[name].truth.poses, label, scored)
+            for name, path in paths.items()
+        }
         found[label] = paired_drift(drifts)
     return found
 

@@ -115,4 +115,5 @@ def _draw_certainty(axes: Axes, results: Results) -> None:
     ticks = [-tick for tick in reversed(ticks)] + [0.0] + ticks
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
+    axes.set_xlim(-1.5 * max(largest, TICKS[1]), 1.5 * max(largest, TICKS[1]))
     axes.set_xlabel("found less robot file, in standard errors")

@@ -20,7 +20,7 @@ COMMENT_AT = 40
 SIGMAS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
     "gyro_bias_sigma": "of the biases found; what the file said before counts as one log more",
-    "scale_sigma": "standard error, and how much logs differ",
+    "scale_sigma": "standard error, and how much logs and models differ",
 }
 
 

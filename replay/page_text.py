@@ -133,7 +133,8 @@ def notes(results: Results) -> list[str]:
         if truth["lag_s"] or x or y:
             told.append(
                 f"Truth ({truth['source']}): {truth['lag_s']:.2f} s of lag and a lever arm of {x:.2f} m "
-                f"forward and {y:.2f} m left were estimated and taken out."
+                f"forward and {y:.2f} m left were estimated and taken out; scores take the lever arm out "
+                "for each variant anew, since where base_link lies is the filter's to say."
             )
         else:
             told.append(f"Truth: {truth['source']}, taken as it is.")

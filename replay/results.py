@@ -25,7 +25,7 @@ from estimator.smoother import SMOOTHED
 from replay.comparison import Comparison
 from replay.drift_table import baseline_of, drift_scores, horizon_labels, paired_drifts, verdict
 from replay.series import series_of
-from replay.variant_scores import differences, scored_intervals, scores
+from replay.variant_scores import differences, scored_intervals, scores, truths_of
 
 FORMAT = 1
 # A time without samples that is worth telling [s].
@@ -62,10 +62,12 @@ def summarise(
     reference, baseline = filters[-1], baseline_of(filters)
     variants, found = {}, None
     if log.truth is not None:
-        drifts = paired_drifts(comparison, scored)
+        truths = truths_of(comparison)
+        drifts = paired_drifts(comparison.runs, truths, scored)
         found = verdict(drifts, baseline)
         for name, one in comparison.runs.items():
-            variants[name] = scores(one, log, scored) | drift_scores(drifts, name, baseline)
+            variants[name] = scores(one, truths[name], scored)
+            variants[name] |= drift_scores(drifts, name, baseline)
     else:
         for name, one in comparison.runs.items():
             variants[name] = differences(one, comparison.runs[reference])

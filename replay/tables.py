@@ -73,7 +73,7 @@ def _footnotes(results: Results) -> list[str]:
             x, y = truth["lever_arm_m"]
             lines.append(
                 f"Taken out of the truth: {truth['lag_s']:.2f} s of lag, "
-                f"a lever arm of {x:.2f} m forward and {y:.2f} m left."
+                f"a lever arm of {x:.2f} m forward and {y:.2f} m left (scores: each variant's own)."
             )
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"]]

@@ -55,13 +55,27 @@ def align_truth(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     """
     lag = _lag(truth.poses, reckoned.pose_series)
     shifted = PoseSeries(truth.poses.stamps - round(lag / NANOSECOND), truth.poses.poses)
-    lever = _lever_arm(shifted, reckoned.pose_series)
-    poses = shifted.poses.copy()
+    aligned = align_place(replace(truth, poses=shifted), reckoned)
+    return replace(aligned, lag=lag)
+
+
+def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
+    """Find and take out the lever arm alone: the truth is at the right time.
+
+    Where in the robot a filter's base_link lies, its turning centre in the mean, is for its model and
+    parameters to say. So the same truth has another lever arm for each filter.
+
+    Args:
+        truth: poses of some point of the robot.
+        reckoned: of a filter over the same time.
+    """
+    lever = _lever_arm(truth.poses, reckoned.pose_series)
+    poses = truth.poses.poses.copy()
     cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     poses[:, 0] -= cos * lever[0] - sin * lever[1]
     poses[:, 1] -= sin * lever[0] + cos * lever[1]
-    moved = replace(truth, poses=PoseSeries(shifted.stamps, poses))
-    return TruthAlignment(lag, (float(lever[0]), float(lever[1])), moved)
+    moved = replace(truth, poses=PoseSeries(truth.poses.stamps, poses))
+    return TruthAlignment(0.0, (float(lever[0]), float(lever[1])), moved)
 
 
 def _windows(

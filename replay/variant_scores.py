@@ -21,7 +21,9 @@ from estimator.scores import (
     velocity_errors,
     without_fixes,
 )
+from replay.comparison import Comparison
 from replay.series import largest_sigma
+from replay.truth_alignment import TruthAlignment, align_place
 
 # A time without fixes at least this long is scored as dead reckoning [s].
 SCORED_OUTAGE = 15.0
@@ -36,19 +38,36 @@ def scored_intervals(log: Log) -> list[tuple[int, int]]:
     return without_fixes(log.fixes.stamps, log.start, log.end, SCORED_OUTAGE)
 
 
-def scores(one: Run, log: Log, scored: list[tuple[int, int]]) -> Results:
+def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
+    """The truth as each run is scored against it, by name: a logged one with the run's own lever arm.
+
+    Raises:
+        ValueError: the log has no truth.
+    """
+    truth, alignment = comparison.log.truth, comparison.alignment
+    if truth is None:
+        raise ValueError("there is no truth to score against")
+    if alignment is None:
+        return dict.fromkeys(comparison.runs, TruthAlignment(0.0, (0.0, 0.0), truth))
+    found = {}
+    for name, one in comparison.runs.items():
+        own = align_place(truth, one.trajectory)
+        x, y = (a + b for a, b in zip(alignment.lever_arm, own.lever_arm, strict=True))
+        found[name] = TruthAlignment(alignment.lag, (x, y), own.truth)
+    return found
+
+
+def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> Results:
     """Scores against the truth; drift with its intervals is in `replay.drift_table`.
 
     Args:
         one: the run.
-        log: what it ran over, with a truth.
+        aligned: the truth that it is scored against.
         scored: intervals of stamps [ns] in which drift is scored.
     """
-    truth = log.truth
-    if truth is None:
-        raise ValueError("there is no truth to score against")
+    truth = aligned.truth
     estimate = one.trajectory
-    found: Results = {}
+    found: Results = {"lever_arm_m": list(aligned.lever_arm)}
     for horizon in HORIZONS:
         segments = drift(estimate.pose_series, truth.poses, horizon, within=scored)
         label = f"{horizon:.0f}s"
