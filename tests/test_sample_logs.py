@@ -1,18 +1,23 @@
 """The real logs, replayed: skipped where they are not at hand."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from conftest import sample_log
-from estimator.robot import load_robot
+from estimator.robot import Indices, load_robot
+from estimator.run import run
 from estimator.scores import drift, path_length
 from replay.bags import read_log
 from replay.comparison import compare
 from replay.results import summarise
 from replay.variant_scores import truths_of
+
+SECOND = 1_000_000_000
 
 
 @pytest.mark.parametrize(
@@ -53,9 +58,9 @@ def test_a_log_without_truth_compares_the_variants(data_dir: Path) -> None:
 def test_the_pose_is_continuous_without_fixes(data_dir: Path) -> None:
     robot = load_robot("husky-deflated")
     log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot)
-    run = compare(log, robot, ["inertia-online"]).runs["inertia-online"]
-    seconds = np.diff(run.stamps) * 1e-9
-    speeds = np.hypot(*np.diff(run.trajectory.poses[:, :2], axis=0).T) / seconds
+    found = compare(log, robot, ["inertia-online"]).runs["inertia-online"]
+    seconds = np.diff(found.stamps) * 1e-9
+    speeds = np.hypot(*np.diff(found.trajectory.poses[:, :2], axis=0).T) / seconds
     assert speeds.max() < 1.1 * np.abs(log.tracks.speeds).max()
 
 
@@ -89,3 +94,20 @@ def test_each_variant_is_scored_with_its_own_lever_arm(data_dir: Path) -> None:
         for truth in (truths["constant-fixed"].truth, comparison.log.truth)
     )
     assert own < 0.6 * other
+
+
+@pytest.mark.parametrize("eta0", [1.0, 1.5 * 1.76])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+def test_gyro_bias_and_track_are_found_while_driving(
+    eta0: float, variant: str, data_dir: Path
+) -> None:
+    # The robot never stands, its gyro reads 0.016 rad/s too little, and its effective track is 0.97 m.
+    robot = load_robot("husky-deflated")
+    log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot)
+    wrong = msgspec.structs.replace(robot, indices=Indices(eta0=eta0), constant_icr=None)
+    assert abs(eta0 * 0.55 - 0.97) > 0.4
+    first_minutes = replace(log.between(log.start, log.start + 120 * SECOND), truth=None)
+    found = run(first_minutes, wrong, variant)
+    bias = found.states[:, found.state_names.index("gyro_bias")][-1]
+    assert bias == pytest.approx(-0.0156, abs=0.004)
+    assert robot.vehicle.track_gauge * found.indices[-1, 2] == pytest.approx(0.97, rel=0.05)
