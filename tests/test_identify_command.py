@@ -196,3 +196,10 @@ def test_every_command_of_the_page_works(tmp_path: Path) -> None:
     for block in blocks:
         shell(block, tmp_path, PATH=path)
     assert load_robot(tmp_path / "calibrated.toml").name == "auriga-alpha"
+
+
+@pytest.mark.slow
+def test_the_python_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = code_blocks("python", PAGE)
+    exec(compile(example, PAGE, "exec"), {})  # noqa: S102
+    assert "The data support" in capsys.readouterr().out

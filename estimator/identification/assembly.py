@@ -58,7 +58,7 @@ def assembled(
     """
     main = fits[comparison.supported]
     notes = []
-    new = _common(robot, main, speeds_by_radius)
+    new = _common(robot, main, _by_model(fits, main, comparison), speeds_by_radius)
     if not speeds_by_radius and main.is_free("scale"):
         notes.append(
             f"the log's track speeds are speeds already: their scale, {main.value('scale'):.4f}, cannot "
@@ -132,12 +132,23 @@ def _put(found: Fit, robot: Robot) -> Robot:
     return found.problem.model.put_into(robot, found.values[len(found.values) - own :])
 
 
-def _common(robot: Robot, main: Fit, speeds_by_radius: bool) -> Robot:
+def _by_model(fits: Mapping[str, Fit], main: Fit, comparison: Comparison) -> float:
+    """How much the scale of the track speeds differs among the models that may be right."""
+    apart = []
+    for name, one in fits.items():
+        pair = {name, comparison.supported}
+        known = [one for one in comparison.differences if {one.model, one.than} == pair]
+        if all(one.drift_low <= 0.0 <= one.drift_high for one in known):
+            apart.append(one.value("scale") - main.value("scale"))
+    return float(np.sqrt(np.mean(np.square(apart))))
+
+
+def _common(robot: Robot, main: Fit, by_model: float, speeds_by_radius: bool) -> Robot:
     """Radius, gyro, mounting, and the uncertainty of each."""
     count = len(main.problem.recording.motions)
     vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
     scale, sigma = main.value("scale"), _finite(main.sigma("scale"))
-    spread = _spread(main, "scale", tracks.scale_sigma)
+    spread = float(np.hypot(_spread(main, "scale", tracks.scale_sigma), by_model))
     if speeds_by_radius:
         radius = float(vehicle.sprocket_radius * scale)
         vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)

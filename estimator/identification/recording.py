@@ -168,7 +168,10 @@ class Recording:
             here = at(self.knot_times[knot])
             body_times = motion.truth_times[pose] - lags[number]
             step = relative(at(body_times), here)
-            share = _shares(knot, body_times - self.knot_times[knot], count)
+            # Which knots get a line must not depend on the lag that is being looked for.
+            first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
+            lines = _has_line(knot, first, count)
+            share = _shares(knot, body_times - self.knot_times[knot], lines)
             true = motion.truth[pose]
             cos, sin = np.cos(true[:, 2]), np.sin(true[:, 2])
             moved_x = true[:, 0] + cos * step[:, 0] - sin * step[:, 1]
@@ -185,24 +188,39 @@ class Recording:
         return place, np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1), yaw
 
 
-def _shares(knot: Indexes, after: Floats, knots: int) -> Floats:
-    """(p,) what each pose counts for its knot: the value at the knot of a line through all of them.
-
-    Were it their mean, poses that lie to one side would take along what the path says wrong of the
-    motion since. Where they all lie to one side, it is their mean: a line would make their noise larger.
+def _has_line(knot: Indexes, after: Floats, knots: int) -> Mask:
+    """(k,) whether poses lie on both sides of a knot, so that a line says what they are at it.
 
     Args:
         knot: (p,) knot of each pose.
         after: (p,) how much later than the knot it is [s].
         knots: how many there are.
     """
+    many, mean, variance = _moments(knot, after, knots)
+    return np.asarray((many >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance))
+
+
+def _shares(knot: Indexes, after: Floats, lines: Mask) -> Floats:
+    """(p,) what each pose counts for its knot: the value at the knot of a line through all of them.
+
+    Were it their mean, poses that lie to one side would take along what the path says wrong of the
+    motion since. Where most lie to one side, it is their mean: a line would make their noise larger.
+
+    Args:
+        knot: (p,) knot of each pose.
+        after: (p,) how much later than the knot it is [s].
+        lines: (k,) whether there is a line.
+    """
+    many, mean, variance = _moments(knot, after, len(lines))
+    slope = np.where(lines, mean / np.where(lines, variance, 1.0), 0.0)
+    return np.asarray((1.0 - slope[knot] * (after - mean[knot])) / many[knot])
+
+
+def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
+    """(k,) number, mean and variance."""
     many = np.maximum(np.bincount(knot, minlength=knots), 1).astype(float)
     mean = np.bincount(knot, after, minlength=knots) / many
-    apart = after - mean[knot]
-    variance = np.bincount(knot, apart**2, minlength=knots) / many
-    slanted = (many >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
-    slope = np.where(slanted, mean / np.where(slanted, variance, 1.0), 0.0)
-    return np.asarray((1.0 - slope[knot] * apart) / many[knot])
+    return many, mean, np.bincount(knot, (after - mean[knot]) ** 2, minlength=knots) / many
 
 
 def motion_of(log: Log, robot: Robot) -> Motion:

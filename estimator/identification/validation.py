@@ -22,6 +22,8 @@ from estimator.identification.records import Comparison, Difference, ModelScore
 FOLDS = 8
 WINDOW = 3
 """Segments of a window, at most."""
+JUMPED = 0.15
+"""Weight of a truth's turning below which it is not one to predict: six standard deviations off."""
 DRAWS = 4000
 SEED = 1
 LEVELS = (2.5, 97.5)
@@ -44,7 +46,7 @@ def validate(fits: Mapping[str, Fit]) -> Comparison:
     """
     first = next(iter(fits.values()))
     recording = first.problem.recording
-    windows = _windows(recording)
+    windows = _windows(recording, recording.moving & ~_jumped(first))
     ways = _ways(recording, first.value("scale"))
     block = recording.block
     blocks = int(block.max()) + 1
@@ -125,11 +127,23 @@ def _supported(names: list[str], differences: list[Difference]) -> str:
     return chosen
 
 
-def _windows(recording: Recording) -> list[NDArray[np.int64]]:
-    """Runs of up to `WINDOW` moving segments within a block, one after the other."""
+def _jumped(fit: Fit) -> NDArray[np.bool_]:
+    """(n,) whether the truth turned so much otherwise than the gyro that it must have jumped.
+
+    No motion model has a part in that.
+    """
+    result = np.zeros(len(fit.problem.recording.log), dtype=bool)
+    for channel, weight in zip(fit.noise.channels, fit.noise.weights, strict=True):
+        if channel.name == "yaw":
+            result[channel.rows[:, 0]] = weight < JUMPED
+    return result
+
+
+def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Runs of up to `WINDOW` usable segments within a block, one after the other."""
     windows: list[list[int]] = []
     for place in range(len(recording.log)):
-        if not recording.moving[place]:
+        if not usable[place]:
             continue
         last = windows[-1] if windows else []
         goes_on = (
