@@ -43,7 +43,8 @@ class Mounting:
             track speeds do not show any turning.
         gyro_bias: (3,) mean rates at standstill in the IMU's axes [rad/s], or None.
         gyro_noise_density: of the rate about the vertical at standstill [rad/s/√Hz], or None.
-        accelerometer_noise_density: vibration while driving included [m/s²/√Hz], or None.
+        accelerometer_noise_density: of the specific force to the left, vibration, slopes and all that
+            does not follow from the tracks' motion included, over half a second [m/s²/√Hz], or None.
     """
 
     rotation_rpy_deg: tuple[float, float, float]
@@ -87,9 +88,9 @@ def estimate_mounting(log: Log) -> Mounting | None:
         turning_correlation=turning_correlation(log.tracks, imu, vertical),
         gyro_bias=rates[still].mean(axis=0) if stood else None,
         gyro_noise_density=_density(vertical, still, step) if stood else None,
-        accelerometer_noise_density=max(_density(axis, ~still, step) for axis in horizontal.T)
-        if (~still).sum() > 10
-        else None,
+        accelerometer_noise_density=_density_while_driving(
+            log.tracks, imu.stamps, horizontal, vertical, still, step
+        ),
     )
 
 
@@ -180,6 +181,45 @@ def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floa
     if np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
         return None
     return float(np.corrcoef(difference, vertical)[0, 1])
+
+
+def _density_while_driving(
+    tracks: TrackSpeedSeries,
+    stamps: NDArray[np.int64],
+    horizontal: Floats,
+    vertical: Floats,
+    still: NDArray[np.bool_],
+    step: float,
+) -> float | None:
+    """Density of what the horizontal specific forces have besides the change of the speed and v w.
+
+    The larger of that of neighbouring samples, which is fast vibration, and that of means over
+    `SMOOTHING`, which slopes and shocks add to.
+    """
+    driving = ~still
+    if driving.sum() <= 10:
+        return None
+    fast = max(_density(axis, driving, step) for axis in horizontal.T)
+    width = max(1, round(SMOOTHING / step))
+    count = (len(stamps) - 1) // width
+    if count < 20 or len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+        return fast
+
+    def means(values: Floats) -> Floats:
+        return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
+
+    speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
+    change = np.diff(speed[: count * width + 1 : width]) / (width * step)
+    design = np.column_stack([change, means(speed * vertical), np.ones(count)])
+    moving = means(driving.astype(float)) > 0.5
+    if moving.sum() < 20:
+        return fast
+    slow = 0.0
+    for axis in horizontal.T:
+        force = means(axis)[moving]
+        fitted = design[moving] @ np.linalg.lstsq(design[moving], force, rcond=None)[0]
+        slow = max(slow, float((force - fitted).std()) * np.sqrt(width * step))
+    return max(fast, slow)
 
 
 def _density(values: Floats, where: NDArray[np.bool_], step: float) -> float:

@@ -141,7 +141,7 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
     if mounting.accelerometer_noise_density:
         lines.append(
             f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
-            "    # m/s²/√Hz, fast vibration while driving; slow disturbances add to it"
+            "    # m/s²/√Hz, while driving, over 0.5 s, what the tracks do not explain"
         )
     return [*lines, ""]
 

@@ -14,7 +14,9 @@ from estimator.run import run
 from estimator.scores import drift, path_length
 from replay.bags import read_log
 from replay.comparison import compare
+from replay.inspection import inspect
 from replay.results import summarise
+from replay.truth_alignment import align_truth
 from replay.variant_scores import truths_of
 
 SECOND = 1_000_000_000
@@ -111,3 +113,31 @@ def test_gyro_bias_and_track_are_found_while_driving(
     bias = found.states[:, found.state_names.index("gyro_bias")][-1]
     assert bias == pytest.approx(-0.0156, abs=0.004)
     assert robot.vehicle.track_gauge * found.indices[-1, 2] == pytest.approx(0.97, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "robot_name"),
+    [
+        ("warthog_asphalt_2024_9_25_12h8s57", "warthog"),
+        ("warthog_grass_2024_7_29_14h46s15", "warthog"),
+        ("husky_deflated_part1", "husky-deflated"),
+        ("marmotte_part1", "marmotte"),
+    ],
+)
+def test_the_proposed_robot_file_needs_no_more_than_three_numbers(
+    name: str, robot_name: str, data_dir: Path, tmp_path: Path
+) -> None:
+    path, shipped = sample_log(data_dir, name), load_robot(robot_name)
+    text = inspect(path).proposed_robot_file
+    for key in ("mass", "track_gauge", "sprocket_radius"):
+        text = text.replace(f"{key} = nan", f"{key} = {getattr(shipped.vehicle, key)}")
+    file = tmp_path / "proposed.toml"
+    file.write_text(text, encoding="utf-8")
+    drifts = []
+    for robot in (load_robot(file), shipped):
+        log = read_log(path, robot)
+        assert log.truth is not None
+        reckoned = run(replace(log, truth=None), robot, "constant-online").trajectory
+        truth = align_truth(log.truth, reckoned).truth.poses
+        drifts.append(drift(reckoned.pose_series, truth, 30.0).percent_mean)
+    assert drifts[0] < 1.25 * drifts[1]
