@@ -23,13 +23,14 @@ from replay.topics import (
     topic_map,
 )
 
-# name of the log: robot, least correlation of the turning, largest tilt that is left [m/s²]
+# name of the log: robot, least correlation of the turning, largest tilt that is left [m/s²]; the mounting
+# of Marmotte and Warthog goes by the truth, which is up to 2.4 deg from what gravity alone would say
 LOGS = {
     "husky_deflated_part1": ("husky-deflated", 0.95, 0.1),
     "husky_test1.bag": ("husky", 0.8, 0.1),
     "jackal_test2.bag": ("jackal", 0.5, 0.1),
-    "marmotte_part1": ("marmotte", 0.95, 0.1),
-    "warthog_asphalt_2024_9_25_12h8s57": ("warthog", 0.95, 0.4),
+    "marmotte_part1": ("marmotte", 0.95, 0.45),
+    "warthog_asphalt_2024_9_25_12h8s57": ("warthog", 0.95, 0.45),
     "warthog_grass_2024_7_29_14h46s15": ("warthog", 0.95, 0.2),
     "warthog_grass_2024_8_8_15h56s39": ("warthog", 0.95, 0.2),
     "warthog_grass_2024_8_8_16h11s19": ("warthog", 0.95, 0.2),
@@ -74,9 +75,9 @@ def test_mounting(data_dir: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "track"),
     [
-        ("warthog", 1.76),
+        ("warthog", 1.78),
         ("marmotte", 0.60),
-        ("husky-deflated", 0.97),
+        ("husky-deflated", 0.98),
     ],
 )
 def test_effective_tracks(name: str, track: float) -> None:

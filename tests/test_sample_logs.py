@@ -103,16 +103,18 @@ def test_each_variant_is_scored_with_its_own_lever_arm(data_dir: Path) -> None:
 def test_gyro_bias_and_track_are_found_while_driving(
     eta0: float, variant: str, data_dir: Path
 ) -> None:
-    # The robot never stands, its gyro reads 0.016 rad/s too little, and its effective track is 0.97 m.
+    # The robot never stands, its gyro reads 0.016 rad/s too little, and its effective track is 0.98 m.
     robot = load_robot("husky-deflated")
     log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot)
     wrong = msgspec.structs.replace(robot, indices=Indices(eta0=eta0), constant_icr=None)
-    assert abs(eta0 * 0.55 - 0.97) > 0.4
-    first_minutes = replace(log.between(log.start, log.start + 120 * SECOND), truth=None)
-    found = run(first_minutes, wrong, variant)
-    bias = found.states[:, found.state_names.index("gyro_bias")][-1]
-    assert bias == pytest.approx(-0.0156, abs=0.004)
-    assert robot.vehicle.track_gauge * found.indices[-1, 2] == pytest.approx(0.97, rel=0.05)
+    assert abs(eta0 * 0.55 - 0.98) > 0.4
+    found = run(replace(log, truth=None), wrong, variant)
+    place = found.state_names.index("gyro_bias")
+    assert found.states[-1, place] == pytest.approx(-0.0156, abs=0.002)
+    tracks = robot.vehicle.track_gauge * found.indices[:, 2]
+    two_minutes = int(np.searchsorted(found.stamps, log.start + 120 * SECOND))
+    assert tracks[two_minutes] == pytest.approx(0.98, rel=0.08)
+    assert tracks[-1] == pytest.approx(0.98, rel=0.06)
 
 
 @pytest.mark.parametrize(
@@ -140,4 +142,5 @@ def test_the_proposed_robot_file_needs_no_more_than_three_numbers(
         reckoned = run(replace(log, truth=None), robot, "constant-online").trajectory
         truth = align_truth(log.truth, reckoned).truth.poses
         drifts.append(drift(reckoned.pose_series, truth, 30.0).percent_mean)
-    assert drifts[0] < 1.25 * drifts[1]
+    # The shipped file was identified with the truth of this log; the proposed one may not look at it.
+    assert drifts[0] < 1.4 * drifts[1]
