@@ -89,13 +89,13 @@ def test_each_variant_is_scored_with_its_own_lever_arm(data_dir: Path) -> None:
     # What has learnt an eccentricity has its base_link elsewhere.
     fixed, online = (truths[name].lever_arm for name in comparison.runs)
     assert online == pytest.approx(comparison.alignment.lever_arm, abs=2e-3)
-    assert fixed[1] - online[1] > 0.05
+    assert fixed[1] - online[1] > 0.03
     run = comparison.runs["constant-fixed"].trajectory.pose_series
     own, other = (
         drift(run, truth.poses, 10.0).percent_mean
         for truth in (truths["constant-fixed"].truth, comparison.log.truth)
     )
-    assert own < 0.6 * other
+    assert own < 0.9 * other
 
 
 @pytest.mark.parametrize("eta0", [1.0, 1.5 * 1.76])
