@@ -45,8 +45,8 @@ RANKS = {kind: rank for rank, kind in enumerate(EVENTS)}
 Key = tuple[int, int]
 # So many samples in a row must agree before a clock that jumped ahead is believed.
 CLOCK_WITNESSES = 10
-# So many in a row that are too old, with nothing newer between them, and of tracks and IMU at least these,
-# show a clock that was set back.
+# So many in a row that are too old, with nothing newer between them, and of tracks and IMU at least
+# these, show a clock that was set back.
 BEHIND, BEHIND_OF_EACH = 20, 4
 # Track speeds and body velocities this many times beyond the fastest track are none.
 ABSURD_SPEED = 10.0

@@ -13,6 +13,8 @@ from replay.topics import Clock
 
 CLOCKS_APART = 1.0
 """Header stamps whose offsets differ by more than this come from different clocks [s]."""
+SAME = 0.0005
+"""They are called the same as the time of recording below this offset [s]."""
 DAY = 86_400.0
 
 
@@ -69,7 +71,11 @@ def _choice(stream: Evidence, agree: bool) -> Choice:
         return Choice("recording", "the messages have no header", by_default=False)
     if stream.constant:
         return Choice("recording", "all header stamps are the same", by_default=False)
-    off = f"the header stamps are {_span(stream.offset)} the time of recording"
+    off = (
+        "the header stamps are the times of recording, to a millisecond"
+        if abs(stream.offset) < SAME
+        else f"the header stamps are {_span(stream.offset)} the time of recording"
+    )
     if agree:
         return Choice("header", off, by_default=True)
     if abs(stream.offset) <= CLOCKS_APART:

@@ -31,7 +31,7 @@ from replay.gathering import as_paths, gather
 from replay.guess import Sample, guess_topics
 from replay.latency import Latency, heading_latency, track_latency
 from replay.mounting import ABSURD, Mounting, estimate_mounting, vertical_rate
-from replay.proposal import in_rates, robot_file_text
+from replay.proposal import has_tracks, in_rates, robot_file_text
 from replay.surveys import Survey, TopicReport, survey_bag
 from replay.table_files import Table, is_table
 from replay.topics import TopicMap
@@ -208,6 +208,11 @@ def _findings(
         clock = "header stamps" if choice.clock == "header" else "time of recording"
         if not mapping.columns or purpose in _mapped_purposes(mapping):
             yield f"{purpose}: {clock}; {choice.reason}"
+    if not has_tracks(mapping):
+        yield (
+            "no track speeds: nothing here looks like them, and without them nothing can be replayed; "
+            "where messages of another type hold them, name topic and fields in [log.tracks]"
+        )
     if log is None:
         return
     yield from (f"{note}" for note in log.notes if "out of order" in note)

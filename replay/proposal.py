@@ -83,7 +83,7 @@ def _vehicle(mapping: TopicMap, log: Log | None, estimates: WheelEstimates) -> l
         f"max_track_speed = 2.0    {FILL_IN} (m/s)",
     ]
     if not has_tracks(mapping):
-        lines.append("# The log holds no track speeds: it shows the IMU, but cannot be replayed.")
+        lines.append("# Nothing in the log looks like track speeds: no track speeds, no replay.")
     elif log is not None and len(log.tracks.speeds):
         fastest = float(np.abs(log.tracks.speeds).max())
         if radius_matters:
@@ -95,16 +95,20 @@ def _vehicle(mapping: TopicMap, log: Log | None, estimates: WheelEstimates) -> l
         lines.append(
             f"# Effective radius by the {estimates.way_source}: {way:.3f} m, where it hardly turned."
         )
-    # Speed and yaw rate of a controller are read with a gauge of 1 m here: that tells no track.
-    if track is not None and (radius_matters or not mapping.tracks):
-        known = track * way if radius_matters and way is not None else None
-        lines.append(
-            f"# Effective track by the gyro: {track:.3g} times the effective radius"
-            f"{'' if known is None else f', {known:.2f} m'}; eta0 is it over track_gauge."
-            if radius_matters
-            else f"# Effective track by the gyro: {track:.2f} m; eta0 is it over track_gauge."
-        )
+    if track is not None:
+        size = _effective_track(mapping, track, way)
+        lines.append(f"# Effective track by the gyro: {size}; eta0 is it over track_gauge.")
     return lines
+
+
+def _effective_track(mapping: TopicMap, track: float, way: float | None) -> str:
+    if in_rates(mapping):
+        known = "" if way is None else f", {track * way:.2f} m"
+        return f"{track:.3g} times the effective radius{known}"
+    if mapping.tracks is not None and not mapping.tracks.left:
+        # Speed and yaw rate of a controller are read with a gauge of 1 m here.
+        return f"{track:.2f} times the gauge of its controller ([log.tracks])"
+    return f"{track:.2f} m"
 
 
 def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
@@ -136,14 +140,21 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
         )
     if mounting.gyro_noise_density:
         lines.append(
-            f"gyro_noise_density = {mounting.gyro_noise_density:.2g}    # rad/s/√Hz, at standstill"
+            f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
+            "    # rad/s/√Hz, at standstill; vibration while driving adds to it"
         )
     if mounting.accelerometer_noise_density:
         lines.append(
             f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
-            "    # m/s²/√Hz, while driving, over 0.5 s, what the tracks do not explain"
+            f"    # m/s²/√Hz, {_seen_of_noise(log)}"
         )
     return [*lines, ""]
+
+
+def _seen_of_noise(log: Log | None) -> str:
+    if log is None or not len(log.tracks.stamps):
+        return "fast vibration; slow disturbances add to it"
+    return "while driving, over 0.5 s, what the tracks do not explain"
 
 
 def _turning_comment(correlation: float | None) -> str:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
+import venv
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +45,24 @@ def data_dir() -> Path:
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return load_robot("auriga-alpha")
+
+
+@pytest.fixture(scope="session")
+def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of evo's programs: on the path, or in a virtual environment of its own."""
+    found = shutil.which("evo_traj")
+    if found is not None:
+        return Path(found).parent
+    folder = tmp_path_factory.mktemp("evo") / "venv"
+    venv.create(folder, with_pip=True)
+    programs = folder / "bin"
+    command = [programs / "python", "-m", "pip", "install", "-q", "evo"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        pytest.skip(
+            f"evo is not on the path, and pip cannot install it: {done.stderr.strip()[-200:]}"
+        )
+    return programs
 
 
 def make_log(seconds: float = 4.0, seed: int = 1, start: int = 1_700_000_000_123_456_789) -> Log:

@@ -1,12 +1,105 @@
-"""The README's code blocks, for the tests that run them."""
+"""The code blocks of README and docs, for the tests that run them."""
 
+from __future__ import annotations
+
+import math
+import os
 import re
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+ROUGHLY = 0.05
+"""Printed figures may differ by so much [-] from machine to machine, and by one in the last digit."""
 
 
-def code_blocks(language: str, page: str = "README.md") -> list[str]:
-    """The fenced blocks of a language in a page of the repository, in order."""
+def code_blocks(language: str, page: str = "README.md", section: str | None = None) -> list[str]:
+    """The fenced blocks of a language in a page of the repository, in order; of a section (##)."""
+    return [text for kind, text in blocks(page, section) if kind == language]
+
+
+def blocks(page: str, section: str | None = None) -> list[tuple[str, str]]:
+    """Language and text of all fenced blocks of a page, or of one of its sections (##), in order."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    if section is not None:
+        _, found, text = text.partition(f"\n## {section}\n")
+        assert found, f"{page} has no section «{section}»"
+        text = text.partition("\n## ")[0]
+    return re.findall(r"^```(\w+)\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def shell(command: str, cwd: Path, **more: str) -> str:
+    """What a command prints on standard output; it must end well."""
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in {"VIRTUAL_ENV", "PYTHONPATH", "PYTHONHOME"}
+    }
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", command],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment | more,
+        check=False,
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def run_page(
+    page: str,
+    folder: Path,
+    section: str | None = None,
+    *,
+    programs: Path | None = None,
+    before: Callable[[str], None] = lambda _: None,
+) -> str:
+    """Run the shell blocks of a page, or of a section of it, one after the other.
+
+    Each block of the language `text` must be what the shell block before it has printed: line by line,
+    in order, other lines between them left out, figures roughly the same.
+
+    Args:
+        page: of the repository.
+        folder: where to run them.
+        section: see `blocks`.
+        programs: a folder of programs beside those of the environment of the tests.
+        before: called with each shell block before it is run.
+
+    Returns:
+        All that was printed.
+    """
+    paths = [Path(sys.executable).parent, *([] if programs is None else [programs])]
+    path = os.pathsep.join([*map(str, paths), os.environ["PATH"]])
+    printed: list[str] = []
+    for language, text in blocks(page, section):
+        if language == "sh":
+            before(text)
+            more = {"PATH": path, "MPLBACKEND": "agg", "HOME": str(folder)}
+            printed.append(shell(text, folder, **more))
+        elif language == "text":
+            lines = iter(printed[-1].splitlines())
+            for line in text.splitlines():
+                assert any(says(one, line) for one in lines), f"{line}\nin\n{printed[-1]}"
+    assert printed, f"{page} has no commands"
+    return "".join(printed)
+
+
+def says(printed: str, shown: str) -> bool:
+    """Whether a printed line is the one that is shown, but for spaces and what is within `ROUGHLY`."""
+    if NUMBER.sub("#", printed).split() != NUMBER.sub("#", shown).split():
+        return False
+    return all(
+        math.isclose(
+            float(is_), float(said), rel_tol=ROUGHLY, abs_tol=1.01 * 10.0 ** -_decimals(said)
+        )
+        for is_, said in zip(NUMBER.findall(printed), NUMBER.findall(shown), strict=True)
+    )
+
+
+def _decimals(number: str) -> int:
+    return len(number.partition(".")[2])

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 import subprocess
 import sys
 import time
-import venv
 from pathlib import Path
 
 import numpy as np
@@ -475,27 +473,6 @@ def test_ros_1_itself_reads_the_bag(tmp_path: Path, comparison: Comparison, robo
     assert "inertia-online: gyro" in found["/diagnostics"][2]
     assert found["/inertia_online/icrs"][2][1] == "inertia_online/base_link"
     assert found["/fixes"][1] == len(comparison.log.fixes.stamps)
-
-
-EVO = ("evo_traj", "evo_ape")
-
-
-@pytest.fixture(scope="module")
-def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of evo's programs: on the path, or in a virtual environment of its own."""
-    found = shutil.which("evo_traj")
-    if found is not None:
-        return Path(found).parent
-    folder = tmp_path_factory.mktemp("evo") / "venv"
-    venv.create(folder, with_pip=True)
-    programs = folder / "bin"
-    command = [programs / "python", "-m", "pip", "install", "-q", "evo"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        pytest.skip(
-            f"evo is not on the path, and pip cannot install it: {done.stderr.strip()[-200:]}"
-        )
-    return programs
 
 
 def run_evo(evo: Path, home: Path, *words: str | Path) -> str:

@@ -237,6 +237,12 @@ def test_a_sample_log_whose_odometry_turns_too_much(data_dir: Path) -> None:
     found = inspect(sample_log(data_dir, "husky_test1.bag"))
     assert not any(said.startswith("suspicious") for said in found.findings)
     assert any("standstills: 1, 10 s in all" in said for said in found.findings)
+    # The maker's controller goes by 0.55 m times 1.875, which is right for this ground.
+    (ratio,) = re.findall(
+        r"Effective track by the gyro: (\S+) times the gauge of its controller",
+        found.proposed_robot_file,
+    )
+    assert float(ratio) == pytest.approx(1.0, abs=0.05)
 
 
 # What no log can tell: sprocket radius (0 where the log needs none), gauge.

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from estimator.identification import identify
 from estimator.robot import Robot, Slip, load_robot
 from estimator.scores import drift
 from icreckon.commands.identify import run_identify
-from readme import code_blocks
+from readme import code_blocks, run_page
 from replay.bag_writer import write_log
 from replay.bags import read_log
 from replay.comparison import compare
@@ -26,7 +24,6 @@ from replay.identify_file import robot_file_text
 from replay.topics import topic_map
 from simulation.scenario import Scenario, simulate
 from test_cli import fails, icreckon
-from test_readme import shell
 
 PAGE = "docs/calibrate.md"
 
@@ -190,11 +187,7 @@ def test_a_bag_without_truth_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_every_command_of_the_page_works(tmp_path: Path) -> None:
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    blocks = code_blocks("sh", PAGE)
-    assert blocks
-    for block in blocks:
-        shell(block, tmp_path, PATH=path)
+    run_page(PAGE, tmp_path)
     assert load_robot(tmp_path / "calibrated.toml").name == "auriga-alpha"
 
 

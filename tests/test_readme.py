@@ -14,7 +14,7 @@ import pytest
 from estimator.contact import Soil
 from estimator.robot import ConstantIcr, Imu, Indices, Tracks, Vehicle, load_robot
 from estimator.variants import VARIANTS, used_parameters
-from readme import ROOT, code_blocks
+from readme import ROOT, code_blocks, shell
 from replay.topics import topic_map
 from simulation.scenario import load_scenario
 from simulation.trajectories import trajectory_names, trajectory_options
@@ -144,24 +144,6 @@ def fresh_clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def shell(command: str, cwd: Path, **more: str) -> str:
-    environment = {
-        key: value
-        for key, value in os.environ.items()
-        if key not in {"VIRTUAL_ENV", "PYTHONPATH", "PYTHONHOME"}
-    }
-    done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", command],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        env=environment | more,
-        check=False,
-    )
-    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
-
-
 @pytest.mark.slow
 def test_the_demo_line_works_in_a_fresh_virtual_environment(fresh_clone: Path) -> None:
     printed = shell(SHELL[0], fresh_clone)
@@ -177,7 +159,7 @@ def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: P
     shell(f"{binaries}/pip install -q {fresh_clone}", tmp_path)
     path = f"{binaries}:{os.environ['PATH']}"
     shell("icreckon simulate --out LOG --duration 60 --fix-rate 0", tmp_path, PATH=path)
-    first, second, third = SHELL[2].strip().splitlines()
+    first, second, third, fourth = SHELL[2].strip().splitlines()
     assert "/joint_states" in shell(first, tmp_path, PATH=path)
     shell(second, tmp_path, PATH=path)
     robot = tmp_path / "robot.toml"
@@ -187,6 +169,7 @@ def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: P
         proposed = proposed.replace(f"{name} = nan", f"{name} = {value}")
     robot.write_text(proposed, encoding="utf-8")
     assert "inertia-online" in shell(third, tmp_path, PATH=path)
+    assert "The data support" in shell(fourth, tmp_path, PATH=path)
 
 
 def test_the_test_line_is_the_one_that_ci_runs() -> None:

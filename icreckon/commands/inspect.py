@@ -14,7 +14,7 @@ from icreckon.console import messages, results
 from replay.decoding import read_definitions
 from replay.inspection import Inspection, inspect
 from replay.outputs import check_replaceable, written_beside
-from replay.proposal import FIRST_WORDS
+from replay.proposal import FIRST_WORDS, has_tracks
 from replay.surveys import TopicReport
 
 
@@ -38,9 +38,13 @@ def run_inspect(
     if write is not None:
         with written_beside(write, overwrite=overwrite, starts=starts) as new:
             new.write_text(found.proposed_robot_file, encoding="utf-8")
+        then = (
+            f"then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
+            if has_tracks(found.mapping)
+            else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
+        )
         messages().print(
-            f"proposed robot file in {write}; complete the lines marked «fill in», then: "
-            f"icreckon replay {' '.join(map(str, paths))} --robot {write}",
+            f"proposed robot file in {write}; complete the lines marked «fill in», {then}",
             markup=False,
             soft_wrap=True,
         )
@@ -90,7 +94,8 @@ def _cells(topic: TopicReport) -> list[str]:
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "" if value is None else f"{value:.{digits}f}"
+    # Rounded first, and no minus zero: clocks that agree to less than the last digit agree.
+    return "" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def _as_plain(found: Inspection) -> dict[str, object]:
