@@ -247,6 +247,9 @@ class _Assembly:
         elif unknown.any():
             stream.lose("no covariance, and no position_sigma given", int(unknown.sum()))
             stamps, poses, variances = stamps[~unknown], poses[~unknown], variances[~unknown]
+        if spec.least_sigma is not None:
+            too_good = (variances[:, 0] > 0.0) & (variances[:, 0] < spec.least_sigma**2)
+            variances[too_good, 0] = spec.least_sigma**2
         no_heading = np.isnan(variances[:, 1]) | (variances[:, 1] >= NO_HEADING_VARIANCE)
         poses[no_heading, 2] = np.nan
         no_heading = np.isnan(poses[:, 2])

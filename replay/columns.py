@@ -87,6 +87,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         sigma: column of the standard deviation of each coordinate [m], or None.
         position_sigma: the same for all rows [m], where there is no column of it.
         heading_sigma: standard deviation of yaw [rad]; fixes have no heading where left out.
+        least_sigma: what rows that claim to be better are taken for [m].
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
         source: what the truth is, for reports.
         time: column of their time where it is not that of the map.
@@ -102,6 +103,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sigma: str | None = None
     position_sigma: float | None = None
     heading_sigma: float | None = None
+    least_sigma: float | None = None
     origin: tuple[float, float, float] | None = None
     source: str = ""
     time: str | None = None
@@ -112,7 +114,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         plane, globe = (self.x, self.y), (self.latitude, self.longitude)
         if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
             raise ValueError("x and y must name columns, or else latitude and longitude")
-        for name in ("position_sigma", "heading_sigma"):
+        for name in ("position_sigma", "heading_sigma", "least_sigma"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive number, found {value!r}")

@@ -99,6 +99,8 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             (tf2_msgs/TFMessage, geometry_msgs/TransformStamped) with `frames`.
         position_sigma: standard deviation of each coordinate where a message has no covariance [m].
         heading_sigma: the same of yaw [rad]; where left out, such a message has no heading.
+        least_sigma: what messages that claim to be better are taken for [m]: errors of GPS wander, and
+            a filter takes each fix for an independent one.
         frames: of tf, the frame that the fixes are in and that of the robot, ["map", "base_link"].
         origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
             where left out.
@@ -109,6 +111,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     topic: str
     position_sigma: float | None = None
     heading_sigma: float | None = None
+    least_sigma: float | None = None
     frames: tuple[str, str] | None = None
     origin: tuple[float, float, float] | None = None
     time: Clock = "auto"
@@ -117,6 +120,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         _require_positive("position_sigma", self.position_sigma)
         _require_positive("heading_sigma", self.heading_sigma)
+        _require_positive("least_sigma", self.least_sigma)
         _check_frames(self.frames)
         check_origin(self.origin)
         check_latency(self.latency)

@@ -127,6 +127,17 @@ def test_gps_about_a_given_origin(tmp_path: Path) -> None:
     assert log.notes == ()
 
 
+def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> None:
+    fixes = [
+        navsatfix(1 * SECOND, 52.0, 13.0, variances=(0.01, 0.01)),
+        navsatfix(2 * SECOND, 52.0, 13.0, variances=(9.0, 9.0)),
+    ]
+    mapped = {"topic": "/fix", "least_sigma": 2.0}
+    log = read(tmp_path / "bag", [("/fix", fix) for fix in fixes], fixes=mapped)
+    assert log.fixes is not None
+    np.testing.assert_allclose(log.fixes.variances[:, 0], [4.0, 9.0])
+
+
 def test_gps_without_any_covariance_needs_a_sigma(tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match="position_sigma"):
         read(
