@@ -26,6 +26,9 @@ ALIGNMENT_VARIANT = "constant-online"
 # How well a logged truth gives the pose at the start [m, m, rad].
 LOGGED_START_SIGMA = (0.02, 0.02, 0.01)
 POLL_SECONDS = 0.2
+# From so many IMU samples on, variants of the index models run side by side: each is compiled the first
+# time ever that it does, which takes as long as the streaming filter takes for so many.
+MANY_SAMPLES = 200_000
 
 Progress = Callable[[float], None]
 
@@ -63,6 +66,10 @@ def compare(
     A truth that was logged (it has no twists) is first freed of its lag and lever arm. Runs start at
     the truth's pose where there is one, or else where fixes show that it is not the origin.
 
+    The variants of the index models go through a log of `MANY_SAMPLES` IMU samples or more side by side,
+    in one pass, unless it holds what only the streaming filter can take, or it is to be smoothed; see
+    `estimator.batch.replay`. What comes out is the same, to rounding.
+
     Args:
         log: the log.
         robot: the robot.
@@ -71,7 +78,8 @@ def compare(
         fixes: part of the log in which fixes are used, see `replay.fixes`; None for all that the log
             has as such.
         smooth: whether each run is smoothed, too, see `estimator.smoother`.
-        workers: processes to spread the variants over; 1 runs them here.
+        workers: processes to spread the variants over; 1 runs them here. Those that go side by side run
+            here in any case.
         executor: anything with that interface to run the variants on instead, such as
             `dask.distributed.Client(address).get_executor()` (extra `cluster`).
         progress: called now and then with the share that is done, 0 to 1.
@@ -85,7 +93,8 @@ def compare(
         motion_model(robot, find_variant(name))
     alignment = None
     if log.truth is not None and log.truth.twists is None:
-        reckoned = run(replace(log, fixes=None), robot, ALIGNMENT_VARIANT, settings=settings)
+        blind = _Task(replace(log, fixes=None), robot, settings)
+        ((reckoned,),) = _in_any_way(blind, (ALIGNMENT_VARIANT,), 1, None)
         alignment = align_truth(log.truth, reckoned.trajectory)
         log = replace(log, truth=alignment.truth)
     if fixes is not None:
@@ -99,10 +108,8 @@ def compare(
     task = _Task(log, robot, settings, start, sigma, smooth)
     if executor is not None:
         runs = _on_executor(task, variants, executor, progress)
-    elif workers > 1 and len(variants) > 1:
-        runs = _in_processes(task, variants, workers, progress)
     else:
-        runs = _here(task, variants, progress)
+        runs = _in_any_way(task, variants, workers, progress)
     # First all that were filtered, then all that were smoothed.
     kinds = zip(*runs, strict=True)
     return Comparison(log, {one.variant: one for kind in kinds for one in kind}, alignment)
@@ -118,9 +125,9 @@ class _Task:
     log: Log
     robot: Robot
     settings: Settings | None
-    start: tuple[float, float, float]
-    start_sigma: tuple[float, float, float]
-    smooth: bool
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    smooth: bool = False
 
     def run(self, variant: str, progress: Progress) -> tuple[Run, ...]:
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
@@ -136,6 +143,52 @@ class _Task:
             progress=lambda stamp: progress((stamp - begin) / length),
         )
         return (found,) if isinstance(found, Run) else found
+
+
+def _in_any_way(
+    task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
+) -> list[tuple[Run, ...]]:
+    """Side by side those that can, then the others here or in processes."""
+    share = 0.0
+
+    def report(done: float) -> None:
+        if progress is not None:
+            progress(share + (1.0 - share) * done)
+
+    index_models = [name for name in variants if find_variant(name).model != "friction"]
+    of_all = len(index_models) / max(1, len(variants))
+    together = _side_by_side(task, index_models, lambda done: report(of_all * done))
+    share = of_all if together else 0.0
+    others = [name for name in variants if name not in together]
+    if workers > 1 and len(others) > 1:
+        runs = _in_processes(task, others, workers, report)
+    else:
+        runs = _here(task, others, report)
+    found = {name: (one,) for name, one in together.items()} | dict(zip(others, runs, strict=True))
+    return [found[name] for name in variants]
+
+
+def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> dict[str, Run]:
+    """The runs of variants of the index models in one pass; none where only the streaming filter can."""
+    log = task.log
+    if task.smooth or not variants or log.imu is None or len(log.imu.stamps) < MANY_SAMPLES:
+        return {}
+    from estimator.batch.errors import BatchError
+    from estimator.batch.replay import run_side_by_side
+
+    begin, length = log.start, max(1, log.end - log.start)
+    try:
+        return run_side_by_side(
+            log,
+            task.robot,
+            variants,
+            settings=task.settings,
+            start=task.start,
+            start_sigma=task.start_sigma,
+            progress=lambda stamp: progress((stamp - begin) / length),
+        )
+    except BatchError:
+        return {}
 
 
 def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[tuple[Run, ...]]:

@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from estimator.batch.trace import Traced
+from estimator.batch.trace import TRACING, Traced
 
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 # Products may be added without rounding in between; nothing else is loosened.
@@ -70,24 +70,40 @@ def compiled_kernel(kernel: Kernel, width: int, bits: int = 64) -> Any:
         width: how many lanes there are.
         bits: of each number, 64 or 32.
     """
+    return kernel_on_demand(kernel.name, kernel.arrays, lambda: kernel, width, bits)
+
+
+def kernel_on_demand(
+    kernel_name: str, arrays: tuple[str, ...], make: Callable[[], Kernel], width: int, bits: int
+) -> Any:
+    """The same of a kernel that is made when it is compiled, and not where that was done before.
+
+    Args:
+        kernel_name: its name.
+        arrays: names of its arrays.
+        make: makes it.
+        width: how many lanes there are.
+        bits: of each number, 64 or 32.
+    """
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         number = ir.DoubleType() if bits == 64 else ir.FloatType()
         returns = ir.FunctionType(LONG, [number.as_pointer()] * len(args))
-        name = f"lanes_{kernel.name}"
+        name = f"lanes_{kernel_name}"
         function = builder.module.globals.get(name)
         if function is None:
             function = ir.Function(builder.module, returns, name=name)
             function.linkage = "internal"
             function.attributes.add("noinline")
-            _Emitter(function, kernel, width, number).emit()
+            with TRACING:
+                _Emitter(function, make(), width, number).emit()
         pointers = [
             context.make_array(kind)(context, builder, value).data
             for kind, value in zip(signature.args, args, strict=True)
         ]
         return builder.call(function, pointers)
 
-    return _intrinsic_of(len(kernel.arrays), code)
+    return _intrinsic_of(len(arrays), code)
 
 
 def _intrinsic_of(count: int, code: Callable[..., Any]) -> Any:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator import state as s
 from estimator.assumptions import assumptions
-from estimator.batch.emit import Kernel, compiled_kernel, lanes_of_machine
+from estimator.batch.emit import Kernel, kernel_on_demand, lanes_of_machine
 from estimator.batch.errors import BatchError
 from estimator.batch.fixes import FixKind, heading_kernel, position_kernel
 from estimator.batch.lane import ARRAYS, FilterShape
 from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
-from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, Steps
+from estimator.batch.log_steps import LogSteps
+from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, POSITION, Steps
 from estimator.batch.step import StepKind, step_kernel
-from estimator.batch.trace import TRACING
 from estimator.batch.work import ESTIMATE, Places, work_through
 from estimator.ekf import REGRESSOR_SMOOTHING
 from estimator.frames import Floats
@@ -25,6 +26,7 @@ from estimator.gating import CHI_SQUARE_1E4
 from estimator.imu_kernel import SlipNumbers
 from estimator.jit_kernel import entry
 from estimator.log import NANOSECOND
+from estimator.memory import FilterMemory
 from estimator.motion import InertiaMotion
 from estimator.propagation import fading, gauss_markov_noise
 from estimator.robot import Robot
@@ -140,8 +142,42 @@ class BatchFilter:
         counts = np.zeros(self.width, dtype=np.int64)
         return Lanes(lanes, refused, counts, self._constants())
 
+    def take_over(self, lanes: Lanes, memory: FilterMemory, regressors: Floats) -> None:
+        """Let all lanes go on from what the streaming filter knows at its first track speeds.
+
+        Args:
+            lanes: from `begin`.
+            memory: of the filter.
+            regressors: (3, 8) the derivatives by the parameters that it goes by.
+
+        Raises:
+            BatchError: more fixes were refused than there is room for.
+        """
+        refused, rows, workspace = memory.refused_fixes, self.rows, lanes.workspace
+        if len(refused) + 2 > lanes.refused.shape[1]:
+            raise BatchError(f"{len(refused)} fixes before the first track speeds were refused")
+        states = (*self.shape.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
+        for n, i in enumerate(states):
+            workspace[rows[f"x{i}"]] = memory.state[i]
+            for j in states[n:]:
+                workspace[rows[covariance_name(i, j)]] = memory.covariance[i, j]
+        for axis in range(3):
+            for i in self.layout.parameters:
+                workspace[rows[f"r{axis}_{i}"]] = regressors[axis, i - s.PARAMETERS.start]
+        for gate in ("position", "heading"):
+            workspace[rows[f"{gate}_row"]] = memory.rejected_in_a_row[gate]
+        lanes.refused[:, : len(refused)] = np.array(refused).reshape(-1, 5)
+        lanes.refused_count[:] = len(refused)
+
     def work_through(
-        self, lanes: Lanes, inputs: Floats, steps: Steps, table: Floats, estimates: Floats
+        self,
+        lanes: Lanes,
+        inputs: Floats,
+        steps: Steps,
+        table: Floats,
+        estimates: Floats,
+        *,
+        all_told: bool = False,
     ) -> None:
         """Work through some steps; the lanes go on in place.
 
@@ -150,7 +186,9 @@ class BatchFilter:
             inputs: (n, rows, width) what each step is told, see `estimator.batch.layout`.
             steps: (n,) the steps, of a run that it is prepared for.
             table: (n, k) of `prepare`.
-            estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks.
+            estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks; of
+                the first lanes, where it is less wide.
+            all_told: whether the estimates have more rows, those of `Layout.told`.
         """
         self._work(
             lanes.workspace,
@@ -163,7 +201,7 @@ class BatchFilter:
             estimates,
             lanes.refused,
             lanes.refused_count,
-            _places(self.layout),
+            _places(self.layout, all_told),
         )
 
     def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
@@ -199,21 +237,49 @@ class BatchFilter:
                 "by side cannot bridge; use run"
             )
         if self._prepared is None or self._prepared[0] is not steps:
-            needs = Needs(
-                accelerometer=self.settings.use_accelerometer,
-                heading=bool((steps.extras & HEADING).any()),
-                ahead=bool((steps.kinds == AHEAD).any()),
-                moves_alone=bool((steps.kinds == MOVE).any()),
-            )
-            if self.shape.slip_in_inertia and needs.ahead:
-                raise BatchError(
-                    "with inertia = 'imu', filters side by side take fixes at the stamps of IMU samples "
-                    "only"
-                )
-            with TRACING:
-                self._work = _worker(self.shape, self.width, needs)
+            self.compile_for(steps)
             self._prepared = steps, self._step_constants(steps)
         return self._prepared[1]
+
+    def compile_for(self, steps: Steps | LogSteps) -> None:
+        """Compile what the steps of a run need, unless that is there already.
+
+        Args:
+            steps: all of the run.
+
+        Raises:
+            BatchError: there are fixes between IMU samples, and inertia is that with the slip.
+        """
+        ahead, fixes = steps.kinds == AHEAD, (steps.extras & POSITION) > 0
+        moves, at_steps, on_the_way = (
+            bool(one.any()) for one in (steps.kinds == MOVE, fixes & ~ahead, ahead)
+        )
+        needs = Needs(
+            accelerometer=self.settings.use_accelerometer,
+            heading=bool((steps.extras & HEADING).any()),
+            fixes=at_steps,
+            ahead=on_the_way,
+            moves=moves,
+        )
+        if isinstance(steps, LogSteps):
+            # The next log may have its stamps elsewhere; what it needs is there then.
+            needs = needs._replace(moves=True, ahead=False, fixes=False)
+            needs = needs._replace(told=True, fixes_told=at_steps or on_the_way)
+        if self.shape.slip_in_inertia and on_the_way:
+            raise BatchError(
+                "with inertia = 'imu', filters side by side take fixes at the stamps of IMU samples only"
+            )
+        self._work = _worker(self.shape, self.width, needs)
+
+    @property
+    def time_constant(self) -> float:
+        """Of the slip [s]."""
+        return self._disturbances.slip.time_constant
+
+    @property
+    def start(self) -> Floats:
+        """(SIZE,) the state before anything is known; what is not uncertain stays so."""
+        return self._state.copy()
 
     def _step_constants(self, steps: Steps) -> Floats:
         """What belongs to each step, the interval of the IMU last."""
@@ -266,13 +332,15 @@ def aligned(count: int, number: Any = np.float64) -> Any:
 
 
 @cache
-def _places(layout: Layout) -> Places:
-    rows = layout.rows
+def _places(layout: Layout, all_told: bool) -> Places:
+    rows, more = layout.rows, layout.told if all_told else ()
     pose = [rows[f"x{i}"] for i in range(3)]
     spread = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
-    with_pose = [[rows[covariance_name(i, j)] for j in layout.states] for i in range(3)]
+    fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
+    states = (*layout.states, *fast)
+    with_pose = [[rows[covariance_name(i, j)] for j in states] for i in range(3)]
     return Places(
-        np.array([*pose, *spread, *(rows[name] for name in TWIST)]),
+        np.array([*pose, *spread, *(rows[name] for name in (*TWIST, *more))]),
         np.array(with_pose),
         rows["position_row"],
         rows["position_used"],
@@ -288,44 +356,66 @@ class Needs(NamedTuple):
     Attributes:
         accelerometer: whether specific forces are used.
         heading: whether fixes have headings.
+        fixes: whether there are fixes at the end of steps.
         ahead: whether there are fixes between IMU samples.
-        moves_alone: whether steps end without an IMU sample.
+        moves: whether steps end without an IMU sample.
+        told: whether estimates are wanted there.
+        fixes_told: whether estimates are wanted after fixes, wherever they are.
     """
 
     accelerometer: bool
     heading: bool
+    fixes: bool
     ahead: bool
-    moves_alone: bool
+    moves: bool
+    told: bool = False
+    fixes_told: bool = False
 
 
 @cache
 def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
     """The compiled function that works through steps; what is not needed does nothing in it."""
-    nothing = Kernel("nothing", ARRAYS, ())
     force = needs.accelerometer
-    kernels = {
-        "usual": step_kernel("usual", shape, StepKind(accelerometer=force)),
-        "full": step_kernel("full", shape, StepKind(stands=True, accelerometer=force, tells=True)),
-        "update": step_kernel(
-            "update", shape, StepKind(moves=False, stands=True, accelerometer=force, tells=True)
-        ),
-        "move": nothing,
+    steps = {
+        "usual": StepKind(accelerometer=force),
+        "full": StepKind(stands=True, accelerometer=force, tells=True),
+        "update": StepKind(moves=False, stands=True, accelerometer=force, tells=True),
+        "move": StepKind(imu=False, accelerometer=False) if needs.moves else None,
+        "move_told": StepKind(imu=False, accelerometer=False, tells=True) if needs.told else None,
     }
-    if needs.moves_alone:
-        kernels["move"] = step_kernel("move", shape, StepKind(imu=False, accelerometer=False))
-    fixes = {"": FixKind(), "_told": FixKind(tells=True), "_ahead": FixKind(ahead=True)}
-    for name, kind in fixes.items():
+    fixes = {
+        "": FixKind() if needs.fixes else None,
+        "_told": FixKind(tells=True) if needs.fixes or needs.fixes_told else None,
+        "_ahead": FixKind(ahead=True) if needs.ahead else None,
+        "_ahead_told": FixKind(tells=True, ahead=True) if needs.fixes_told else None,
+    }
+    makers: dict[str, Callable[[], Kernel]] = {}
+    for name, step in steps.items():
+        makers[name] = partial(_step_or_nothing, name, shape, step)
+    for name, fix in fixes.items():
         position, heading = f"position{name}", f"heading{name}"
-        kernels[position] = kernels[heading] = nothing
-        if needs.ahead or not kind.ahead:
-            kernels[position] = position_kernel(position, shape, kind)
-            if needs.heading:
-                kernels[heading] = heading_kernel(heading, shape, kind)
+        makers[position] = partial(_fix_or_nothing, position_kernel, position, shape, fix)
+        headed = fix if needs.heading else None
+        makers[heading] = partial(_fix_or_nothing, heading_kernel, heading, shape, headed)
     compiled = {
-        name: compiled_kernel(kernel, width, shape.bits) for name, kernel in kernels.items()
+        name: kernel_on_demand(name, ARRAYS, make, width, shape.bits)
+        for name, make in makers.items()
     }
     made = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
     return entry(work_through, f".{made}", compiled)
+
+
+def _step_or_nothing(name: str, shape: FilterShape, kind: StepKind | None) -> Kernel:
+    return Kernel(name, ARRAYS, ()) if kind is None else step_kernel(name, shape, kind)
+
+
+def _fix_or_nothing(
+    make: Callable[[str, FilterShape, FixKind], Kernel],
+    name: str,
+    shape: FilterShape,
+    kind: FixKind | None,
+) -> Kernel:
+    return Kernel(name, ARRAYS, ()) if kind is None else make(name, shape, kind)
 
 
 assert len(ESTIMATE) == 3 + 6 + len(TWIST)  # noqa: S101 - one is written as the other

@@ -72,6 +72,9 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, asked)
     lane.stores.update(believed_x=values[s.X], believed_y=values[s.Y])
+    judged = {"x": residual[0], "y": residual[1], "xx": xx, "xy": xy, "yy": yy}
+    for part, value in judged.items():
+        lane.stores[f"position_{part}"] = select(how > 0.5, value, lane.row(f"position_{part}"))
     return _finished(lane, name, (lost, used), kind)
 
 
@@ -83,7 +86,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         shape: of the filter.
         kind: what goes with it.
     """
-    lane = Lane(shape, with_fast_slip=kind.tells)
+    lane = Lane(shape, with_fast_slip=kind.tells, tells=True)
     values, rows, more_spread = _foretold(lane, kind)
     turned = lane.told("fix_yaw") - values[s.YAW]
     lane.gated(
@@ -100,7 +103,12 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
 
 def _foretold(lane: Lane, kind: FixKind) -> Foretold:
     if kind.ahead:
-        return Step(lane, StepKind(moves=False, imu=False)).foretell_pose()
+        # The fast slip of the step before does not go on.
+        before, lane.x = lane.x, lane.x.copy()
+        lane.x[s.FAST_SLIP] = trace.lift(0.0)
+        found = Step(lane, StepKind(moves=False, imu=False)).foretell_pose()
+        lane.x = before
+        return found
     rows = [{axis: trace.lift(1.0)} for axis in range(3)]
     return Foretold([lane.x[axis] for axis in range(3)], rows, [[0.0] * 3] * 3)
 

@@ -103,10 +103,13 @@ def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
         log: the log.
         max_track_speed: of the robot, or of the slowest of several [m/s].
     """
-    imu = _imu(log)
-    readings = (
+    imu = log.imu
+    if imu is None:
+        raise BatchError(f"the log {log.name!r} holds no IMU")
+    readings = [
         (log.tracks.speeds, ABSURD_SPEED * max_track_speed),
         (imu.angular_velocity, ABSURD_RATE),
-        (_forces(imu), ABSURD_FORCE),
-    )
+    ]
+    if imu.linear_acceleration is not None:
+        readings.append((imu.linear_acceleration, ABSURD_FORCE))
     return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

@@ -14,7 +14,8 @@ import numpy as np
 from estimator.batch.errors import BatchError
 from estimator.batch.fixes import AS_USUAL
 from estimator.batch.layout import FIX_INPUTS, INPUTS
-from estimator.batch.schedule import MOVE_AND_UPDATE, POSITION, UPDATE, Steps
+from estimator.batch.log_steps import LogSteps
+from estimator.batch.schedule import MOVE_AND_UPDATE, POSITION, SILENT, UPDATE, Steps
 from estimator.batch.stuck import STUCK_MEMORY, begin_repeating, repeating_after, stuck_from
 from estimator.frames import Floats
 from estimator.jit_kernel import entry
@@ -44,8 +45,9 @@ from estimator.track_speeds import (
     SMOOTH_RIGHT,
     STOPPED_SINCE,
     KEPT_READINGS,
+    STUCK_TRACKS,
     REPEATING_LEFT,
-) = range(11)
+) = range(12)
 REPEATING_RIGHT = REPEATING_LEFT + STUCK_MEMORY
 MEMORY = REPEATING_RIGHT + STUCK_MEMORY
 NEVER = -1.0
@@ -126,8 +128,13 @@ def take_tracks(of: Floats, stamp: float, left: float, right: float, settings: F
         begin_repeating(of_left, stamp, left, right)
         begin_repeating(of_right, stamp, right, left)
     else:
-        repeating_after(of_left, stamp, left, right, hold)
-        repeating_after(of_right, stamp, right, left, hold)
+        for side in range(2):
+            of_side = of_right if side else of_left
+            reading, other = (right, left) if side else (left, right)
+            was_stuck = not math.isnan(stuck_from(of_side, hold))
+            repeating_after(of_side, stamp, reading, other, hold)
+            is_stuck = not math.isnan(stuck_from(of_side, hold))
+            of[STUCK_TRACKS] += 1.0 if is_stuck and not was_stuck else 0.0
     of[LEFT], of[RIGHT], of[STAMP] = left, right, stamp
     if max(abs(left), abs(right)) >= track_speed:
         of[STOPPED_SINCE], of[KEPT_READINGS] = NEVER, 0.0
@@ -245,7 +252,7 @@ def quiet_mean(of: Floats, readings: Floats, stamp: float, rate: float, settings
 
 
 class Measured(NamedTuple):
-    """What some runs have measured at the same times, the first track speeds and IMU sample at once.
+    """What some runs have measured at the same times.
 
     Attributes:
         track_stamps: (n,) [ns].
@@ -274,11 +281,16 @@ class FrontEnd:
         steps: all steps.
         settings: what it goes by.
 
+    Attributes:
+        stuck_tracks: (lanes,) how often the sensor of a track was found stuck so far.
+
     Raises:
         BatchError: the steps are those of other stamps, or a run lacks its first track speeds.
     """
 
-    def __init__(self, measured: Measured, steps: Steps, settings: FrontSettings) -> None:
+    def __init__(
+        self, measured: Measured, steps: Steps | LogSteps, settings: FrontSettings
+    ) -> None:
         last = steps.tracks.max(initial=0), steps.samples.max(initial=0)
         counts = measured.tracks.shape[1], measured.rates.shape[1]
         fixes = steps.fixes[(steps.extras & POSITION) > 0]
@@ -294,7 +306,8 @@ class FrontEnd:
         self._measured, self._steps = measured, steps
         self._settings = np.array(settings)
         lanes = len(measured.tracks)
-        begin = measured.imu_stamps[0]
+        # Times are since the first track speeds, which no step begins before.
+        begin = measured.track_stamps[0]
         self._track_stamps = (measured.track_stamps - begin).astype(float)
         shortest = np.diff(measured.imu_stamps, append=measured.imu_stamps[-1] + 10**9).min()
         most = int(settings.duration * 1e9 / shortest) + 4
@@ -304,13 +317,19 @@ class FrontEnd:
         self._readings = np.zeros((lanes, most, 2))
         self._taken = 0
 
+    @property
+    def stuck_tracks(self) -> Floats:
+        """See the class."""
+        return self._memory[:, STUCK_TRACKS].copy()
+
     def tell(self, begin: int, end: int, inputs: Floats) -> None:
         """Write down what the steps from `begin` to before `end` are told.
 
         Args:
             begin: the first step; each call goes on where the last one ended.
             end: one after the last.
-            inputs: (end - begin, rows, lanes) written to.
+            inputs: (end - begin, rows, lanes) written to; lanes beyond those of the runs are told what
+                the last of them is.
         """
         steps, measured = self._steps.part(begin, end), self._measured
         tell_steps_entry(
@@ -331,6 +350,7 @@ class FrontEnd:
             steps.tracks,
             steps.samples,
             steps.fixes,
+            steps.known,
         )
         if end > begin:
             self._taken = int(steps.tracks[-1])
@@ -354,6 +374,7 @@ def tell_steps(
     counts: Any,
     samples: Any,
     fix_numbers: Any,
+    known: Any,
 ) -> None:
     """See `FrontEnd.tell`."""
     for lane in range(len(memory)):
@@ -365,6 +386,11 @@ def tell_steps(
                     take_tracks(of, track_stamps[count], left, right, settings)
                 count += 1
             tell_step(inputs[k], lane, of, starts[k], ends[k], settings)
+            if extras[k] & SILENT:
+                inputs[k, ROW_SLOW, lane] = 0.0
+            if known[k] > counts[k]:
+                inputs[k, ROW_NOW_LEFT, lane] = tracks[lane, known[k] - 1, 0]
+                inputs[k, ROW_NOW_RIGHT, lane] = tracks[lane, known[k] - 1, 1]
             if kinds[k] == MOVE_AND_UPDATE or kinds[k] == UPDATE:
                 rate = rates[lane, samples[k]]
                 inputs[k, ROW_RATE, lane] = rate
@@ -375,6 +401,9 @@ def tell_steps(
                 for part in range(5):
                     inputs[k, ROW_FIX + part, lane] = fixes[lane, fix_numbers[k], part]
                 inputs[k, ROW_FIX + 5, lane] = AS_USUAL
+    for lane in range(len(memory), inputs.shape[2]):
+        for k in range(len(starts)):
+            inputs[k, :, lane] = inputs[k, :, len(memory) - 1]
 
 
 tell_steps_entry = entry(tell_steps)

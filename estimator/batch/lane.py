@@ -49,11 +49,14 @@ class Lane:
     Args:
         shape: of the filter.
         with_fast_slip: whether the fast slip of the step that has just ended still counts.
+        tells: whether what gates judge is written down, too.
     """
 
-    def __init__(self, shape: FilterShape, *, with_fast_slip: bool = False) -> None:
+    def __init__(
+        self, shape: FilterShape, *, with_fast_slip: bool = False, tells: bool = False
+    ) -> None:
         trace.start(shape.bits)
-        self.shape = shape
+        self.shape, self._tells = shape, tells
         self.layout = Layout(shape.states)
         self.rows, self._places = self.layout.rows, self.layout.constants
         self._states = states = (*shape.states, *FAST) if with_fast_slip else shape.states
@@ -177,6 +180,9 @@ class Lane:
         per_expected = 1.0 / expected
         square = residual * residual
         nis = square * per_expected
+        if self._tells:
+            asked = trace.truth_as_number(trace.lift_truth(only))
+            self.stores[f"{sensor}_r"], self.stores[f"{sensor}_rr"] = residual, asked * expected
         in_a_row = self.row(f"{sensor}_row")
         admitted = nis <= self.constant("threshold")
         reacquired = trace.lift_truth(only) & ~admitted & (in_a_row >= self.constant("patience"))

@@ -70,6 +70,13 @@ COUNTS = (
 BEFORE = ("V_l", "V_r", "u", "stood", "believed_x", "believed_y")
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
+# Of each gate what it judged last, where a step is told: residual, and the covariance that this should
+# have; 0 where the gate was not asked.
+JUDGED = (
+    *(f"{gate}_{part}" for gate in ("gyro", "accelerometer", "heading") for part in ("r", "rr")),
+    *(f"position_{part}" for part in ("x", "y", "xx", "xy", "yy")),
+)
+
 
 class Names:
     """Names in an order, each with its place."""
@@ -105,7 +112,7 @@ class Layout:
 
     @property
     def rows(self) -> Names:
-        """Names of the rows: states, covariances, regressors, counts, twist; the fast slip last."""
+        """Names of the rows: states, covariances, regressors, counts, twist; what is told only last."""
         states, fast = self.states, range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
         all_states = (*states, *fast)
         return Names(
@@ -118,6 +125,7 @@ class Layout:
                 *BEFORE,
                 *(f"x{i}" for i in fast),
                 *(covariance_name(i, j) for j in fast for i in all_states if i <= j),
+                *JUDGED,
             )
         )
 
@@ -132,6 +140,14 @@ class Layout:
                 *(f"walk{i}" for i in range(s.SIZE)),
             )
         )
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the rows that tell the rest of an estimate: states, variances, what gates judged."""
+        fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
+        states = [i for i in (*self.states, *fast) if i >= s.POSE.stop]
+        values = (*(f"x{i}" for i in states), *(covariance_name(i, i) for i in states))
+        return (*values, *JUDGED)
 
 
 def covariance_name(a: int, b: int) -> str:

@@ -15,8 +15,9 @@ from estimator.log import NANOSECOND, Stamps
 # What a step is: with time passing and an IMU sample at its end, such a sample alone, time alone, or no
 # step at all but a fix on the way to the next.
 MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
-# What there is at the end of a step besides, or on the way to it.
-POSITION, HEADING, TICK = 1, 2, 4
+# What there is at the end of a step besides, or on the way to it; and that the IMU has long been silent
+# at its start.
+POSITION, HEADING, TICK, SILENT = 1, 2, 4, 8
 
 
 class Steps(NamedTuple):
@@ -32,6 +33,7 @@ class Steps(NamedTuple):
         samples: (n,) which IMU sample is at its end.
         fixes: (n,) which fix is at its end.
         ticks: (n,) which tick is at its end.
+        known: (n,) so many samples of the track speeds are known when its estimate is looked at.
     """
 
     starts: Stamps
@@ -43,6 +45,7 @@ class Steps(NamedTuple):
     samples: Stamps
     fixes: Stamps
     ticks: Stamps
+    known: Stamps
 
     def part(self, begin: int, end: int) -> Steps:
         """Some of them."""
@@ -121,4 +124,5 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
         samples,
         np.searchsorted(fixes, absolute),
         np.searchsorted(ticks, absolute),
+        counts,
     )

@@ -61,7 +61,7 @@ def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
         shape: of the filter.
         kind: what happens in the step.
     """
-    lane = Lane(shape)
+    lane = Lane(shape, tells=kind.tells)
     step = Step(lane, kind)
     if kind.moves:
         step.draw_fast_slip()

@@ -18,15 +18,16 @@ ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWI
 QUIET, HOW = INPUTS["quiet_mean"], INPUTS["how"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 PER_STEP = len(STEP_CONSTANTS)
-# When a fix comes: at the end of a step, at one whose estimate is wanted, on the way to the next.
-AT_STEP, AT_TICK, ON_THE_WAY = range(3)
+# When a fix comes: at the end of a step, at one whose estimate is wanted, on the way to the next, and
+# there where the estimate is wanted.
+AT_STEP, AT_TICK, ON_THE_WAY, TOLD_ON_THE_WAY = range(4)
 
 
 class Places(NamedTuple):
     """Where in the workspace things are that the loop looks at itself.
 
     Attributes:
-        estimate: (18,) rows of what is told at a tick.
+        estimate: (n,) rows of what is told at a tick: those of `ESTIMATE`, and more.
         with_pose: (3, n) rows of the covariances with the pose.
         rejected: row of the position fixes rejected in a row.
         used: row of those used.
@@ -59,44 +60,42 @@ def work_through(
 ) -> None:
     """Work through steps; see `BatchFilter.work_through`.
 
-    The kernels `usual`, `full`, `update`, `move`, `position` and `heading`, those of fixes at a tick and
-    on the way, are put in their places when this is compiled.
+    The kernels `usual`, `full`, `update`, `move`, `position` and `heading`, and those of fixes on the way
+    and of what is told, are put in their places when this is compiled.
     """
-    width = lanes.shape[1]
+    width, told_lanes = lanes.shape[1], estimates.shape[2]
     for k in range(len(kinds)):
         for c in range(PER_STEP):
             constants[c] = table[k, c]
         constants[places.interval] = table[k, PER_STEP]
         told = inputs[k]
+        tells = extras[k] & TICK
         if kinds[k] == AHEAD:
-            if extras[k] & POSITION:
-                take_position(lanes, told, constants, refused, refused_count, places, ON_THE_WAY)
-            if extras[k] & HEADING:
-                heading_ahead(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-            continue
-        if kinds[k] == MOVE:
-            move(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-        elif kinds[k] == UPDATE:
-            update(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+            how = TOLD_ON_THE_WAY if tells else ON_THE_WAY
         else:
-            quiet = False
-            for lane in range(width):
-                quiet |= told[QUIET, lane] == told[QUIET, lane]
-            if quiet or extras[k] & TICK:
-                full(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+            how = AT_TICK if tells else AT_STEP
+            if kinds[k] == MOVE:
+                if tells:
+                    move_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+                else:
+                    move(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+            elif kinds[k] == UPDATE:
+                update(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
             else:
-                usual(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-        how = AT_TICK if extras[k] & TICK else AT_STEP
+                quiet = False
+                for lane in range(width):
+                    quiet |= told[QUIET, lane] == told[QUIET, lane]
+                if quiet or tells:
+                    full(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+                else:
+                    usual(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
         if extras[k] & POSITION:
             take_position(lanes, told, constants, refused, refused_count, places, how)
         if extras[k] & HEADING:
-            if how == AT_TICK:
-                heading_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-            else:
-                heading(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-        if extras[k] & TICK:
+            take_heading(lanes, told, constants, how)
+        if tells:
             for row in range(len(places.estimate)):
-                for lane in range(width):
+                for lane in range(told_lanes):
                     estimates[ticks[k], row, lane] = lanes[places.estimate[row], lane]
 
 
@@ -142,11 +141,25 @@ def take_position(
 
 def position_of(lanes: Floats, told: Floats, constants: Floats, when: int) -> Any:
     """Take a position fix; at a tick, tell the body velocity after it."""
+    if when == TOLD_ON_THE_WAY:
+        return position_ahead_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
     if when == ON_THE_WAY:
         return position_ahead(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
     if when == AT_TICK:
         return position_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
     return position(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+
+
+def take_heading(lanes: Floats, told: Floats, constants: Floats, when: int) -> None:
+    """Take a heading fix, likewise."""
+    if when == TOLD_ON_THE_WAY:
+        heading_ahead_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+    elif when == ON_THE_WAY:
+        heading_ahead(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+    elif when == AT_TICK:
+        heading_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+    else:
+        heading(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
 
 
 def move_pose(lanes: Floats, lane: int, refused: Floats, count: int, places: Places) -> bool:

@@ -1,0 +1,261 @@
+"""Running several filter variants over one log in one pass: what `estimator.run` says, much sooner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import msgspec
+import numpy as np
+
+from estimator import state as s
+from estimator.batch.errors import BatchError
+from estimator.batch.filters import BatchFilter, Lanes, aligned
+from estimator.batch.from_logs import NO_STAMPS, has_absurd_readings
+from estimator.batch.front_end import FrontEnd, Measured, front_settings
+from estimator.batch.layout import INPUTS, STEP_CONSTANTS
+from estimator.batch.log_steps import Bytes, LogSteps, steps_of_log
+from estimator.batch.replay_rows import TELLING, ReplayRows
+from estimator.batch.schedule import MOVE, MOVE_AND_UPDATE, UPDATE
+from estimator.batch.work import ESTIMATE
+from estimator.checks import three_numbers
+from estimator.ekf import REGRESSOR_SMOOTHING
+from estimator.errors import EstimatorError
+from estimator.frames import Floats
+from estimator.jit_kernel import entry
+from estimator.log import NANOSECOND, Log, Stamps
+from estimator.measurements import TrackSpeeds
+from estimator.pose_estimator import Snapshot
+from estimator.propagation import fading, gauss_markov_noise
+from estimator.reckoning import Reckoning
+from estimator.robot import Robot, require_robot
+from estimator.run import Run
+from estimator.sensor_models import SensorModels
+from estimator.settings import Settings
+from estimator.track_speeds import smoothing_share
+from estimator.variants import find_variant
+
+# Steps that are worked through by one filter before it is the next one's turn.
+PART = 1024
+
+
+def run_side_by_side(
+    log: Log,
+    robot: Robot,
+    variants: Sequence[str],
+    *,
+    settings: Settings | None = None,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Run]:
+    """Run variants of the index models over a log, from its first measurement to its last.
+
+    What comes out is what `run` says of each of them, to rounding, but for the accelerometer where the
+    robot comes to rest: its innovation is NaN in the row before which the robot was found standing, even
+    if it was judged at an earlier IMU sample since the last row; and where the robot stands for the last
+    `TELLING` steps, the newest and recent NIS in `health` are those of the innovations in rows. A variant
+    is compiled when it runs for the first time ever, which takes some seconds.
+
+    Args:
+        log: the measurements; its truth is not looked at.
+        robot: the robot.
+        variants: names of variants of the index models.
+        settings: of the filters.
+        start: pose at the start: x, y [m], yaw [rad].
+        start_sigma: its standard deviations [m, m, rad].
+        progress: called now and then with the stamp [ns] that was reached.
+
+    Returns:
+        The run of each variant.
+
+    Raises:
+        EstimatorError: no such variant, a log without track speeds, or `start` is none.
+        BatchError: a variant, the settings or the log cannot be worked through side by side; the message
+            says why, and `run` takes them.
+    """
+    require_robot(robot)
+    start = three_numbers("start", start, "three finite numbers: x, y [m], yaw [rad]")
+    of_sigma = "three finite numbers, 0 or more: the standard deviations of x, y [m], yaw [rad]"
+    start_sigma = three_numbers("start_sigma", start_sigma, of_sigma, least=0.0)
+    settings = settings or Settings()
+    if settings.engine != "compiled":
+        raise BatchError(f"filters side by side are compiled, found engine = {settings.engine!r}")
+    measured, headings, has_force = measured_alone(log, robot)
+    of_filters = settings
+    if not has_force:
+        of_filters = msgspec.structs.replace(settings, use_accelerometer=False)
+    filters = [BatchFilter(robot, find_variant(name), of_filters) for name in variants]
+    stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
+    steps = steps_of_log(*stamps, headings, settings, TELLING)
+    for one in filters:
+        one.compile_for(steps)
+    if not filters:
+        return {}
+    given = np.array(start, dtype=float), np.array(start_sigma, dtype=float)
+    first = np.repeat(measured.tracks[:, 0], filters[0].width, axis=0)
+    begun = [one.begin(first, *given) for one in filters]
+    row_stamps = steps.row_stamps + measured.track_stamps[0]
+    rows = [ReplayRows(one, robot, steps, measured, headings, row_stamps) for one in filters]
+    began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
+    for before, one, lanes in zip(began, filters, begun, strict=True):
+        memory, by_parameters = before.memory(), before.model().jacobian[:, s.PARAMETERS]
+        if memory.step_under_way or (memory.regressors is not None and steps.kinds[:1] == UPDATE):
+            raise BatchError("there are fixes before the first track speeds")
+        one.take_over(lanes, memory, by_parameters)
+    if steps.before_steps:
+        for before, of_one in zip(began, rows, strict=True):
+            of_one.put_first(_snapshot(before))
+    smoothed = began[0].memory().regressors is not None
+    front = _go(filters, begun, rows, steps, measured, progress, smoothed=smoothed)
+    found: dict[str, Run] = {}
+    for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
+        health = before.health
+        health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
+        health.sensor("tracks").used = len(measured.track_stamps)
+        found[name] = rows.pop(0).finish(name, one, lanes, health)
+    return found
+
+
+def _go(
+    filters: Sequence[BatchFilter],
+    begun: Sequence[Lanes],
+    rows: Sequence[ReplayRows],
+    steps: LogSteps,
+    measured: Measured,
+    progress: Callable[[int], None] | None,
+    *,
+    smoothed: bool,
+) -> FrontEnd:
+    """Work through all steps, and write down what is told; `smoothed` if there is something to smooth."""
+    width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
+    front = FrontEnd(measured, steps, front_settings(filters[0].robot, filters[0].settings))
+    inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
+    rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.told), 1)) for one in filters]
+    tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
+    moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
+    first_moving = int(moving[0]) if len(moving) else -1
+    for begin in range(0, len(steps.kinds), PART):
+        end = min(begin + PART, len(steps.kinds))
+        part = steps.part(begin, end)
+        told = inputs[: end - begin]
+        front.tell(begin, end, told)
+        for tau, table in tables.items():
+            fill_entry(table, part.starts, part.ends, part.intervals, tau)
+            if begin <= first_moving < end and not smoothed:
+                table[first_moving - begin, STEP_CONSTANTS.index("share")] = 1.0
+        for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
+            table = tables[one.time_constant][: end - begin]
+            one.work_through(lanes, told, part, table, room, all_told=True)
+            of_one.take(begin, end, part, room[:, :, 0])
+        if progress is not None:
+            progress(begin_stamp + int(part.ends[-1]))
+    return front
+
+
+def fill_step_constants(
+    table: Floats, starts: Stamps, ends: Stamps, intervals: Floats, tau: float
+) -> None:
+    """What belongs to each step, see `estimator.batch.layout.STEP_CONSTANTS`; the IMU's interval last.
+
+    Args:
+        table: (n, k) written to.
+        starts: of the steps [ns].
+        ends: of the steps [ns].
+        intervals: of the IMU [s].
+        tau: time constant of the slip [s].
+    """
+    for k in range(len(starts)):
+        elapsed = ends[k] - starts[k]
+        if k == 0 or elapsed != ends[k - 1] - starts[k - 1]:
+            dt = elapsed * NANOSECOND
+            decay, mean = fading(dt, tau)
+            integral, cross, final = gauss_markov_noise(dt, tau)
+            share = smoothing_share(dt, REGRESSOR_SMOOTHING)
+            table[k, 0], table[k, 1], table[k, 2], table[k, 3] = dt, share, decay, mean
+            table[k, 4], table[k, 5], table[k, 6] = integral, cross, final
+        else:
+            table[k, :7] = table[k - 1, :7]
+        table[k, 7] = intervals[k]
+
+
+fill_entry = entry(fill_step_constants)
+
+
+def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
+    """What a log holds of track speeds, IMU and fixes, as a robot's filter takes it.
+
+    Returns:
+        That; of each fix whether it has a heading; and whether the IMU has accelerometers.
+
+    Raises:
+        EstimatorError: there are no track speeds.
+        BatchError: there is no IMU, or something that filters side by side do not take.
+    """
+    if not len(log.tracks.stamps):
+        raise EstimatorError(
+            f"log {log.name!r} holds no track speeds: there is nothing to reckon with"
+        )
+    imu, fixes = log.imu, log.fixes
+    if imu is None or not len(imu.stamps):
+        raise BatchError(f"the log {log.name!r} holds no IMU samples")
+    if log.others:
+        kinds = ", ".join(sorted({type(other).__name__ for other in log.others}))
+        raise BatchError(
+            f"the log {log.name!r} holds {kinds}, which filters side by side cannot take"
+        )
+    fix_stamps = NO_STAMPS if fixes is None else fixes.stamps
+    if any((np.diff(one) <= 0).any() for one in (log.tracks.stamps, imu.stamps, fix_stamps)):
+        raise BatchError(f"the stamps of {log.name!r} do not rise")
+    if has_absurd_readings(log, robot.vehicle.max_track_speed):
+        raise BatchError(
+            f"the log {log.name!r} holds readings that no such sensor gives, or IMU samples without "
+            "forces among others, which filters side by side do not look for"
+        )
+    values = np.zeros((len(fix_stamps), 5))
+    if fixes is not None:
+        values[:, :3], values[:, 3:] = fixes.poses, fixes.variances
+    headings = np.isfinite(values[:, 2])
+    values[~headings, 2], values[~headings, 4] = 0.0, 1.0
+    if not (np.isfinite(values).all() and (values[:, 3:] > 0.0).all()):
+        raise BatchError(f"the log {log.name!r} holds fixes that are no numbers")
+    sensors, force = SensorModels(robot), imu.linear_acceleration
+    rates = sensors.yaw_rates(imu.angular_velocity)
+    forces = np.zeros(len(rates)) if force is None else sensors.to_the_left_of(force)
+    measured = Measured(
+        log.tracks.stamps,
+        np.ascontiguousarray(log.tracks.speeds)[None],
+        imu.stamps,
+        rates[None],
+        forces[None],
+        fix_stamps,
+        values[None],
+    )
+    return measured, headings.astype(np.int8), force is not None
+
+
+def _begin(
+    log: Log,
+    robot: Robot,
+    variant: str,
+    settings: Settings,
+    start: tuple[float, float, float],
+    start_sigma: tuple[float, float, float],
+) -> Reckoning:
+    """The streaming filter with the first track speeds, and with what was measured before."""
+    found = Reckoning(robot, find_variant(variant), settings, start, start_sigma)
+    longest_gap = int(settings.longest_gap / NANOSECOND)
+    for measurement in log.measurements():
+        if found.stamp is not None and measurement.stamp - found.stamp > longest_gap:
+            raise BatchError("there is a stamp further ahead than Settings.longest_gap")
+        found.take(measurement)
+        if isinstance(measurement, TrackSpeeds):
+            break
+    return found
+
+
+def _snapshot(reckoning: Reckoning) -> Snapshot:
+    """See `PoseEstimator.snapshot`."""
+    model, P = reckoning.model(), reckoning.ekf.P
+    spread = model.jacobian @ P @ model.jacobian.T
+    stamp = reckoning.stamp or 0
+    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, spread, model.motion.indices)

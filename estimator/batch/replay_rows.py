@@ -1,0 +1,318 @@
+"""What filters side by side tell of a replay, made into the rows and counts of a run."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator import state as s
+from estimator.batch.filters import BatchFilter, Lanes
+from estimator.batch.front_end import Measured
+from estimator.batch.log_steps import Bytes, LogSteps
+from estimator.batch.schedule import HEADING, POSITION, TICK, UPDATE, Steps
+from estimator.batch.work import ESTIMATE
+from estimator.frames import Floats
+from estimator.gating import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
+from estimator.health import RECENT, Health, Judged
+from estimator.innovation_rows import COMPONENTS, INNOVATION_NAMES, Singles
+from estimator.log import Stamps
+from estimator.motion import solve
+from estimator.pose_estimator import Snapshot
+from estimator.robot import Robot
+from estimator.run import Run
+from estimator.trajectory import Trajectory
+from estimator.variants import state_names
+
+# Of so many steps at the end what gates judge is told, row or not: of the mean over the recent ones,
+# which fades by a hundredth with each, less than 1e-13 is then older.
+TELLING = 3000
+# So many rows have their indices worked out at once.
+AT_ONCE = 8192
+IMU_GATES = ("gyro", "accelerometer")
+FIRST_OF_TWIST = ESTIMATE.index("v_x")
+# Entries (i, j) on the diagonal and above it, row by row, in their places in a matrix.
+SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+
+
+Indices = NDArray[np.intp]
+Truths = NDArray[np.bool_]
+
+
+class Gated(NamedTuple):
+    """The newest of a sensor that was judged: stamp [ns], residual, covariance, NIS."""
+
+    stamp: int
+    residual: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    nis: float
+
+
+class ReplayRows:
+    """The rows of one filter's run.
+
+    Args:
+        one: the filter.
+        robot: the robot.
+        steps: of the log.
+        measured: what the filter is told of.
+        headings: of each fix whether it has a heading.
+        stamps: (k,) of the rows [ns], which the runs share.
+    """
+
+    def __init__(
+        self,
+        one: BatchFilter,
+        robot: Robot,
+        steps: LogSteps,
+        measured: Measured,
+        headings: Bytes,
+        stamps: Stamps,
+    ) -> None:
+        count = len(steps.row_stamps)
+        self._steps, self._measured, self._headings = steps, measured, headings
+        self._stamps = stamps
+        self._robot = robot
+        fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
+        self._states_told = [i for i in (*one.layout.states, *fast) if i >= s.POSE.stop]
+        self._places = {name: len(ESTIMATE) + place for place, name in enumerate(one.layout.told)}
+        self._states, self._sigmas = np.empty((count, s.SIZE)), np.zeros((count, s.SIZE))
+        self._states[:] = one.start
+        self._pose_covariances = np.empty((count, 3, 3))
+        self._twists, self._twist_covariances = np.empty((count, 3)), np.empty((count, 3, 3))
+        self._indices = np.empty((count, 3))
+        self._innovations: dict[str, Singles] = {}
+        self._known = np.zeros(count, np.int32)
+        self._newest: dict[str, Gated] = {}
+        self._nis: dict[str, deque[float]] = {}
+
+    def put_first(self, estimate: Snapshot) -> None:
+        """The first row is the estimate before any step."""
+        self._states[0] = estimate.state
+        self._sigmas[0] = np.sqrt(np.diagonal(estimate.covariance))
+        self._pose_covariances[0] = estimate.covariance[s.POSE, s.POSE]
+        self._twists[0], self._twist_covariances[0] = estimate.twist, estimate.twist_covariance
+        self._known[0] = 1
+
+    def take(self, begin: int, end: int, part: Steps, room: Floats) -> None:
+        """Write down what was told.
+
+        Args:
+            begin: the first of the steps.
+            end: one after the last.
+            part: the steps.
+            room: (n, k) what was told at their ticks.
+        """
+        told = np.flatnonzero(part.extras & TICK)
+        if not len(told):
+            return
+        values = room[: len(told)]
+        self._judge(part, told, values)
+        rows = self._steps.rows[begin:end][told]
+        is_row = rows >= 0
+        # Of those that are told again after a fix, the last.
+        is_row[:-1] &= rows[:-1] != rows[1:]
+        if not is_row.any():
+            return
+        values, rows, known = values[is_row], rows[is_row], part.known[told[is_row]]
+        kept = slice(int(rows[0]), int(rows[-1]) + 1)
+        self._known[kept] = known
+        states, sigmas = self._states[kept], self._sigmas[kept]
+        states[:, s.POSE] = values[:, :3]
+        covariances = self._pose_covariances[kept]
+        covariances[:] = values[:, 3:9][:, SYMMETRIC].reshape(-1, 3, 3)
+        sigmas[:, s.POSE] = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        count, first = len(self._states_told), len(ESTIMATE)
+        states[:, self._states_told] = values[:, first : first + count]
+        sigmas[:, self._states_told] = np.sqrt(values[:, first + count : first + 2 * count])
+        twist = FIRST_OF_TWIST
+        self._twists[kept] = values[:, twist : twist + 3]
+        spread = values[:, twist + 3 : twist + 9]
+        self._twist_covariances[kept] = spread[:, SYMMETRIC].reshape(-1, 3, 3)
+        self._write_innovations(kept, values)
+
+    def _column(self, values: Floats, name: str) -> Floats:
+        return values[:, self._places[name]]
+
+    def _judge(self, part: Steps, told: Indices, values: Floats) -> None:
+        """Remember what the gates judged last."""
+        extras = part.extras[told]
+        when = dict.fromkeys(IMU_GATES, part.kinds[told] <= UPDATE)
+        when["heading"] = (extras & HEADING) > 0
+        for gate, may_be in when.items():
+            residual = self._column(values, f"{gate}_r")
+            expected = self._column(values, f"{gate}_rr")
+            asked = np.flatnonzero(may_be & (expected > 0.0))[-TELLING:]
+            if len(asked):
+                last, nis = asked[-1], residual[asked] ** 2 / expected[asked]
+                judged = (float(residual[last]),), ((float(expected[last]),),)
+                self._remember(gate, int(part.ends[told[last]]), *judged, nis)
+        asked = np.flatnonzero(extras & POSITION)[-TELLING:]
+        if len(asked):
+            x, y, xx, xy, yy = (
+                self._column(values, f"position_{name}")[asked]
+                for name in ("x", "y", "xx", "xy", "yy")
+            )
+            nis = (x * (x * yy - y * xy) + y * (y * xx - x * xy)) / (xx * yy - xy * xy)
+            across = float(xy[-1])
+            spread = (float(xx[-1]), across), (across, float(yy[-1]))
+            stamp = int(part.ends[told[asked[-1]]])
+            self._remember("position", stamp, (float(x[-1]), float(y[-1])), spread, nis)
+
+    def _remember(
+        self,
+        gate: str,
+        stamp: int,
+        residual: tuple[float, ...],
+        covariance: tuple[tuple[float, ...], ...],
+        nis: Floats,
+    ) -> None:
+        """The newest that a gate has judged, and the NIS of all that are new."""
+        begin = int(self._measured.track_stamps[0])
+        self._newest[gate] = Gated(begin + stamp, residual, covariance, float(nis[-1]))
+        self._nis.setdefault(gate, deque(maxlen=TELLING)).extend(nis.tolist())
+
+    def _write_innovations(self, kept: slice, values: Floats) -> None:
+        with_sample = self._steps.row_samples[kept] > 0
+        fixes = self._steps.row_fixes[kept]
+        with_fix = fixes >= 0
+        for gate in IMU_GATES:
+            expected = self._column(values, f"{gate}_rr")
+            self._innovate(gate, kept, self._column(values, f"{gate}_r"), expected, with_sample)
+        if not with_fix.any():
+            return
+        for axis in "xy":
+            expected = self._column(values, f"position_{axis * 2}")
+            residual = self._column(values, f"position_{axis}")
+            self._innovate(f"position_{axis}", kept, residual, expected, with_fix)
+        headed = with_fix & (self._headings[fixes] > 0)
+        expected = self._column(values, "heading_rr")
+        self._innovate("heading", kept, self._column(values, "heading_r"), expected, headed)
+
+    def _innovate(
+        self, name: str, kept: slice, residual: Floats, expected: Floats, when: Truths
+    ) -> None:
+        when = when & (expected > 0.0)
+        if not when.any():
+            return
+        if name not in self._innovations:
+            self._innovations[name] = np.full(len(self._states), np.nan, np.float32)
+        column = self._innovations[name][kept]
+        column[when] = residual[when] / np.sqrt(expected[when])
+
+    def finish(self, variant: str, one: BatchFilter, lanes: Lanes, health: Health) -> Run:
+        """The run.
+
+        Args:
+            variant: its name.
+            one: the filter.
+            lanes: at the end.
+            health: of the measurements that no gate judges; it is added to.
+        """
+        self._write_indices(one)
+        self._innovate_first(health)
+        self._count(one, lanes, health)
+        names = tuple(name for name in INNOVATION_NAMES if name in self._innovations)
+        innovations = np.empty((len(self._states), len(names)), np.float32)
+        for column, name in enumerate(names):
+            innovations[:, column] = self._innovations.pop(name)
+        trajectory = Trajectory(
+            self._stamps,
+            self._states[:, s.POSE],
+            self._pose_covariances,
+            self._twists,
+            self._twist_covariances,
+        )
+        return Run(
+            variant,
+            trajectory,
+            self._indices,
+            state_names(variant),
+            self._states,
+            self._sigmas,
+            health,
+            names,
+            innovations,
+        )
+
+    def _innovate_first(self, health: Health) -> None:
+        """The first row has those of fixes before the first track speeds, where none came since."""
+        for sensor, counts in health.sensors.items():
+            if counts.newest_judged is None or not len(self._states):
+                continue
+            _, _, residual, covariance = counts.newest_judged
+            for axis, name in enumerate(COMPONENTS[sensor]):
+                column = self._innovations.setdefault(
+                    name, np.full(len(self._states), np.nan, np.float32)
+                )
+                if np.isnan(column[0]):
+                    column[0] = residual[axis] / math.sqrt(covariance[axis][axis])
+
+    def _write_indices(self, one: BatchFilter) -> None:
+        """Of the motion at the track speeds that are known at each row."""
+        vehicle, settings = self._robot.constants, one.settings
+        for begin in range(0, len(self._states), AT_ONCE):
+            kept = slice(begin, begin + AT_ONCE)
+            x = self._states[kept].T
+            speeds = self._measured.tracks[0, self._known[kept] - 1]
+            left, right = (speeds * (1.0 + x[s.TRACK_SCALE, :, None])).T
+            slip = x[s.SLIP] + x[s.FAST_SLIP]
+            motion = solve(
+                left,
+                right,
+                tuple(x[s.PARAMETERS]),
+                vehicle,
+                form=settings.form,
+                slip=(-slip[1], slip[0], slip[2]),
+                slip_in_inertia=settings.inertia == "imu",
+            )
+            for column, values in enumerate(motion.indices):
+                self._indices[kept, column] = values
+
+    def _count(self, one: BatchFilter, lanes: Lanes, health: Health) -> None:
+        counts = {name: float(values[0]) for name, values in one.counts(lanes).items()}
+        health.standstill_updates = int(counts["standstill"])
+        for gate, degrees in self._in_order_of_time():
+            used, rejected = int(counts[f"{gate}_used"]), int(counts[f"{gate}_rejected"])
+            if not used + rejected:
+                continue
+            sensor, admitted = health.sensor(gate), int(counts[f"{gate}_judged"])
+            sensor.used += used
+            sensor.nis_sum += counts[f"{gate}_nis"]
+            if rejected:
+                sensor.rejected["gate"] = sensor.rejected.get("gate", 0) + rejected
+            sensor.degrees += degrees * admitted
+            sensor.judged_count += used + rejected
+            sensor.reacquired += used - admitted
+            newest = self._newest.get(gate)
+            if newest is None:
+                continue
+            verdict = ADMITTED
+            if newest.nis > CHI_SQUARE_1E4[degrees]:
+                verdict = REJECTED if counts[f"{gate}_row"] > 0.0 else REACQUIRED
+            judged: Judged = (newest.stamp, verdict, newest.residual, newest.covariance)
+            sensor.newest_judged, sensor.newest_nis = judged, newest.nis
+            sensor.recent_nis = _recent(
+                self._nis[gate], sensor.judged_count, degrees, sensor.recent_nis or 0.0
+            )
+
+    def _in_order_of_time(self) -> list[tuple[str, int]]:
+        """Gates and their degrees of freedom, the gate first that was asked first."""
+        fixes, began = self._measured.fix_stamps, self._measured.track_stamps[0]
+        of_imu, of_fixes = [("gyro", 1), ("accelerometer", 1)], [("position", 2), ("heading", 1)]
+        samples = self._measured.imu_stamps
+        first = int(np.searchsorted(samples, began))
+        fixes_first = len(fixes) and (first == len(samples) or fixes[0] < samples[first])
+        return of_fixes + of_imu if fixes_first else of_imu + of_fixes
+
+
+def _recent(nis: Iterable[float], count: int, degrees: int, before: float) -> float:
+    """See `SensorHealth.recent_nis`, of the newest of so many that were judged; `before` it was this."""
+    values, mean = list(nis), before
+    for number, value in enumerate(values, count - len(values) + 1):
+        mean += (value / degrees - mean) / min(number, RECENT)
+    return mean
