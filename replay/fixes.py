@@ -75,6 +75,12 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
         raise ReplayError("the part of the log that fixes are to be used in is empty")
     fixes = log.fixes if log.fixes is not None else _fixes_from_truth(log)
     inside = (fixes.stamps >= start) & (fixes.stamps <= end)
+    if not inside.any():
+        first, last = ((int(fixes.stamps[k]) - log.start) * NANOSECOND for k in (0, -1))
+        raise ReplayError(
+            f"the part of the log that fixes are to be used in holds none of its {len(inside)} fixes, "
+            f"which come from {first:.0f} to {last:.0f} s of {log.duration:.0f} s"
+        )
     return replace(
         log,
         fixes=FixSeries(fixes.stamps[inside], fixes.poses[inside], fixes.variances[inside]),
@@ -88,7 +94,10 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
 
 def _fixes_from_truth(log: Log) -> FixSeries:
     if log.truth is None:
-        raise ReplayError(f"{log.name}: the log has neither fixes nor a truth to take them from")
+        raise ReplayError(
+            f"{log.name}: neither fixes nor a truth to take them from; if the log has some, [log.fixes] "
+            "in the robot file must name their topic (icreckon inspect shows it)"
+        )
     poses = log.truth.poses
     period = int(TRUTH_FIX_PERIOD / NANOSECOND)
     _, first = np.unique((poses.stamps - poses.stamps[0]) // period, return_index=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,40 @@ class UnusableError(Exception):
     """A message is of no use; the text says why, for the counts."""
 
 
+OVERLAP = 1.0
+"""Parts of one log may overlap by so much [s]; two recordings of one robot overlap by more."""
+APART = 86_400.0
+"""Parts of one log are no further apart [s]."""
+
+
+class Span(NamedTuple):
+    """From when to when [ns] a file has a stream."""
+
+    start: int
+    end: int
+    source: str
+
+
+def _check_parts_of_one_log(purpose: str, one: Span, other: Span) -> None:
+    """Refuse two recordings that cannot be parts of one log.
+
+    Raises:
+        ReplayError: they overlap, or are days apart.
+    """
+    overlap = (min(one.end, other.end) - max(one.start, other.start)) * NANOSECOND
+    advice = "; give them one by one, each as a log of its own"
+    if overlap > OVERLAP:
+        raise ReplayError(
+            f"{one.source} and {other.source} both hold {purpose} for the same {overlap:.0f} s: two "
+            f"recordings, not two parts of one{advice}"
+        )
+    if -overlap > APART:
+        raise ReplayError(
+            f"{one.source} and {other.source} are {-overlap / APART:.0f} days apart, by their {purpose}: "
+            f"no parts of one log{advice}"
+        )
+
+
 @dataclass
 class Stream:
     """The rows gathered of one topic for one purpose.
@@ -84,6 +118,13 @@ class Stream:
     _stamped: array[int] = field(default_factory=lambda: array("q"))
     _rows: array[float] = field(default_factory=lambda: array("d"))
     _headless: int = 0
+    _parts: list[Span] = field(default_factory=list)
+
+    def _spans(self) -> list[Span]:
+        """From when to when each file has it."""
+        if self._parts or not len(self._recorded):
+            return self._parts
+        return [Span(min(self._recorded), max(self._recorded), self.source)]
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -119,13 +160,17 @@ class Stream:
         """Add what was gathered for the same purpose elsewhere.
 
         Raises:
-            ReplayError: it is of another type of message.
+            ReplayError: it is of another type of message, or of another recording.
         """
         if self.msgtype and other.msgtype and self.msgtype != other.msgtype:
             raise ReplayError(
                 f"{self.purpose} are of type {self.msgtype!r} in {self.source}, and of type "
                 f"{other.msgtype!r} in {other.source}; one log has them of one type"
             )
+        for span in self._spans():
+            for another in other._spans():
+                _check_parts_of_one_log(self.purpose, span, another)
+        self._parts = [*self._spans(), *other._spans()]
         self.msgtype = self.msgtype or other.msgtype
         for reason, count in other.lost.items():
             self.lose(reason, count)
