@@ -59,7 +59,7 @@ Formats = Annotated[
     str | None,
     typer.Option(
         help="What to write trajectories as, separated by commas: tum, kitti, csv, parquet, mcap, "
-        "ros1, or none (default: tum,parquet,mcap)."
+        "ros1, or none (default: tum,mcap)."
     ),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]

@@ -14,7 +14,7 @@ FORMATS = {
     "mcap": "messages, for Foxglove, PlotJuggler and ROS 2",
     "ros1": "the same messages as a ROS 1 bag",
 }
-DEFAULT_FORMATS = ("tum", "parquet", "mcap")
+DEFAULT_FORMATS = ("tum", "mcap")
 
 
 def parse_formats(text: str | None) -> tuple[str, ...]:

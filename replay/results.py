@@ -30,6 +30,8 @@ from replay.variant_scores import differences, scored_intervals, scores, truths_
 FORMAT = 1
 # A time without samples that is worth telling [s].
 LONG_GAP = 1.0
+# So large a share of the gyro's readings is rejected only where it and the tracks contradict each other.
+MANY_REJECTED = 0.05
 # Lists of numbers, which are many, stand in one line of the file; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
@@ -86,7 +88,7 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
-            "notes": [*log.notes, *_holes(log)],
+            "notes": [*log.notes, *_holes(log), *_doubts(comparison)],
             "start_ns": log.start,
         },
         "truth": _truth_summary(comparison, scored),
@@ -126,6 +128,21 @@ def _holes(log: Log) -> list[str]:
                 f"the longest of {long.max():.1f} s"
             )
     return told
+
+
+def _doubts(comparison: Comparison) -> list[str]:
+    """What makes the robot file doubtful: readings of the gyro that all variants reject so often."""
+    shares = []
+    for name, one in comparison.runs.items():
+        gyro = one.health.sensors.get("gyro")
+        if gyro is not None and gyro.judged_count and not name.endswith(SMOOTHED):
+            shares.append(gyro.rejected.get("gate", 0) / gyro.judged_count)
+    if not shares or min(shares) < MANY_REJECTED:
+        return []
+    return [
+        f"every variant rejects {min(shares):.0%} or more of the gyro's readings: are left and right "
+        "swapped, or is the IMU mounted otherwise than the robot file says? icreckon inspect shows both"
+    ]
 
 
 def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:

@@ -71,7 +71,7 @@ def test_demo_leaves_everything_it_promises(demo: Path) -> None:
         "odometry.mcap",
         "page.html",
         "results.json",
-        *(f"{name}.{form}" for name in TRAJECTORIES for form in ("tum", "parquet")),
+        *(f"{name}.tum" for name in TRAJECTORIES),
     }
     assert (demo / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert not [path for path in demo.parent.iterdir() if path != demo]

@@ -57,7 +57,7 @@ def one(comparison: Comparison) -> Run:
 
 
 def test_formats_are_named_in_any_order_and_case() -> None:
-    assert parse_formats(None) == DEFAULT_FORMATS == ("tum", "parquet", "mcap")
+    assert parse_formats(None) == DEFAULT_FORMATS == ("tum", "mcap")
     assert parse_formats(" ROS1 ,tum,tum") == ("tum", "ros1")
     assert parse_formats("none") == ()
     assert parse_formats(",".join(FORMATS)) == tuple(FORMATS)

@@ -144,3 +144,15 @@ def test_the_proposed_robot_file_needs_no_more_than_three_numbers(
         drifts.append(drift(reckoned.pose_series, truth, 30.0).percent_mean)
     # The shipped file was identified with the truth of this log; the proposed one may not look at it.
     assert drifts[0] < 1.4 * drifts[1]
+
+
+def test_swapped_sides_are_told(data_dir: Path) -> None:
+    robot = load_robot("warthog")
+    log = read_log(sample_log(data_dir, "warthog_grass_2024_8_8_16h11s19"), robot)
+    swapped = replace(log, tracks=replace(log.tracks, speeds=log.tracks.speeds[:, ::-1].copy()))
+    told = []
+    for one in (log, swapped):
+        comparison = compare(one, robot, ["constant-online", "inertia-online"])
+        notes = summarise(comparison, robot, command="test", configuration={})["log"]["notes"]
+        told.append("left and right swapped" in "".join(notes))
+    assert told == [False, True]
