@@ -40,9 +40,24 @@ def write_report(
         robot: the robot.
         formats: names from `replay.formats.FORMATS`.
     """
-    write_figure(folder / FIGURE_FILE, results)
+    write_exports(folder, comparison, robot, formats)
+    write_views(folder, results)
+
+
+def write_views(folder: Path, results: Results) -> None:
+    """Write results, figure and page, for which the runs themselves are not needed any more."""
     write_results(folder / RESULTS_FILE, results)
     write_page(folder / PAGE_FILE, results)
+    write_figure(folder / FIGURE_FILE, results)
+
+
+def write_exports(
+    folder: Path,
+    comparison: Comparison,
+    robot: Robot,
+    formats: Sequence[str] = DEFAULT_FORMATS,
+) -> None:
+    """Write the trajectories of a comparison in the formats wanted, see `write_report`."""
     _write_trajectories(folder, comparison, formats)
     _write_tables(folder, comparison, robot, formats)
     if "mcap" in formats:

@@ -15,7 +15,7 @@ from icreckon.console import progress, results, worker_count
 from replay.comparison import DEFAULT_VARIANTS, compare
 from replay.fixes import LogPart
 from replay.formats import DEFAULT_FORMATS
-from replay.report import RESULTS_FILE, write_report
+from replay.report import RESULTS_FILE, write_exports, write_views
 from replay.results import summarise
 from replay.tables import results_table
 
@@ -56,7 +56,10 @@ def compare_and_report(
     summary = summarise(
         comparison, robot, command=command, configuration=configuration, seed=seed, inputs=inputs
     )
-    write_report(folder, comparison, summary, robot, formats)
+    write_exports(folder, comparison, robot, formats)
+    # The runs of a long log take more memory than anything else.
+    del comparison
+    write_views(folder, summary)
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
     else:
