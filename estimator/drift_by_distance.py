@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.frames import Floats, relative, wrap_angle
+from estimator.frames import Floats
 from estimator.log import NANOSECOND, PoseSeries
-from estimator.scores import SEGMENT_STEP, Drift, Interval, interpolate_poses, path_length
+from estimator.scores import Drift, Interval, segments
 
 DISTANCES = (5.0, 10.0, 30.0, 50.0)
 
@@ -44,32 +44,18 @@ def drift_by_distance(
         within: intervals of stamps [ns] a segment must lie in wholly; None for everywhere.
         largest_gap: segments across a longer hole in the truth are left out [s].
     """
-    stamps = truth.stamps[
-        (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
-    ]
-    if len(stamps) < 2:
-        return DistanceDrift(length, stamps[:0], *(np.zeros(0) for _ in range(4)))
-    true_poses = interpolate_poses(truth, stamps)
-    travelled = path_length(PoseSeries(stamps, true_poses))
-    begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
-    first = np.unique(np.searchsorted(stamps, begins))
-    last = np.searchsorted(travelled, travelled[first] + length)
-    inside = last < len(stamps)
-    first, last = first[inside], last[inside]
-    gaps = np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
-    keep = gaps[first] == gaps[last]
-    if within is not None:
-        lies = [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within]
-        keep &= np.any(lies, axis=0) if lies else False
-    first, last = first[keep], last[keep]
-    estimated = interpolate_poses(estimate, stamps)
-    true_step = relative(true_poses[first], true_poses[last])
-    step = relative(estimated[first], estimated[last])
+    found = segments(
+        estimate,
+        truth,
+        lambda _, travelled, first: np.searchsorted(travelled, travelled[first] + length),
+        within=within,
+        largest_gap=largest_gap,
+    )
     return DistanceDrift(
         length,
-        stamps[first],
-        np.hypot(*(step - true_step)[:, :2].T),
-        np.asarray(wrap_angle(step[:, 2] - true_step[:, 2])),
-        travelled[last] - travelled[first],
-        (stamps[last] - stamps[first]) * NANOSECOND,
+        found.starts,
+        found.position_errors,
+        found.yaw_errors,
+        found.distances,
+        np.asarray((found.ends - found.starts) * NANOSECOND, dtype=float),
     )

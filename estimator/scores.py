@@ -6,7 +6,9 @@ left after estimate and truth are aligned at the start of a segment, so no frame
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,7 @@ VELOCITY_WINDOW = 1.0
 PATH_STEP = 0.5
 
 Interval = tuple[int, int]
+Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -112,36 +115,88 @@ def drift(
         within: intervals of stamps [ns] a segment must lie in wholly; None for everywhere.
         largest_gap: segments across a longer hole in the truth are left out [s].
     """
+    span = int(horizon / NANOSECOND)
+    found = segments(
+        estimate,
+        truth,
+        lambda stamps, _, first: np.searchsorted(stamps, stamps[first] + span),
+        within=within,
+        largest_gap=largest_gap,
+    )
+    return Drift(horizon, found.starts, found.position_errors, found.yaw_errors, found.distances)
+
+
+class Segments(NamedTuple):
+    """Stretches of a log, aligned at their starts.
+
+    Attributes:
+        starts: (n,) stamps of their starts [ns].
+        ends: (n,) of their ends [ns].
+        position_errors: (n,) distance of the end points [m].
+        yaw_errors: (n,) [rad], signed.
+        distances: (n,) length of the true path [m].
+    """
+
+    starts: Stamps
+    ends: Stamps
+    position_errors: Floats
+    yaw_errors: Floats
+    distances: Floats
+
+
+def segments(
+    estimate: PoseSeries,
+    truth: PoseSeries,
+    ends_of: Callable[[Stamps, Floats, Places], Places],
+    *,
+    within: list[Interval] | None,
+    largest_gap: float,
+) -> Segments:
+    """Errors over all segments, which begin `SEGMENT_STEP` apart.
+
+    Args:
+        estimate: estimated poses, in any frame.
+        truth: true poses.
+        ends_of: from the stamps of the truth (m,) [ns], its path so far (m,) [m] and the places (n,)
+            where segments begin to those where they end; places behind the last are no ends.
+        within: intervals of stamps [ns] a segment must lie in wholly; None for everywhere.
+        largest_gap: segments across a longer hole in the truth are left out [s].
+    """
     stamps = truth.stamps[
         (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
     ]
     if len(stamps) < 2:
-        return Drift(horizon, stamps[:0], *(np.zeros(0) for _ in range(3)))
+        return Segments(stamps[:0], stamps[:0], *(np.zeros(0) for _ in range(3)))
+    true_poses = interpolate_poses(truth, stamps)
+    travelled = path_length(PoseSeries(stamps, true_poses))
     begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
     # All that begin within a hole of the truth are one and the same segment, the one after it.
     first = np.unique(np.searchsorted(stamps, begins))
-    last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
+    last = ends_of(stamps, travelled, first)
     ends_inside = last < len(stamps)
     first, last = first[ends_inside], last[ends_inside]
-    gaps = np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
-    keep = gaps[first] == gaps[last]
+    piece = pieces(stamps, largest_gap)
+    keep = piece[first] == piece[last]
     if within is not None:
         keep &= np.any(
             [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within], axis=0
         )
     first, last = first[keep], last[keep]
-    true_poses = interpolate_poses(truth, stamps)
     estimated = interpolate_poses(estimate, stamps)
     true_step = relative(true_poses[first], true_poses[last])
     estimated_step = relative(estimated[first], estimated[last])
-    lengths = path_length(PoseSeries(stamps, true_poses))
-    return Drift(
-        horizon,
+    return Segments(
         stamps[first],
+        stamps[last],
         np.hypot(*(estimated_step - true_step)[:, :2].T),
         np.asarray(wrap_angle(estimated_step[:, 2] - true_step[:, 2])),
-        lengths[last] - lengths[first],
+        travelled[last] - travelled[first],
     )
+
+
+def pieces(stamps: Stamps, largest_gap: float) -> Places:
+    """Which piece (n,) each of some ascending stamps [ns] lies in, between holes longer than that [s]."""
+    return np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
 
 
 def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
@@ -163,7 +218,7 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     high = min(truth.poses.stamps[-1], estimate.stamps[-1])
     starts = np.arange(low, high - window, window // 2)
     # A window in which the truth was silent for half of the time says nothing.
-    holes = np.concatenate([[0], np.cumsum(np.diff(truth.poses.stamps) > window // 2)])
+    holes = pieces(truth.poses.stamps, 0.5 * VELOCITY_WINDOW)
     first = np.searchsorted(truth.poses.stamps, starts, side="right") - 1
     last = np.searchsorted(truth.poses.stamps, starts + window)
     starts = starts[holes[first] == holes[np.minimum(last, len(holes) - 1)]]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.frames import Floats
 from estimator.log import NANOSECOND, ImuSeries, Stamps, TrackSpeedSeries
+from estimator.scores import pieces
 
 LATENCIES = np.arange(-0.5, 1.0, 0.02)
 """Those tried [s]; negative where the gyro is late."""
@@ -140,11 +141,15 @@ def _best(turned: Floats, shifted: Floats) -> _Best | None:
     at = int(np.argmin(misfits))
     if at in (0, len(LATENCIES) - 1):
         return None
-    before, here, after = misfits[at - 1 : at + 2]
-    bend = before - 2.0 * here + after
-    fraction = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
-    latency = LATENCIES[at] + fraction * (LATENCIES[1] - LATENCIES[0])
+    latency = LATENCIES[at] + beside_lowest(misfits, at) * (LATENCIES[1] - LATENCIES[0])
     return _Best(float(latency), float(np.corrcoef(turned, shifted[at])[0, 1]))
+
+
+def beside_lowest(costs: Floats, lowest: int) -> float:
+    """How far beside the lowest of even costs (n,) the parabola there is lowest, in steps [-]."""
+    before, at, after = costs[lowest - 1 : lowest + 2]
+    bend = before - 2.0 * at + after
+    return float(0.5 * (before - after) / bend) if bend > 0.0 else 0.0
 
 
 def _misfit(turned: Floats, other: Floats) -> float:
@@ -170,7 +175,7 @@ def _turned(stamps: Stamps, angle: Floats, origin: int, starts: Floats) -> Float
 def _whole(stamps: Stamps, origin: int, starts: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
     """Which windows, widened by a margin, hold no hole of the stamps."""
     seconds = (stamps - origin) * NANOSECOND
-    holes = np.concatenate([[0], np.cumsum(np.diff(seconds) > LARGEST_HOLE)])
+    holes = pieces(stamps, LARGEST_HOLE)
     first = np.searchsorted(seconds, starts - margin, side="right") - 1
     last = np.searchsorted(seconds, starts + WINDOW + margin)
     return np.asarray(holes[np.clip(first, 0, None)] == holes[np.minimum(last, len(holes) - 1)])

@@ -13,8 +13,9 @@ import numpy as np
 
 from estimator.frames import Floats, relative
 from estimator.log import NANOSECOND, PoseSeries, Stamps, Truth
-from estimator.scores import interpolate_poses
+from estimator.scores import interpolate_poses, pieces
 from estimator.trajectory import Trajectory
+from replay.latency import beside_lowest
 
 LAGS = np.arange(-0.3, 1.0, 0.01)
 GRID_STEP = 0.1
@@ -86,7 +87,7 @@ def _windows(
     high = min(truth.stamps[-1], reckoned.stamps[-1]) - int((margin + window) / NANOSECOND)
     starts = np.arange(low, max(low, high), int(GRID_STEP / NANOSECOND))
     ends = starts + int(window / NANOSECOND)
-    holes = np.concatenate([[0], np.cumsum(np.diff(truth.stamps) * NANOSECOND > LARGEST_HOLE)])
+    holes = pieces(truth.stamps, LARGEST_HOLE)
     first = np.searchsorted(truth.stamps, starts, side="right") - 1
     last = np.minimum(np.searchsorted(truth.stamps, ends), len(holes) - 1)
     whole = holes[first] == holes[last]
@@ -109,10 +110,8 @@ def _lag(truth: PoseSeries, reckoned: PoseSeries) -> float:
         return 0.0
     costs = np.array([np.mean((true - turned(reckoned, float(lag))) ** 2) for lag in LAGS])
     best = int(np.clip(np.argmin(costs), 1, len(LAGS) - 2))
-    before, at, after = costs[best - 1 : best + 2]
-    bend = before - 2.0 * at + after
-    fraction = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
-    return float(LAGS[best] + np.clip(fraction, -1.0, 1.0) * (LAGS[1] - LAGS[0]))
+    beside = np.clip(beside_lowest(costs, best), -1.0, 1.0)
+    return float(LAGS[best] + beside * (LAGS[1] - LAGS[0]))
 
 
 def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
