@@ -25,7 +25,7 @@ def peak_flops(width: int, repeat: int = 20) -> float:
             for value, other in zip(values, values[1:] + values[:1], strict=True)
         ]
     stores = [Store("lanes", chain, value) for chain, value in enumerate(values)]
-    kernel: Any = compiled_kernel(Kernel("peak", ("lanes",), stores), width)
+    kernel: Any = compiled_kernel(Kernel("peak", ("lanes",), (CHAINS,), stores), width)
 
     @njit
     def many(lanes: Any, count: int) -> None:

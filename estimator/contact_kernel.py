@@ -12,12 +12,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from estimator.jit_kernel import compiled
+from estimator.sizes import WRONG_SIZE
 
-compiled = njit(cache=True, error_model="numpy")
+Floats = NDArray[np.float64]
 
 COLUMNS = 7
 # How far inside the contact's edge the centre of pressure of a tipping vehicle is kept, as a share of
@@ -279,6 +279,10 @@ def loads_of_many(
     tipping: NDArray[np.bool_],
 ) -> None:
     """`point_loads` of n motions; arrays (n, m) and (n,)."""
+    each = (len(right), len(ground.x))
+    sizes_fit = loads.shape == by_right.shape == by_forward.shape == each
+    if not sizes_fit or len(forward) != len(right) or len(tipping) != len(right):
+        raise ValueError(WRONG_SIZE)
     for k in range(len(right)):
         tipping[k] = point_loads(ground, right[k], forward[k], loads[k], by_right[k], by_forward[k])
 
@@ -295,6 +299,11 @@ def track_forces_of_many(
     jacobian: Any,
 ) -> None:
     """`add_track_forces` of n motions; twist (n, 3), V (n, 2), loads (n, m), values (n, 3)."""
+    n, points = len(twist), len(ground.x)
+    sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
+    sizes_fit &= loads.shape == by_right.shape == by_forward.shape == (n, points)
+    if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
+        raise ValueError(WRONG_SIZE)
     for k in range(len(twist)):
         v_x, v_y, w = twist[k]
         add_track_forces(
@@ -315,6 +324,10 @@ def track_forces_of_many(
 @compiled
 def balances_of_many(ground: Ground, twist: Any, V: Any, values: Any, jacobian: Any) -> None:
     """`add_steady_balance` of n motions; twist (n, 3), V (n, 2), values (n, 3), jacobian (n, 3, 7)."""
+    n = len(twist)
+    sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
+    if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
+        raise ValueError(WRONG_SIZE)
     loads = np.empty_like(twist[0, :1] + np.zeros(len(ground.x)))
     by_right, by_forward = np.empty(len(ground.x)), np.empty(len(ground.x))
     for k in range(len(twist)):

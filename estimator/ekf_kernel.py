@@ -15,8 +15,9 @@ from estimator import state as s
 from estimator.bounds import BOUND_ROUNDS, ROUNDING
 from estimator.frames import Floats
 from estimator.jit_kernel import entry
-from estimator.motion_kernel import linearise
+from estimator.motion_kernel import fits_model, linearise
 from estimator.propagation import fading, gauss_markov_noise, step_on_se2
+from estimator.sizes import WRONG_SIZE
 
 SIZE = s.SIZE
 POSE_END = s.POSE.stop
@@ -278,6 +279,10 @@ def _predict(
     Q: Floats,
 ) -> Any:
     """`move`, with transition and noise written out (SIZE, SIZE)."""
+    sizes_fit = fits_filter(x, P) and F.shape == (SIZE, SIZE) and Q.shape == (SIZE, SIZE)
+    sizes_fit &= jacobian.shape == (3, SIZE) and twist.shape == (3,) and walk.shape == (SIZE,)
+    if not sizes_fit:
+        raise ValueError(WRONG_SIZE)
     pose_rows, with_pose = np.empty((3, SIZE)), np.empty((3, SIZE))
     sigma = (slip_x, slip_y, slip_w)
     step = move(x, P, dt, twist, jacobian, sigma, time_constant, walk, pose_rows, with_pose)
@@ -299,11 +304,20 @@ def _predict(
     return step
 
 
+def fits_filter(x: Floats, P: Floats) -> bool:
+    """Compare the sizes of state and covariance with those of the filter."""
+    return x.shape == (SIZE,) and P.shape == (SIZE, SIZE)
+
+
 def _renew_by(x: Floats, P: Floats, covariance: Floats) -> None:
+    if not (fits_filter(x, P) and covariance.shape == (3, 3)):
+        raise ValueError(WRONG_SIZE)
     renew(x, P, covariance)
 
 
 def _expected(P: Floats, row: Floats, variance: float) -> float:
+    if not fits_filter(row, P):
+        raise ValueError(WRONG_SIZE)
     cross = np.empty(SIZE)
     multiply(P, row, cross)
     return inner(row, cross) + variance
@@ -319,13 +333,36 @@ def _update_by(
     cross: Floats,
     gain: Floats,
 ) -> float:
+    if not (fits_filter(x, P) and row.shape == cross.shape == gain.shape == (SIZE,)):
+        raise ValueError(WRONG_SIZE)
     multiply(P, row, cross)
     expected = inner(row, cross) + variance
     update(x, P, residual, cross, expected, kept, gain)
     return expected
 
 
-twist_entry = entry(fill_twist)
+def _fill_twist_of(
+    x: Floats,
+    kind: int,
+    constants: Floats,
+    memory: Floats,
+    left: float,
+    right: float,
+    slip_share: float,
+    twist: Floats,
+    jacobian: Floats,
+    by_speeds: Floats,
+) -> Any:
+    sizes_fit = x.shape == (SIZE,) and fits_model(kind, constants, np.empty((0, 9)), memory)
+    sizes_fit &= twist.shape == (3,) and jacobian.shape == (3, SIZE) and by_speeds.shape == (3, 2)
+    if not sizes_fit:
+        raise ValueError(WRONG_SIZE)
+    return fill_twist(
+        x, kind, constants, memory, left, right, slip_share, twist, jacobian, by_speeds
+    )
+
+
+twist_entry = entry(_fill_twist_of)
 predict_entry = entry(_predict)
 renew_entry = entry(_renew_by)
 expected_entry = entry(_expected)

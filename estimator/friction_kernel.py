@@ -28,7 +28,6 @@ from estimator.contact_kernel import (
     COLUMNS,
     Ground,
     add_track_forces,
-    compiled,
     mass_matrix,
     point_loads,
     solve_3,
@@ -39,6 +38,7 @@ from estimator.friction_motion import (
     AT_SPEEDS,
     FRICTION,
     LENGTH,
+    MEMORY,
     OF_SENSITIVITIES,
     OF_SPEEDS,
     OF_STATES,
@@ -51,6 +51,8 @@ from estimator.friction_motion import (
     Y_CM,
     Z_CM,
 )
+from estimator.jit_kernel import compiled
+from estimator.sizes import WRONG_SIZE
 
 # No substep is longer than this [s].
 LONGEST_SUBSTEP = 0.0101
@@ -123,7 +125,13 @@ def step_motion(
         V_r: speed of the right track [m/s].
         dt: [s].
         memory: see `estimator.friction_motion`; overwritten.
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
+    sizes_fit = memory.shape == (MEMORY,) and nominal.shape == estimated.shape == (PARAMETERS,)
+    if not sizes_fit or len(parameters) < PARAMETERS:
+        raise ValueError(WRONG_SIZE)
     y = memory[OF_STATES]
     S = memory[OF_SENSITIVITIES].reshape(STATES, PARAMETERS)
     B = memory[OF_SPEEDS].reshape(3, 2)

@@ -25,7 +25,7 @@ from estimator.ekf_kernel import (
 from estimator.frames import Floats
 from estimator.gating import REACQUIRED, REJECTED, reopening, verdict
 from estimator.jit_kernel import entry
-from estimator.motion_kernel import steering_efficiency
+from estimator.motion_kernel import fits_model, steering_efficiency
 from estimator.process_noise import fast_slip_density, share_of_walk, sideways_density, slip_at
 from estimator.propagation import fading
 from estimator.sensor_models import (
@@ -36,9 +36,12 @@ from estimator.sensor_models import (
     gyro_variance,
     shift,
 )
+from estimator.sizes import WRONG_SIZE
 
 KEPT = sum(1 << index for index in IMU_KEPT)
 NOT_ASKED = -1
+# Numbers of the robot: those of the slip, four of the IMU, threshold and patience of the gates.
+NUMBERS = 14
 
 
 class SlipNumbers(NamedTuple):
@@ -131,7 +134,14 @@ def imu_step(
     Returns:
         Of the gyro: verdict, residual, the variance that this should have, and its NIS; the same of the
         accelerometer, with `NOT_ASKED` for a verdict where it was not.
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
+    sizes_fit = x.shape == (SIZE,) and P.shape == (SIZE, SIZE) and walks.shape == (2, SIZE)
+    sizes_fit &= regressors.shape == (3, 8) and numbers.shape == (NUMBERS,)
+    if not (sizes_fit and fits_model(kind, constants, bounds, memory)):
+        raise ValueError(WRONG_SIZE)
     slip = SlipNumbers(
         numbers[0],
         numbers[1],

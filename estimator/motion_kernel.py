@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.bounds import ETA0
 from estimator.frames import Floats
-from estimator.friction_motion import FrictionMotion
+from estimator.friction_motion import MEMORY, FrictionMotion
 from estimator.friction_motion import linearise as linearise_friction
 from estimator.motion import InertiaMotion
 from estimator.motion import linearise as linearise_inertia
@@ -45,6 +45,15 @@ def numbers_of(model: MotionModel) -> ModelNumbers | None:
         case FrictionMotion():
             return ModelNumbers(FRICTION, np.array([*model.vehicle, model.eta]), model.bounds)
     return None
+
+
+def fits_model(kind: int, constants: Floats, bounds: Floats, memory: Floats) -> bool:
+    """Compare the sizes of a model's arrays with what its kind needs."""
+    if len(bounds) and bounds.shape[1] != 9:
+        return False
+    if kind == INERTIA:
+        return len(constants) == 6
+    return len(constants) == 5 and len(memory) == MEMORY
 
 
 def linearise(

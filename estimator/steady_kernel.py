@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.contact_kernel import COLUMNS, Ground, add_steady_balance, compiled, solve_3
+from estimator.contact_kernel import COLUMNS, Ground, add_steady_balance, solve_3
+from estimator.jit_kernel import compiled
+from estimator.sizes import WRONG_SIZE
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +29,12 @@ def newton_of_many(
             the weight times half the gauge).
         twist: (n, 3) guesses; overwritten with the best that was found [m/s, m/s, rad/s].
         residual: (n,) overwritten with the largest part of the balance left, in the same shares.
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
+    if V.shape != (len(V), 2) or twist.shape != (len(V), 3) or residual.shape != (len(V),):
+        raise ValueError(WRONG_SIZE)
     unit = np.array([1.0, 1.0, 1.0 / ground.half_gauge]) / ground.weight
     count = len(ground.x)
     loads, by_right, by_forward = np.empty(count), np.empty(count), np.empty(count)

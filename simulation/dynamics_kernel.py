@@ -26,8 +26,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.contact_kernel import COLUMNS, Ground, add_track_forces, compiled, point_loads
-from simulation.terrain_kernel import look_up
+from estimator.contact_kernel import COLUMNS, Ground, add_track_forces, point_loads
+from estimator.jit_kernel import compiled
+from estimator.sizes import WRONG_SIZE
+from simulation.terrain_kernel import WIDTH, look_up
 
 Floats = NDArray[np.float64]
 
@@ -95,6 +97,8 @@ def lag(commands: Floats, step: float, time_constant: float, speeds: Floats) -> 
 
     The first row of the speeds is where they start.
     """
+    if speeds.shape != commands.shape or commands.shape[1] != 2:
+        raise ValueError(WRONG_SIZE)
     decay = np.exp(-step / time_constant)
     share = (1.0 - decay) * time_constant / step
     for k in range(1, len(commands)):
@@ -137,7 +141,15 @@ def integrate(
     Returns:
         Number of steps taken, rejected ones included; or minus the index of the grid point that was
         not reached because the step became too small.
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
+    n = len(speeds)
+    sizes_fit = speeds.shape == speed_rates.shape == slopes.shape == (n, 2)
+    sizes_fit &= states.shape == (n, SIZE) and tipping.shape == (n,) and position.shape == (2,)
+    if not sizes_fit or patches.shape[1] != WIDTH or tolerance.absolute.shape != (SIZE,):
+        raise ValueError(WRONG_SIZE)
     count = len(vehicle.ground.x)
     loads, by_right, by_forward = np.empty(count), np.empty(count), np.empty(count)
     values, jacobian = np.empty(3), np.empty((3, COLUMNS))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from estimator.jit_kernel import entry
+from estimator.sizes import WRONG_SIZE
 from simulation.sampling import Floats
 
 
@@ -13,7 +14,12 @@ def gauss_markov_of(noise: Floats, decay: float, drive: float) -> None:
         noise: overwritten.
         decay: what is left of a value after a step [-].
         drive: standard deviation of what a step adds [-].
+
+    Raises:
+        ValueError: the array has the wrong size.
     """
+    if noise.shape[1] != 3:
+        raise ValueError(WRONG_SIZE)
     for k in range(1, len(noise)):
         for axis in range(3):
             noise[k, axis] = decay * noise[k - 1, axis] + drive * noise[k, axis]
@@ -42,7 +48,14 @@ def add_inertial_errors(
         reading: (n, 3) written to [unit].
         bias: (n, 3) holds what else is bias, and is added to [unit].
         largest: that it can read [unit].
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
+    n = len(true)
+    sizes_fit = true.shape == reading.shape == bias.shape == (n, 3) and draws.shape == (n, 2, 3)
+    if not sizes_fit or triad.shape != (3, 3) or start.shape != (3,):
+        raise ValueError(WRONG_SIZE)
     now = start.copy()
     for k in range(len(true)):
         for axis in range(3):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.contact_kernel import compiled
+from estimator.jit_kernel import compiled
 
 Floats = NDArray[np.float64]
 

@@ -41,7 +41,8 @@ def in_lanes(function, *columns):
     stores = [
         Store("lanes", len(columns) + row, trace.lift(value)) for row, value in enumerate(values)
     ]
-    kernel = compiled_kernel(Kernel("tested", ("lanes",), stores), WIDTH)
+    rows = len(columns) + len(values)
+    kernel = compiled_kernel(Kernel("tested", ("lanes",), (rows,), stores), WIDTH)
 
     @njit
     def call(lanes):

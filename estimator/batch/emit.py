@@ -51,6 +51,7 @@ class Kernel(NamedTuple):
     Attributes:
         name: of the kernel.
         arrays: names of its arrays, in the order of its arguments.
+        rows: how many rows each of them has; of an array that all lanes share, how many numbers.
         stores: what is written.
         flags: truth values, of which the kernel returns the lanes where they hold: a bit for each
             lane, `FLAG_BITS` for each of them.
@@ -58,6 +59,7 @@ class Kernel(NamedTuple):
 
     name: str
     arrays: tuple[str, ...]
+    rows: tuple[int, ...]
     stores: Sequence[Store]
     flags: Sequence[Traced] = ()
 
@@ -125,6 +127,7 @@ class _Emitter:
         self.truths = ir.VectorType(BOOL, width)
         self.builder = ir.IRBuilder(function.append_basic_block("begin"))
         self.pointers = dict(zip(kernel.arrays, function.args, strict=True))
+        self.rows = dict(zip(kernel.arrays, kernel.rows, strict=True))
         self.values: dict[Traced, Any] = {}
         self.written: set[tuple[str, int]] = set()
         self.done = 0
@@ -191,6 +194,7 @@ class _Emitter:
                 return BOOL(int(node.extra)) if node.truth else self.number(node.extra)
             case "scalar":
                 array, index = node.extra
+                self._require_inside(array, index)
                 place = index - MIDDLE_ROW * self.width
                 return b.load(b.gep(self.pointers[array], [LONG(place)]))
             case "loop":
@@ -263,7 +267,15 @@ class _Emitter:
         everywhere = ir.VectorType(INT, self.width)([0] * self.width)
         return b.shuffle_vector(first, kind(ir.Undefined), everywhere)
 
+    def _require_inside(self, array: str, row: int) -> None:
+        rows = self.rows[array]
+        if not 0 <= row < rows:
+            raise ValueError(
+                f"kernel {self.kernel.name!r} addresses row {row} of {array!r}, which has {rows}"
+            )
+
     def _address(self, array: str, row: int) -> Any:
+        self._require_inside(array, row)
         b = self.builder
         place = b.gep(self.pointers[array], [LONG((row - MIDDLE_ROW) * self.width)])
         return b.bitcast(place, self.vector.as_pointer())

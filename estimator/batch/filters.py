@@ -14,7 +14,7 @@ from estimator.assumptions import assumptions
 from estimator.batch.emit import Kernel, kernel_on_demand, lanes_of_machine
 from estimator.batch.errors import BatchError
 from estimator.batch.fixes import FixKind, heading_kernel, position_kernel
-from estimator.batch.lane import ARRAYS, FilterShape
+from estimator.batch.lane import ARRAYS, FilterShape, idle_kernel
 from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
 from estimator.batch.log_steps import LogSteps
 from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, POSITION, Steps
@@ -32,6 +32,7 @@ from estimator.propagation import fading, gauss_markov_noise
 from estimator.robot import Robot
 from estimator.sensor_models import SensorModels
 from estimator.settings import Settings
+from estimator.sizes import WRONG_SIZE
 from estimator.track_speeds import smoothing_share
 from estimator.variants import Variant
 
@@ -189,9 +190,16 @@ class BatchFilter:
             estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks; of
                 the first lanes, where it is less wide.
             all_told: whether the estimates have more rows, those of `Layout.told`.
+
+        Raises:
+            ValueError: an array has the wrong size, or does not begin where a register's worth of memory
+                does.
         """
+        workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
+        if workspace.shape[1] != self.width or any(a.ctypes.data % LINE for a in per_lane):
+            raise ValueError(WRONG_SIZE)
         self._work(
-            lanes.workspace,
+            workspace,
             inputs,
             lanes.constants,
             table,
@@ -347,6 +355,8 @@ def _places(layout: Layout, all_told: bool) -> Places:
         rows["believed_x"],
         rows["believed_y"],
         layout.constants["interval"],
+        len(rows),
+        len(layout.constants),
     )
 
 
@@ -402,11 +412,11 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         for name, make in makers.items()
     }
     made = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    return entry(work_through, f".{made}", compiled)
+    return entry(work_through, made, compiled)
 
 
 def _step_or_nothing(name: str, shape: FilterShape, kind: StepKind | None) -> Kernel:
-    return Kernel(name, ARRAYS, ()) if kind is None else step_kernel(name, shape, kind)
+    return idle_kernel(name, shape) if kind is None else step_kernel(name, shape, kind)
 
 
 def _fix_or_nothing(
@@ -415,7 +425,7 @@ def _fix_or_nothing(
     shape: FilterShape,
     kind: FixKind | None,
 ) -> Kernel:
-    return Kernel(name, ARRAYS, ()) if kind is None else make(name, shape, kind)
+    return idle_kernel(name, shape) if kind is None else make(name, shape, kind)
 
 
 assert len(ESTIMATE) == 3 + 6 + len(TWIST)  # noqa: S101 - one is written as the other

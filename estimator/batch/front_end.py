@@ -22,6 +22,7 @@ from estimator.jit_kernel import entry
 from estimator.log import NANOSECOND, Stamps
 from estimator.robot import Robot
 from estimator.settings import Settings
+from estimator.sizes import WRONG_SIZE
 from estimator.track_speeds import (
     ACCELERATION_AVERAGING,
     SMOOTHING,
@@ -65,6 +66,7 @@ ROW_AGE, ROW_SLOW, ROW_QUIET_MEAN = INPUTS["age"], INPUTS["slow"], INPUTS["quiet
 ROW_RATE, ROW_FORCE = INPUTS["rate"], INPUTS["force"]
 ROW_NOW_LEFT, ROW_NOW_RIGHT = INPUTS["now_left"], INPUTS["now_right"]
 ROW_FIX = INPUTS[FIX_INPUTS[0]]
+ROWS, FIX_VALUES = len(INPUTS), len(FIX_INPUTS) - 1
 
 
 class FrontSettings(NamedTuple):
@@ -78,6 +80,9 @@ class FrontSettings(NamedTuple):
     duration: float
     quiet_gyro: float
     gyro_noise_density: float
+
+
+SETTINGS = len(FrontSettings._fields)
 
 
 def front_settings(robot: Robot, settings: Settings) -> FrontSettings:
@@ -234,6 +239,8 @@ def quiet_mean(of: Floats, readings: Floats, stamp: float, rate: float, settings
         for k in range(first, count):
             readings[k - first, 0], readings[k - first, 1] = readings[k, 0], readings[k, 1]
         count -= first
+    if count >= len(readings):
+        raise ValueError(WRONG_SIZE)
     readings[count, 0], readings[count, 1] = stamp, rate
     count += 1
     of[KEPT_READINGS] = count
@@ -377,6 +384,24 @@ def tell_steps(
     known: Any,
 ) -> None:
     """See `FrontEnd.tell`."""
+    lanes, n = len(memory), len(starts)
+    sizes_fit = len(inputs) >= n and inputs.shape[1] == ROWS and inputs.shape[2] >= lanes > 0
+    sizes_fit &= memory.shape[1] == MEMORY and len(settings) == SETTINGS
+    sizes_fit &= readings.shape[0] == lanes and readings.shape[2] == 2
+    sizes_fit &= tracks.shape == (lanes, len(track_stamps), 2) and 0 <= taken <= len(track_stamps)
+    sizes_fit &= len(rates) == lanes and rates.shape == forces.shape
+    sizes_fit &= fixes.shape[0] == lanes and fixes.shape[2] == FIX_VALUES
+    sizes_fit &= n == len(ends) == len(kinds) == len(extras) == len(counts) == len(samples)
+    if not (sizes_fit and n == len(fix_numbers) == len(known)):
+        raise ValueError(WRONG_SIZE)
+    for k in range(n):
+        # Counts are ends of ranges, samples and fixes are places.
+        inside = 0 <= counts[k] <= known[k] <= len(track_stamps)
+        inside &= 0 <= samples[k] < max(1, rates.shape[1])
+        if extras[k] & POSITION:
+            inside &= 0 <= fix_numbers[k] < fixes.shape[1]
+        if not inside:
+            raise ValueError(WRONG_SIZE)
     for lane in range(len(memory)):
         of, count = memory[lane], taken
         for k in range(len(starts)):
@@ -398,9 +423,9 @@ def tell_steps(
                 mean = quiet_mean(of, readings[lane], ends[k], rate, settings)
                 inputs[k, ROW_QUIET_MEAN, lane] = mean
             if extras[k] & POSITION:
-                for part in range(5):
+                for part in range(FIX_VALUES):
                     inputs[k, ROW_FIX + part, lane] = fixes[lane, fix_numbers[k], part]
-                inputs[k, ROW_FIX + 5, lane] = AS_USUAL
+                inputs[k, ROW_FIX + FIX_VALUES, lane] = AS_USUAL
     for lane in range(len(memory), inputs.shape[2]):
         for k in range(len(starts)):
             inputs[k, :, lane] = inputs[k, :, len(memory) - 1]

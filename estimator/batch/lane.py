@@ -129,7 +129,7 @@ class Lane:
             for row, value in stores.items()
             if value is not self.row(row)
         ]
-        return Kernel(name, ARRAYS, changed, flags)
+        return Kernel(name, ARRAYS, array_rows(self.layout), changed, flags)
 
     # --- updates ---------------------------------------------------------------------------------
 
@@ -249,6 +249,16 @@ class Lane:
             known = {i: self.x[i] for i in of if i not in self.shape.states}
             mine = {i: share for i, share in of.items() if i in self.shape.states}
             yield mine, dot(known, {i: of[i] for i in known}), bound[8]
+
+
+def array_rows(layout: Layout) -> tuple[int, ...]:
+    """Number of rows of each of `ARRAYS`; of the constants, which all lanes share, of numbers."""
+    return len(layout.rows), len(INPUTS), len(layout.constants)
+
+
+def idle_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make a kernel that does nothing."""
+    return Kernel(name, ARRAYS, array_rows(Layout(shape.states)), ())
 
 
 def _rest(row: Vector, parts: Iterable[Part]) -> Vector:

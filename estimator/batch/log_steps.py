@@ -27,6 +27,7 @@ from estimator.imu_clock import INTERVALS_TO_WAIT, LEAST_WAIT, USUAL_INTERVAL
 from estimator.jit_kernel import entry
 from estimator.log import NANOSECOND, Stamps
 from estimator.settings import Settings
+from estimator.sizes import WRONG_SIZE
 from estimator.track_speeds import TrackMemory
 
 Bytes = NDArray[np.int8]
@@ -168,7 +169,17 @@ def walk(
     Returns:
         How many steps and rows were written down, how many gaps and unused IMU samples there were, and
         which of `REASONS` ended it, or 0.
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
+    most = 2 * (len(tracks) + len(imu)) + len(fixes)
+    sizes_fit = len(headings) == len(fixes) and len(clocks) == 2
+    sizes_fit &= min(len(starts), len(ends), len(kinds), len(intervals), len(extras)) >= most
+    sizes_fit &= min(len(counts), len(samples), len(fix_numbers), len(row_numbers)) >= most
+    sizes_fit &= min(len(row_stamps), len(row_samples), len(row_fixes)) >= len(tracks)
+    if not sizes_fit or len(known) < most:
+        raise ValueError(WRONG_SIZE)
     hold, longest_gap = clocks[0], int(clocks[1] / NANOSECOND)
     n = count = gaps = unused = 0
     i = j = f = 0

@@ -31,6 +31,7 @@ from estimator.robot import Robot, require_robot
 from estimator.run import Run
 from estimator.sensor_models import SensorModels
 from estimator.settings import Settings
+from estimator.sizes import WRONG_SIZE
 from estimator.track_speeds import smoothing_share
 from estimator.variants import find_variant
 
@@ -163,7 +164,13 @@ def fill_step_constants(
         ends: of the steps [ns].
         intervals: of the IMU [s].
         tau: time constant of the slip [s].
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
+    count = min(len(ends), len(intervals), len(table))
+    if count < len(starts) or table.shape[1] != len(STEP_CONSTANTS) + 1:
+        raise ValueError(WRONG_SIZE)
     for k in range(len(starts)):
         elapsed = ends[k] - starts[k]
         if k == 0 or elapsed != ends[k - 1] - starts[k - 1]:

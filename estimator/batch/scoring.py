@@ -15,6 +15,7 @@ from estimator.frames import Floats, wrap_angle
 from estimator.jit_kernel import entry
 from estimator.log import NANOSECOND, Stamps
 from estimator.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
+from estimator.sizes import WRONG_SIZE
 
 # Sums of each lane.
 (
@@ -35,6 +36,9 @@ from estimator.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
 ) = range(14)
 # Sums of each lane and horizon.
 ERROR, YAW_ERROR, DISTANCE, DRIFTS = range(4)
+# Of the pose that a segment begins with: estimate, truth, and length of the path. Of an estimate: pose,
+# twist, and their covariances.
+KEPT, ESTIMATE_ROWS = 7, 18
 # A covariance with a smaller eigenvalue is taken for singular, as `pose_nees` does.
 LEAST_EIGENVALUE = 1e-12
 
@@ -112,7 +116,7 @@ class Scores:
         self.sums = np.zeros((SUMS, lanes))
         self.sums[FINAL_NEES] = math.nan
         self.drifts = np.zeros((len(segments.horizons), DRIFTS, lanes))
-        self._kept = np.zeros((segments.room, 7, lanes))
+        self._kept = np.zeros((segments.room, KEPT, lanes))
 
     def add(self, tick: int, estimates: Floats) -> None:
         """Some ticks in a row.
@@ -151,7 +155,17 @@ def add_ticks(
     ends: Any,
 ) -> None:
     """See `Scores.add`."""
-    lanes = sums.shape[1]
+    lanes, last, count = sums.shape[1], tick + len(estimates), len(horizons)
+    sizes_fit = len(sums) == SUMS and drifts.shape == (count, DRIFTS, lanes)
+    sizes_fit &= kept.shape[1] == KEPT and kept.shape[2] == lanes
+    sizes_fit &= estimates.shape[1] >= ESTIMATE_ROWS and estimates.shape[2] >= lanes
+    sizes_fit &= min(len(poses), len(twists), len(lengths), len(slots)) >= last and tick >= 0
+    sizes_fit &= poses.shape[1] >= 3 and twists.shape[1] >= 3
+    sizes_fit &= poses.shape[2] >= lanes and twists.shape[2] >= lanes and lengths.shape[1] >= lanes
+    if not sizes_fit or ends.shape[0] != count or ends.shape[1] < last:
+        raise ValueError(WRONG_SIZE)
+    if len(slots) and (max(slots.max(), ends.max() if count else -1) >= len(kept)):
+        raise ValueError(WRONG_SIZE)
     for k in range(len(estimates)):
         now, at = estimates[k], tick + k
         for lane in range(lanes):

@@ -12,12 +12,13 @@ from estimator.batch.layout import INPUTS, STEP_CONSTANTS, TWIST
 from estimator.batch.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
 from estimator.frames import Floats
 from estimator.relocation import laid_over
+from estimator.sizes import WRONG_SIZE
 
 # What is told at a tick.
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
 QUIET, HOW = INPUTS["quiet_mean"], INPUTS["how"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
-PER_STEP = len(STEP_CONSTANTS)
+PER_STEP, ROWS = len(STEP_CONSTANTS), len(INPUTS)
 # When a fix comes: at the end of a step, at one whose estimate is wanted, on the way to the next, and
 # there where the estimate is wanted.
 AT_STEP, AT_TICK, ON_THE_WAY, TOLD_ON_THE_WAY = range(4)
@@ -34,6 +35,8 @@ class Places(NamedTuple):
         believed_x: row of where the filter thought to be at the newest fix.
         believed_y: the same.
         interval: which of the constants is the interval of the IMU.
+        row_count: how many rows the workspace has.
+        constant_count: how many constants there are.
     """
 
     estimate: Any
@@ -43,6 +46,8 @@ class Places(NamedTuple):
     believed_x: int
     believed_y: int
     interval: int
+    row_count: int
+    constant_count: int
 
 
 def work_through(
@@ -62,8 +67,22 @@ def work_through(
 
     The kernels `usual`, `full`, `update`, `move`, `position` and `heading`, and those of fixes on the way
     and of what is told, are put in their places when this is compiled.
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
-    width, told_lanes = lanes.shape[1], estimates.shape[2]
+    width, told_lanes, steps = lanes.shape[1], estimates.shape[2], len(kinds)
+    sizes_fit = len(lanes) == places.row_count and len(constants) == places.constant_count
+    sizes_fit &= len(inputs) >= steps and inputs.shape[1] == ROWS and inputs.shape[2] == width
+    sizes_fit &= len(table) >= steps and table.shape[1] == PER_STEP + 1
+    sizes_fit &= len(extras) == steps and len(ticks) == steps
+    sizes_fit &= estimates.shape[1] >= len(places.estimate) and told_lanes <= width
+    sizes_fit &= len(refused) == width and refused.shape[2] == 5 and len(refused_count) == width
+    if not sizes_fit:
+        raise ValueError(WRONG_SIZE)
+    for k in range(steps):
+        if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
+            raise ValueError(WRONG_SIZE)
     for k in range(len(kinds)):
         for c in range(PER_STEP):
             constants[c] = table[k, c]
@@ -114,6 +133,8 @@ def take_position(
     lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
     for lane in range(width):
         count = refused_count[lane]
+        if count >= refused.shape[1]:
+            raise ValueError(WRONG_SIZE)
         refused[lane, count, 0] = told[FIX_X, lane]
         refused[lane, count, 1] = told[FIX_Y, lane]
         refused[lane, count, 2] = told[FIX_VARIANCE, lane]
