@@ -1,0 +1,104 @@
+"""The commands on a fresh machine: from an empty compile cache, in the README's order, and at once."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+STUDIES = ("driving-style", "mis-calibration", "outage-length", "ten-thousand")
+
+
+def icreckon(cache: Path, folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [Path(sys.executable).parent / "icreckon", *arguments],
+        cwd=folder,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def finished(*processes: subprocess.Popen[str]) -> None:
+    ended = [(process.communicate(timeout=900)[0], process.returncode) for process in processes]
+    assert all(code == 0 for _, code in ended), ended
+
+
+def results(folder: Path) -> Any:
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+
+
+def all_numbers(value: Any) -> list[float]:
+    if isinstance(value, dict):
+        return [number for one in value.values() for number in all_numbers(one)]
+    if isinstance(value, list):
+        return [number for one in value for number in all_numbers(one)]
+    return [value] if type(value) in (int, float) else []
+
+
+@pytest.fixture(scope="module")
+def used_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache that the demo has filled, as on a machine where the README was followed."""
+    cache, folder = tmp_path_factory.mktemp("cache"), tmp_path_factory.mktemp("demo")
+    finished(icreckon(cache, folder, "demo", "--duration", "60", "--formats", "none", "--out", "d"))
+    return cache
+
+
+def test_a_study_after_the_demo_is_that_of_a_fresh_machine(
+    used_cache: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    command = ("study", "imu-grades", "--runs", "2", "--workers", "2", "--out")
+    finished(icreckon(used_cache, tmp_path, *command, "after"))
+    finished(icreckon(tmp_path_factory.mktemp("empty"), tmp_path, *command, "fresh"))
+    after, fresh = results(tmp_path / "after"), results(tmp_path / "fresh")
+    assert after == fresh
+    for cell in after["cells"]:
+        for variant, scores in cell["variants"].items():
+            assert scores["drift_percent_30s"]["n"] == 2, (cell["values"], variant)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_shipped_studies_run_through(used_cache: Path, tmp_path: Path, name: str) -> None:
+    finished(icreckon(used_cache, tmp_path, "study", name, "--runs", "2", "--out", name))
+    found = results(tmp_path / name)
+    numbers = all_numbers(found["overall"])
+    assert len(numbers) > 100
+    assert all(math.isfinite(number) and abs(number) < 1e9 for number in numbers)
+
+
+def test_replays_at_once_say_what_one_alone_says(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """A log so long that its filters run side by side; several commands share a cache that fills."""
+    shared = tmp_path_factory.mktemp("shared")
+    simulated = (
+        "--duration",
+        "820",
+        "--imu-rate",
+        "250",
+        "--fix-rate",
+        "0.2",
+        "--truth",
+        "kinematic",
+    )
+    finished(icreckon(shared, tmp_path, "simulate", "--out", "log", *simulated))
+    command = ("replay", "log", "--robot", "auriga-alpha", "--formats", "none")
+
+    def replay(cache: Path, out: str, *variants: str) -> subprocess.Popen[str]:
+        return icreckon(cache, tmp_path, *command, "--out", out, "--variants", ",".join(variants))
+
+    pair = ("constant-online", "inertia-online")
+    finished(*(replay(shared, variant, variant) for variant in pair))
+    finished(replay(shared, "both", *pair), replay(shared, "turned", *pair[::-1]))
+    finished(*(replay(tmp_path_factory.mktemp("empty"), f"{one}-alone", one) for one in pair))
+    for variant in pair:
+        alone = results(tmp_path / f"{variant}-alone")["variants"][variant]
+        for out in (variant, "both", "turned"):
+            assert results(tmp_path / out)["variants"][variant] == alone
