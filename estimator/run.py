@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimator import state as s
-from estimator.errors import EstimatorError
+from estimator.errors import EstimatorError, IcreckonError
 from estimator.frames import Floats
 from estimator.health import Health, Judged
 from estimator.innovation_rows import InnovationRows, Singles
 from estimator.log import Log, Stamps
+from estimator.lost import loss_of, stopped_by
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import PoseEstimator, Snapshot
 from estimator.robot import Robot
@@ -81,6 +82,7 @@ def run(
 
     Raises:
         EstimatorError: no such variant, or a log without track speeds.
+        LostFilter: the estimate is not finite, has negative variances, or is absurd.
     """
     estimator = PoseEstimator(
         robot, variant, settings=settings, start=start, start_sigma=start_sigma
@@ -88,6 +90,8 @@ def run(
     return work_through(log, estimator, progress)
 
 
+# Numbers that are none are found afterwards, see `estimator.lost`.
+@np.errstate(all="ignore")
 def work_through(
     log: Log,
     estimator: PoseEstimator,
@@ -105,6 +109,7 @@ def work_through(
 
     Raises:
         EstimatorError: a log without track speeds.
+        LostFilter: the estimate is not finite, has negative variances, or is absurd.
     """
     if not len(log.tracks.stamps):
         raise EstimatorError(
@@ -120,20 +125,32 @@ def work_through(
         if at_row is not None:
             at_row()
 
+    def finished() -> Run:
+        names = state_names(estimator.variant)
+        return rows.finish(count, estimator.variant.name, names, estimator.health)
+
     due, newest = False, log.start
     for number, measurement in enumerate(log.measurements()):
-        if due and measurement.stamp > newest and estimator.stamp != written:
-            write_row()
-            due = False
-        newest = measurement.stamp
-        used = estimator.feed(measurement)
+        try:
+            if due and measurement.stamp > newest and estimator.stamp != written:
+                write_row()
+                due = False
+            newest = measurement.stamp
+            used = estimator.feed(measurement)
+        except IcreckonError:
+            raise
+        except Exception as problem:
+            raise stopped_by(problem, finished(), log.start, measurement.stamp) from problem
         due |= used and isinstance(measurement, TrackSpeeds)
         if progress is not None and number % PROGRESS_EVERY == 0:
             progress(measurement.stamp)
     if due and estimator.stamp != written:
         write_row()
-    names = state_names(estimator.variant)
-    return rows.finish(count, estimator.variant.name, names, estimator.health)
+    done = finished()
+    lost = loss_of(done, log.start)
+    if lost is not None:
+        raise lost
+    return done
 
 
 class Rows:

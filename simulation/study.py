@@ -83,15 +83,16 @@ def run_study(
 def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
     study = plan.study
     shape = (len(plan.labels), len(plan.cells), study.runs, len(statistics(study.horizons)))
-    values = np.empty(shape)
+    values, reasons = np.empty(shape), np.full(shape[:3], "", dtype=object)
     for job in jobs:
         block = store.read(job)
         if block is None:
             raise SimulationError(
                 f"{store.path(job)}: was there, and is not any more; give the same command again"
             )
-        values[:, job.cell, job.first_run : job.first_run + job.count] = block
-    return Runs(plan, values)
+        here = slice(job.first_run, job.first_run + job.count)
+        values[:, job.cell, here], reasons[:, job.cell, here] = block
+    return Runs(plan, values, reasons)
 
 
 def _write_results(runs: Runs, told: dict[str, object], store: BlockStore) -> Results:

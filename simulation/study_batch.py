@@ -25,6 +25,8 @@ from estimator.batch.scoring import (
     FINAL_NEES,
     FINAL_POSITION,
     FINAL_YAW,
+    LOST_KIND,
+    LOST_TICK,
     POSE_COUNT,
     POSE_NEES,
     POSITION_SQUARE,
@@ -41,6 +43,7 @@ from estimator.batch.scoring import (
 )
 from estimator.frames import Floats
 from estimator.log import Log, PoseSeries, Stamps
+from estimator.lost import reason_of
 from estimator.robot import Robot
 from estimator.scores import path_length, without_fixes
 from estimator.variants import find_variant
@@ -50,6 +53,7 @@ from simulation.sampling import sample_times, to_stamps
 from simulation.scenario import Scenario, drive, random_streams
 from simulation.sensing import Perfect, perfect, sensed
 from simulation.study_cells import Cell, Filter, Plan
+from simulation.study_failures import RunScores
 from simulation.study_statistics import SENSORS, YAW_HORIZON, score_times, statistics
 
 # Runs of a block may have as many true motions, and a few blocks are under way at once; the cells that
@@ -94,7 +98,7 @@ def in_threads(plan: Plan) -> bool:
 
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int, *, bits: int = 64
-) -> dict[str, Floats]:
+) -> dict[str, RunScores]:
     """The statistics of some runs of a cell; see `simulation.study_engines.Block`.
 
     Args:
@@ -105,15 +109,16 @@ def block(
         bits: of the numbers in filters side by side, 64 or 32.
 
     Returns:
-        Label of the filter -> (count, n).
+        Label of the filter -> statistics of the runs, and reasons of those that failed.
     """
     by_itself = [one for one in filters if not _goes_along(one)]
     together = [one for one in filters if _goes_along(one)]
-    found = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in filters}
-    if by_itself:
-        found |= study_streaming.block(cell, by_itself, first_run, count)
+    streamed = study_streaming.block(cell, by_itself, first_run, count) if by_itself else {}
     if not together:
-        return found
+        return streamed
+    values = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in together}
+    reasons = {one.label: [""] * count for one in together}
+    times = score_times(cell.scenario)
     made = [
         BatchFilter(one.robot, find_variant(one.variant), one.settings, bits) for one in together
     ]
@@ -136,12 +141,14 @@ def block(
         )
         for one, side_by_side, result in zip(together, made, worked, strict=True):
             rows = _statistics(side_by_side, result)
-            found[one.label][begin : begin + here] = rows[:here]
+            values[one.label][begin : begin + here] = rows[:here]
+            reasons[one.label][begin : begin + here] = _losses(result, times)[:here]
         for lane in doubtful:
             # What the streaming filter refuses to take, the others have taken.
-            for label, rows in study_streaming.block(cell, together, runs[lane], 1).items():
-                found[label][begin + lane] = rows[0]
-    return found
+            for label, scores in study_streaming.block(cell, together, runs[lane], 1).items():
+                values[label][begin + lane] = scores.values[0]
+                reasons[label][begin + lane] = scores.reasons[0]
+    return streamed | {label: RunScores(values[label], tuple(reasons[label])) for label in values}
 
 
 def _goes_along(one: Filter) -> bool:
@@ -253,6 +260,17 @@ def _measured(
             known[key] = measured_of(logs, one.robot, track_stamps)
         found.append(known[key])
     return found
+
+
+def _losses(worked: Worked, times: Floats) -> list[str]:
+    """Why each lane failed, empty where it did not; `times` (ticks,) are those of the ticks [s]."""
+    if worked.scores is None:
+        raise ValueError("nothing was scored")
+    kinds, ticks = worked.scores.sums[[LOST_KIND, LOST_TICK]].astype(int)
+    return [
+        reason_of(int(kind), float(times[tick])) if kind else ""
+        for kind, tick in zip(kinds, ticks, strict=True)
+    ]
 
 
 def _statistics(filters: BatchFilter, worked: Worked) -> Floats:

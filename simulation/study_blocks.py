@@ -14,6 +14,7 @@ from typing import Any
 from uuid import uuid4
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.frames import Floats
 from simulation.errors import SimulationError
@@ -31,6 +32,10 @@ UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.Bad
 # Differences that a refusal names; those of these keys follow from others, or do no harm.
 TOLD = 4
 UNTOLD = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
+
+
+# Why runs failed, by filter and run; empty for runs that did not.
+Reasons = NDArray[np.str_]
 
 
 @dataclass(frozen=True)
@@ -70,26 +75,29 @@ class BlockStore:
         """The file of a block."""
         return self.folder / BLOCKS / f"{job.cell:05d}-{job.first_run:07d}.npz"
 
-    def read(self, job: Job) -> Floats | None:
-        """The statistics (filters, runs, statistics) of a block, or None where they are not to be had.
+    def read(self, job: Job) -> tuple[Floats, Reasons] | None:
+        """Statistics (filters, runs, statistics) and reasons (filters, runs) of a block, if it is there.
 
         What is cut short, damaged, or of another study does not count.
         """
         try:
             with self.path(job).open("rb") as file, np.load(file, allow_pickle=False) as data:
                 values, digest = np.array(data["values"]), str(data["digest"])
+                reasons = np.array(data["reasons"])
         except UNREADABLE:
             return None
         filters, count = self._shape
         right = values.shape == (filters, job.count, count) and values.dtype == np.float64
-        return values if right and digest == self._digest else None
+        right &= reasons.shape == values.shape[:2] and reasons.dtype.kind == "U"
+        return (values, reasons) if right and digest == self._digest else None
 
-    def write(self, job: Job, values: Floats) -> None:
+    def write(self, job: Job, values: Floats, reasons: Reasons) -> None:
         """Keep a finished block, even if the power fails in the next moment.
 
         Args:
             job: the block.
             values: (filters, runs, statistics).
+            reasons: (filters, runs) why runs failed.
 
         Raises:
             SimulationError: the file system refuses.
@@ -98,7 +106,8 @@ class BlockStore:
         beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
         try:
             with beside.open("wb") as file:
-                np.savez(file, values=values, digest=np.array(self._digest))
+                digest = np.array(self._digest)
+                np.savez(file, values=values, reasons=reasons, digest=digest)
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(path)

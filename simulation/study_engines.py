@@ -12,9 +12,9 @@ from importlib import import_module
 from typing import Any, Protocol, cast
 
 from estimator.errors import nearest_hint
-from estimator.frames import Floats
 from simulation.errors import SimulationError
 from simulation.study_cells import Cell, Filter, Plan
+from simulation.study_failures import RunScores
 
 AUTO = "auto"
 
@@ -24,7 +24,7 @@ class Block(Protocol):
 
     def __call__(
         self, cell: Cell, filters: Sequence[Filter], first_run: int, count: int
-    ) -> dict[str, Floats]:
+    ) -> dict[str, RunScores]:
         """The statistics of the runs.
 
         Random numbers are those of `simulation.scenario.random_streams` by the study's seed and the
@@ -38,7 +38,7 @@ class Block(Protocol):
             count: number of runs.
 
         Returns:
-            Label of the filter -> (count, n), columns as in `simulation.study_statistics.statistics`.
+            Label of the filter -> statistics of the runs, and reasons of those that failed.
         """
 
 

@@ -10,13 +10,16 @@ from typing import Any
 
 from simulation.study_figures import Figure
 from simulation.study_results import Results
-from simulation.study_text import TextTable, headline, notes, summary_tables
+from simulation.study_text import ERROR, TextTable, failures, headline, notes, summary_tables
 
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; margin: 0 auto;
   padding: 1rem; max-width: 60rem; }
 h1 { font-size: 1.5rem; line-height: 1.2; overflow-wrap: anywhere; }
 h2 { font-size: 1.15rem; margin-top: 2rem; }
+.failures { border-left: 4px solid #b00020; background: #fdecee; padding: .5rem .8rem; }
+.failures li, td.error { overflow-wrap: anywhere; }
+td.error { color: #b00020; text-align: left; white-space: normal; }
 .headline { font-size: 1.1rem; border-left: 4px solid #0072B2; padding-left: .8rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
@@ -48,6 +51,7 @@ def study_page(results: Results, figures: Sequence[Figure]) -> str:
         f"<style>\n{STYLE}\n</style></head><body>",
         f"<h1>{name}</h1>",
         f"<p>{described}</p>" if described else "",
+        _failures(failures(results)),
         f'<p class="headline">{html.escape(headline(results))}</p>',
         *(_table(one) for one in summary_tables(results)),
         *(f'<p class="note">{html.escape(line)}</p>' for line in notes(results)),
@@ -61,6 +65,16 @@ def study_page(results: Results, figures: Sequence[Figure]) -> str:
     return "\n".join(part for part in parts if part) + "\n"
 
 
+def _failures(lines: Sequence[str]) -> str:
+    if not lines:
+        return ""
+    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines[1:])
+    return (
+        f'<div class="failures" role="alert"><strong>{html.escape(lines[0])}</strong>'
+        f"<ul>{items}</ul></div>"
+    )
+
+
 def _table(table: TextTable) -> str:
     head = "".join(
         f'<th class="text">{html.escape(one)}</th>'
@@ -71,12 +85,13 @@ def _table(table: TextTable) -> str:
     rows = []
     for row in table.rows:
         first = ' class="first"' if row[0] else ""
-        cells = "".join(
-            f'<td class="text">{html.escape(one)}</td>'
-            if number < table.texts
-            else f"<td>{html.escape(one)}</td>"
-            for number, one in enumerate(row)
-        )
+        words = "".join(f'<td class="text">{html.escape(one)}</td>' for one in row[: table.texts])
+        numbers = "".join(f"<td>{html.escape(one)}</td>" for one in row[table.texts :])
+        if row[table.texts].startswith(ERROR):
+            span = len(row) - table.texts
+            error = html.escape(row[table.texts])
+            numbers = f'<td class="error" colspan="{span}">{error}</td>'
+        cells = words + numbers
         rows.append(f"<tr{first}>{cells}</tr>")
     body = "\n".join(rows)
     return (

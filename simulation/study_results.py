@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.frames import Floats
 from simulation.study_cells import Axis, Plan, Value
+from simulation.study_failures import Failures, failures_of
 from simulation.study_statistics import DRIFT, Statistic, statistics
 from simulation.study_summary import GROUPS, Summary, over_cells, summarise
 
@@ -33,16 +34,23 @@ class Runs:
 
     Attributes:
         plan: the study.
-        values: (filters, cells, runs, statistics).
+        values: (filters, cells, runs, statistics); NaN for failed runs.
+        reasons: (filters, cells, runs) why runs failed, empty for others; None where none failed.
     """
 
     plan: Plan
     values: Floats
+    reasons: Any = None
 
     @property
     def motions(self) -> Any:
         """(runs,) number of the true motion of each run."""
         return np.arange(self.values.shape[2]) % self.plan.study.true_motions
+
+    @property
+    def failures(self) -> list[Failures]:
+        """Failed runs by cell and filter."""
+        return [] if self.reasons is None else failures_of(self.reasons, self.plan.labels)
 
     @property
     def statistics(self) -> tuple[Statistic, ...]:
@@ -117,6 +125,7 @@ def study_results(
         "baseline": plan.study.compared_with,
         "variants": list(plan.labels),
         "statistics": [one._asdict() for one in runs.statistics],
+        "failed": _failed(runs),
         "drift": _told_drift(runs),
         "axes": manifest["axes"],
         "overall": _by_variant(runs, _summaries(runs, everything)),
@@ -149,14 +158,37 @@ def study_results(
 
 def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
     """Summaries by filter and statistic of the means over some cells, run by run."""
-    labels = list(runs.plan.labels)
-    means = over_cells(runs.values[:, list(cells)])
-    baseline = means[labels.index(runs.plan.study.compared_with)]
-    motions = runs.motions
-    return [
-        [summarise(one[:, k], baseline[:, k], motions) for k in range(one.shape[-1])]
-        for one in means
-    ]
+    picked = runs.values[:, list(cells)]
+    baseline = picked[list(runs.plan.labels).index(runs.plan.study.compared_with)]
+    motions, found = runs.motions, []
+    for one in picked:
+        # A cell where either has failed would compare easy cells with hard ones.
+        both = np.isfinite(one) & np.isfinite(baseline)
+        means, paired, others = (
+            over_cells(values)
+            for values in (one, np.where(both, one, np.nan), np.where(both, baseline, np.nan))
+        )
+        found.append(
+            [
+                summarise(means[:, k], others[:, k], motions, paired[:, k])
+                for k in range(one.shape[-1])
+            ]
+        )
+    return found
+
+
+def _failed(runs: Runs) -> dict[str, Any]:
+    """Failed runs: how many of how many, and where and why."""
+    failures, cells = runs.failures, runs.plan.cells
+    filters, count, of_each = runs.values.shape[:3]
+    return {
+        "runs": sum(one.runs for one in failures),
+        "of": filters * count * of_each,
+        "cells": [
+            {**asdict(one), "values": cells[one.cell].values, "reasons": list(one.reasons)}
+            for one in failures
+        ],
+    }
 
 
 def _by_variant(runs: Runs, found: list[list[Summary]]) -> dict[str, Any]:

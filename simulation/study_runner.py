@@ -12,11 +12,13 @@ import numpy as np
 
 from estimator.frames import Floats
 from simulation.errors import SimulationError
-from simulation.study_blocks import BlockStore, Job
+from simulation.study_blocks import BlockStore, Job, Reasons
 from simulation.study_cells import Cell, Plan
 from simulation.study_engines import Engine
 from simulation.study_executors import OpenWorkplace, Workplace
+from simulation.study_failures import checked, run_by_run
 from simulation.study_manifest import computing_versions
+from simulation.study_statistics import statistics
 
 # A block that so many workers have died of is not tried again.
 MOST_TRIES = 4
@@ -48,7 +50,10 @@ class Progress:
 Report = Callable[[Progress], None]
 
 
-def work(module: str, cell: Cell, first_run: int, count: int) -> tuple[Floats, dict[str, str]]:
+Worked = tuple[Floats, Reasons, dict[str, str]]
+
+
+def work(module: str, cell: Cell, first_run: int, count: int) -> Worked:
     """A block, where the worker is.
 
     Args:
@@ -58,11 +63,25 @@ def work(module: str, cell: Cell, first_run: int, count: int) -> tuple[Floats, d
         count: number of runs.
 
     Returns:
-        The statistics (filters, runs, statistics), and the versions of what computed them.
+        The statistics (filters, runs, statistics), NaN for failed runs; why these failed (filters,
+        runs), empty for the others; and the versions of what computed them.
     """
-    found = import_module(module).block(cell, cell.filters, first_run, count)
-    values = np.stack([found[one.label] for one in cell.filters])
-    return np.ascontiguousarray(values, dtype=np.float64), computing_versions()
+    block = import_module(module).block
+    filters = {one.label: one for one in cell.filters}
+    try:
+        found = block(cell, cell.filters, first_run, count)
+    except MemoryError:
+        raise
+    except Exception:
+        # A run that raises an exception takes no other with it.
+        runs, width = range(first_run, first_run + count), len(statistics(cell.horizons))
+        found = run_by_run(
+            lambda run, label: block(cell, [filters[label]], run, 1)[label], runs, [*filters], width
+        )
+    good = [checked(found[label], cell.horizons) for label in filters]
+    values = np.stack([one.values for one in good])
+    reasons = np.array([one.reasons for one in good], dtype=str)
+    return np.ascontiguousarray(values, dtype=np.float64), reasons, computing_versions()
 
 
 def run_blocks(
@@ -119,7 +138,7 @@ class _Runner:
         self._store.tidy()
 
     def _work_through(self, workplace: Workplace) -> None:
-        futures: dict[Future[tuple[Floats, dict[str, str]]], Job] = {}
+        futures: dict[Future[Worked], Job] = {}
         try:
             while self._waiting or futures:
                 while self._waiting and len(futures) < workplace.capacity():
@@ -140,9 +159,9 @@ class _Runner:
                 future.cancel()
             raise
 
-    def _settle(self, future: Future[tuple[Floats, dict[str, str]]], job: Job) -> None:
+    def _settle(self, future: Future[Worked], job: Job) -> None:
         try:
-            values, versions = future.result()
+            values, reasons, versions = future.result()
         except (BrokenExecutor, CancelledError) as problem:
             self._lose(job, problem)
             if isinstance(problem, BrokenExecutor):
@@ -160,7 +179,7 @@ class _Runner:
                 f"a worker computes with {versions}, and this command with {computing_versions()}: "
                 "results would be a mixture; give all workers the same versions"
             )
-        self._store.write(job, values)
+        self._store.write(job, values, reasons)
         self._finished += 1
         self._runs += self._runs_of(job)
         self._left -= self._runs_of(job)

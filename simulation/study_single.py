@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from estimator.frames import Floats
 from simulation import study_batch
 from simulation.study_batch import in_threads, why_not
 from simulation.study_cells import Cell, Filter
+from simulation.study_failures import RunScores
 
 __all__ = ["block", "in_threads", "why_not"]
 
 
-def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> dict[str, Floats]:
+def block(
+    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
+) -> dict[str, RunScores]:
     """The statistics of some runs of a cell; see `simulation.study_engines.Block`."""
     return study_batch.block(cell, filters, first_run, count, bits=32)

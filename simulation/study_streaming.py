@@ -12,8 +12,10 @@ import msgspec
 import numpy as np
 from msgspec import msgpack
 
+from estimator.errors import IcreckonError
 from estimator.frames import Floats
 from estimator.log import Log
+from estimator.lost import LostFilter, loss_of, stopped_by
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Robot
 from estimator.run import Rows, Run
@@ -23,6 +25,7 @@ from simulation.sampling import to_stamps
 from simulation.scenario import Scenario, drive, random_streams
 from simulation.sensing import perfect, sensed, truth_of
 from simulation.study_cells import Cell, Filter
+from simulation.study_failures import RunScores
 from simulation.study_plan import DEFAULT_TRUTHS
 from simulation.study_statistics import run_statistics, score_times, statistics
 from simulation.truth import TrueMotion
@@ -40,35 +43,62 @@ SENSED = (
 )
 
 
-def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> dict[str, Floats]:
+def block(
+    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
+) -> dict[str, RunScores]:
     """The statistics of some runs of a cell; see `simulation.study_engines.Block`."""
-    names = statistics(cell.horizons)
-    found = {one.label: np.empty((count, len(names))) for one in filters}
+    width = len(statistics(cell.horizons))
+    values = {one.label: np.full((count, width), np.nan) for one in filters}
+    reasons: dict[str, list[str]] = {one.label: [] for one in filters}
     for row in range(count):
         log = study_log(cell, first_run + row)
         times = score_times(cell.scenario)
         seen = replace(log, truth=None)
         for one in filters:
-            result = _run(seen, one, times)
-            found[one.label][row] = run_statistics(result, log, cell.horizons)
-    return found
+            try:
+                result = _run(seen, one, times)
+            except LostFilter as lost:
+                reasons[one.label].append(lost.reason)
+                continue
+            reasons[one.label].append("")
+            values[one.label][row] = run_statistics(result, log, cell.horizons)
+    return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
 
 
+@np.errstate(all="ignore")
 def _run(log: Log, one: Filter, times: Floats) -> Run:
-    """A filter's run over a log, written down at given times (n,) [s]."""
+    """Run a filter over a log, with a row at each of the given times (n,) [s].
+
+    Raises:
+        LostFilter: the estimate is not finite, has negative variances, or is absurd.
+    """
     estimator = PoseEstimator(one.robot, one.variant, settings=one.settings)
     wanted = deque(to_stamps(times).tolist())
     rows, count = Rows(len(wanted)), 0
+
+    def finished() -> Run:
+        names = state_names(estimator.variant)
+        return rows.finish(count, estimator.variant.name, names, estimator.health)
+
     for measurement in chain(log.measurements(), [None]):
-        while wanted and (measurement is None or measurement.stamp > wanted[0]):
-            # A filter to which nothing has been said by then has nothing to say.
-            if wanted.popleft() == estimator.stamp:
-                rows.put(count, estimator.snapshot())
-                count += 1
-        if measurement is not None:
-            estimator.feed(measurement)
-    names = state_names(estimator.variant)
-    return rows.finish(count, estimator.variant.name, names, estimator.health)
+        try:
+            while wanted and (measurement is None or measurement.stamp > wanted[0]):
+                # Skip ticks before the filter's first estimate.
+                if wanted.popleft() == estimator.stamp:
+                    rows.put(count, estimator.snapshot())
+                    count += 1
+            if measurement is not None:
+                estimator.feed(measurement)
+        except IcreckonError:
+            raise
+        except Exception as problem:
+            stamp = log.end if measurement is None else measurement.stamp
+            raise stopped_by(problem, finished(), log.start, stamp) from problem
+    done = finished()
+    lost = loss_of(done, log.start)
+    if lost is not None:
+        raise lost
+    return done
 
 
 def study_log(cell: Cell, run_index: int) -> Log:

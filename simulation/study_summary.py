@@ -61,20 +61,24 @@ class Summary:
 COLUMNS = tuple(field.name for field in fields(Summary))
 
 
-def summarise(values: Floats, baseline: Floats, motions: Ints) -> Summary:
+def summarise(
+    values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
+) -> Summary:
     """The summary of a statistic.
 
     Args:
         values: (n,) of the runs; NaN where a run has none.
         baseline: (n,) of the same runs by the baseline.
         motions: (n,) number of the true motion of each run.
+        paired: (n,) of the runs over the cells that the baseline has too; `values` where left out.
     """
+    paired = values if paired is None else paired
     known = np.isfinite(values)
     some, of = values[known], motions[known]
-    both = known & np.isfinite(baseline)
+    both = np.isfinite(paired) & np.isfinite(baseline)
     mean = mean_interval(some, of)
-    apart = mean_interval(values[both] - baseline[both], motions[both])
-    times = ratio_interval(values[both], baseline[both], motions[both])
+    apart = mean_interval(paired[both] - baseline[both], motions[both])
+    times = ratio_interval(paired[both], baseline[both], motions[both])
     median, p05, p95 = np.percentile(some, (50.0, 5.0, 95.0)) if len(some) else [math.nan] * 3
     return Summary(
         len(some),

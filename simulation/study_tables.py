@@ -50,6 +50,9 @@ def runs_parquet(runs: Runs) -> bytes:
     labels = np.repeat(np.array(plan.labels, dtype=object), count)
     columns["variant"] = np.tile(labels, cells)
     columns["run"] = np.tile(np.arange(count, dtype=np.int64), cells * filters)
+    if runs.reasons is not None:
+        ordered = runs.reasons.transpose(1, 0, 2).reshape(-1)
+        columns["failed"] = np.where(ordered == "", None, ordered)
     columns["true_motion"] = np.tile(runs.motions.astype(np.int64), cells * filters)
     ordered = runs.values.transpose(1, 0, 2, 3).reshape(cells * filters * count, -1)
     for one, values in zip(runs.statistics, ordered.T, strict=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,10 @@ from simulation.study_results import FINAL_ERROR, Results, shown
 # Beyond so many cells, tables are by axis.
 MOST_CELLS = 24
 NEES = "nees_pose_end"
+# Beginning of what is to alarm.
+ERROR = "ERROR"
+# Failures and reasons that are listed in words; `results.json` lists all.
+MOST_FAILURES, MOST_REASONS = 12, 3
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,8 @@ def headline(results: Results) -> str:
     count = len(results["cells"])
     runs = f"{count} {'cell' if count == 1 else 'cells'} of {results['runs']} runs each"
     of = overall[baseline][drift]
+    if overall[baseline][FINAL_ERROR]["n"] == 0:
+        return f"{ERROR}: over {runs}, {baseline} has no result; there is nothing to compare with."
     if of["n"] == 0:
         return f"Over {runs}, nowhere long enough without fixes to tell the drift of {baseline}."
     after = title_of(results, drift).removeprefix("drift ")
@@ -36,7 +43,7 @@ def headline(results: Results) -> str:
         f"{name} drifts {_number(overall[name][drift]['ratio'])} times as much "
         f"({_between(overall[name][drift], 'ratio')})"
         for name in results["variants"]
-        if name != baseline
+        if name != baseline and overall[name][drift]["pairs"]
     ]
     sentences = [
         f"Over {runs}, {baseline} drifts {_number(of['mean'])} % of distance {after} "
@@ -44,7 +51,11 @@ def headline(results: Results) -> str:
     ]
     if told:
         sentences.append(f"Run by run, {_listed(told)}.")
-    return " ".join([*sentences, *_widest_effect(results)])
+    sentences += _widest_effect(results)
+    failed = results["failed"]
+    if failed["runs"]:
+        sentences.append(f"{ERROR}: {failed['runs']} of {failed['of']} runs failed.")
+    return " ".join(sentences)
 
 
 def _widest_effect(results: Results) -> list[str]:
@@ -61,6 +72,8 @@ def _widest_effect(results: Results) -> list[str]:
             for group in effect["groups"]
             if group["variants"][best][drift]["n"]
         ]
+        if len(means) < 2:
+            continue
         (least, where_least), (most, where_most) = min(means), max(means)
         if least > 0.0:
             axis = effect["axis"]
@@ -72,17 +85,42 @@ def _widest_effect(results: Results) -> list[str]:
     return [max(found)[1]] if found else []
 
 
+def failures(results: Results) -> list[str]:
+    """Failed runs in words, one line for each cell and variant; none if no run failed."""
+    failed = results["failed"]
+    if not failed["runs"]:
+        return []
+    lines = [
+        f"{ERROR}: {failed['runs']} of {failed['of']} runs failed. They are in no table and no figure."
+    ]
+    lines += [_failure(one) for one in failed["cells"][:MOST_FAILURES]]
+    more = len(failed["cells"]) - MOST_FAILURES
+    if more > 0:
+        lines.append(f"{more} more cells and variants with failed runs: see results.json.")
+    return lines
+
+
+def _failure(one: dict[str, Any]) -> str:
+    told = ", ".join(f"{key} = {shown(value)}" for key, value in one["values"].items())
+    where = f"cell {one['cell']} ({told}), " if told else ""
+    reasons = [
+        f"{reason['reason']} (run {reason['first_run']}"
+        + (f" and {reason['runs'] - 1} more)" if reason["runs"] > 1 else ")")
+        for reason in one["reasons"][:MOST_REASONS]
+    ]
+    more = len(one["reasons"]) - MOST_REASONS
+    reasons += [f"{more} other reasons"] if more > 0 else []
+    what = f"{one['runs']} of {one['of']} runs failed"
+    if one["runs"] == one["of"]:
+        what = f"no result, all {one['of']} runs failed"
+    return f"{where}{one['variant']}: {what}: {'; '.join(reasons)}"
+
+
 def notes(results: Results) -> list[str]:
     """What the tables' figures are."""
     runs, motions = results["runs"], results["true_motions"]
     shared = "" if motions == runs else f" of {motions} true motions"
-    lost = {
-        label: sum(runs - cell["variants"][label][FINAL_ERROR]["n"] for cell in results["cells"])
-        for label in results["variants"]
-    }
-    failed = _listed([f"{count} of {label}" for label, count in lost.items() if count])
     return [
-        *([f"WITHOUT ANY RESULT, and in no figure here: runs {failed}."] if failed else []),
         f"{runs} runs{shared} in each cell, paired over cells and variants; in brackets 95 % intervals "
         "of the mean (Student's t, over true motions).",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: median, and "
@@ -96,13 +134,20 @@ def summary_tables(results: Results) -> list[TextTable]:
     axes = [axis["name"] for axis in results["axes"]]
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
         places = [
-            (tuple(shown(cell["values"][axis]) for axis in axes), cell["variants"])
+            (
+                tuple(shown(cell["values"][axis]) for axis in axes),
+                cell["variants"],
+                (cell["cell"],),
+            )
             for cell in cells
         ]
         return [_table(results, "by cell" if axes else "", tuple(axes), places)]
     tables = []
     for effect in results["effects"]:
-        places = [((group["name"],), group["variants"]) for group in effect["groups"]]
+        places = [
+            ((group["name"],), group["variants"], tuple(group["cells"]))
+            for group in effect["groups"]
+        ]
         title = f"by {effect['axis']}, over all else that is swept"
         tables.append(_table(results, title, (effect["axis"],), places))
     return tables
@@ -126,7 +171,7 @@ def _table(
     results: Results,
     title: str,
     axes: tuple[str, ...],
-    places: list[tuple[tuple[str, ...], dict[str, Any]]],
+    places: Sequence[tuple[tuple[str, ...], dict[str, Any], tuple[int, ...]]],
 ) -> TextTable:
     drift = results["drift"]
     head = (
@@ -139,13 +184,24 @@ def _table(
         "NEES at the end",
     )
     rows = []
-    for values, variants in places:
+    for values, variants, inside in places:
         for number, (name, one) in enumerate(variants.items()):
             told = one[drift]
+            place = values if number == 0 else ("",) * len(values)
+            failed = [
+                found
+                for found in results["failed"]["cells"]
+                if found["variant"] == name and found["cell"] in inside
+            ]
+            if one[FINAL_ERROR]["n"] == 0:
+                rows.append((*place, name, _error(failed), "", "", "", ""))
+                continue
+            count = sum(found["runs"] for found in failed)
+            of = results["runs"] * len(inside)
             rows.append(
                 (
-                    *(values if number == 0 else ("",) * len(values)),
-                    name,
+                    *place,
+                    f"{name} ({count} of {of} runs failed)" if failed else name,
                     _with_interval(told, "mean"),
                     "1" if name == results["baseline"] else _with_interval(told, "ratio"),
                     _number(one[FINAL_ERROR]["median"]),
@@ -154,6 +210,15 @@ def _table(
                 )
             )
     return TextTable(title, head, tuple(rows), len(axes) + 1)
+
+
+def _error(failed: Sequence[dict[str, Any]]) -> str:
+    """What a table has in place of numbers where all runs failed."""
+    reasons = [reason for one in failed for reason in one["reasons"]]
+    if not reasons:
+        return f"{ERROR}: no result"
+    first = max(reasons, key=lambda one: int(one["runs"]))
+    return f"{ERROR}: {first['reason']}" + (", and others" if len(reasons) > 1 else "")
 
 
 def _with_interval(summary: dict[str, Any], key: str) -> str:

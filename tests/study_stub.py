@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simulation.study_failures import RunScores
 from simulation.study_statistics import statistics
 
 # A file that is named here: the first worker that finds it takes it away, and dies.
@@ -32,6 +33,7 @@ def block(cell, filters, first_run, count):
             truth = np.random.default_rng([cell.scenario.seed, run % cell.truths])
             own = np.random.default_rng([cell.scenario.seed, run, cell.index, number])
             rows.append(truth.gamma(4.0, 0.5, len(names)) + own.gamma(2.0, 0.5, len(names)))
-        found[one.label] = np.array(rows)
-        found[one.label][:, names.index("rejected_gyro")] = np.nan
+        values = np.array(rows)
+        values[:, names.index("rejected_gyro")] = np.nan
+        found[one.label] = RunScores(values, ("",) * count)
     return found

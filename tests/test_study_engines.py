@@ -57,8 +57,8 @@ def test_side_by_side_and_one_after_the_other_come_to_the_same(changes: dict[str
     # The last of eleven runs, and some of the others, are in a group that is not full.
     side_by_side = study_batch.block(cell, cell.filters, 0, 11)
     streamed = study_streaming.block(cell, cell.filters, 9, 2)
-    for label, rows in streamed.items():
-        found = side_by_side[label][9:11]
+    for label, (rows, _) in streamed.items():
+        found = side_by_side[label].values[9:11]
         assert np.array_equal(np.isnan(found), np.isnan(rows))
         # A hole of the encoders at standstill leaves few digits to agree in.
         assert np.allclose(found, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
@@ -68,8 +68,8 @@ def test_a_block_does_not_depend_on_the_one_it_is_cut_from() -> None:
     cell = plan_of().cells[0]
     whole = study_batch.block(cell, cell.filters, 0, 11)
     part = study_batch.block(cell, cell.filters, 3, 4)
-    for label, rows in part.items():
-        assert np.array_equal(rows, whole[label][3:7], equal_nan=True)
+    for label, (rows, _) in part.items():
+        assert np.array_equal(rows, whole[label].values[3:7], equal_nan=True)
 
 
 def test_single_precision_comes_near() -> None:
@@ -77,8 +77,8 @@ def test_single_precision_comes_near() -> None:
     names = [one.name for one in statistics(cell.horizons)]
     double = study_batch.block(cell, cell.filters, 0, 4)
     single = study_single.block(cell, cell.filters, 0, 4)
-    for label, rows in double.items():
-        found = dict(zip(names, single[label].T, strict=True))
+    for label, (rows, _) in double.items():
+        found = dict(zip(names, single[label].values.T, strict=True))
         for name, values in zip(names, rows.T, strict=True):
             assert np.allclose(found[name], values, rtol=0.01, atol=1e-4, equal_nan=True), name
 
@@ -88,7 +88,8 @@ def test_friction_variants_take_part_one_after_the_other() -> None:
     cell = plan.cells[0]
     found = study_batch.block(cell, cell.filters, 0, 1)
     streamed = study_streaming.block(cell, cell.filters, 0, 1)
-    assert np.array_equal(found["friction-online"], streamed["friction-online"], equal_nan=True)
+    rows, alone = found["friction-online"].values, streamed["friction-online"].values
+    assert np.array_equal(rows, alone, equal_nan=True)
     assert not study_batch.in_threads(plan)
     assert study_batch.in_threads(plan_of())
 
@@ -112,8 +113,8 @@ def test_a_group_whose_runs_all_miss_a_sample_is_told_so() -> None:
     poor = EncoderSpec(dropouts_per_hour=600.0, dropout_duration=0.5)
     cell = plan_of(encoders=poor).cells[0]
     found = study_batch.block(cell, cell.filters, 10, 1)
-    for label, rows in study_streaming.block(cell, cell.filters, 10, 1).items():
-        assert np.allclose(found[label], rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+    for label, (rows, _) in study_streaming.block(cell, cell.filters, 10, 1).items():
+        assert np.allclose(found[label].values, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
 
 
 def test_measurements_of_other_stamps_are_refused() -> None:
@@ -141,15 +142,15 @@ def test_measurements_of_other_stamps_are_refused() -> None:
 def test_both_are_scored_at_the_same_times_whatever_the_rates_are(rates: dict[str, float]) -> None:
     cell = plan_of(**rates).cells[0]
     found = study_batch.block(cell, cell.filters, 2, 1)
-    for label, rows in study_streaming.block(cell, cell.filters, 2, 1).items():
-        assert np.allclose(found[label], rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+    for label, (rows, _) in study_streaming.block(cell, cell.filters, 2, 1).items():
+        assert np.allclose(found[label].values, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
 
 
 def test_readings_that_are_refused_beforehand_are_refused_by_both() -> None:
     cell = plan_of(encoders=EncoderSpec(speed_noise_density=1.0)).cells[0]
     found = study_batch.block(cell, cell.filters, 0, 2)
-    for label, rows in study_streaming.block(cell, cell.filters, 0, 2).items():
-        assert np.array_equal(found[label], rows, equal_nan=True)
+    for label, (rows, _) in study_streaming.block(cell, cell.filters, 0, 2).items():
+        assert np.array_equal(found[label].values, rows, equal_nan=True)
 
 
 def test_threads_that_compile_at_the_same_time_come_to_what_one_does(tmp_path: Path) -> None:
@@ -166,8 +167,8 @@ def test_threads_that_compile_at_the_same_time_come_to_what_one_does(tmp_path: P
         "again = [work(first) for first in range(0, 8, 2)]\n"
         "for one, other in zip(found, again, strict=True):\n"
         "    for label, rows in one.items():\n"
-        "        assert rows.tobytes() == other[label].tobytes(), label\n"
-        "print(found[0]['inertia-online'].tolist())\n"
+        "        assert rows.values.tobytes() == other[label].values.tobytes(), label\n"
+        "print(found[0]['inertia-online'].values.tolist())\n"
     )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(
@@ -180,7 +181,7 @@ def test_threads_that_compile_at_the_same_time_come_to_what_one_does(tmp_path: P
     )
     assert done.returncode == 0, done.stderr[-2000:]
     cell = plan_of(duration=20.0, outages=((5.0, 18.0),)).cells[0]
-    here = study_batch.block(cell, cell.filters, 0, 2)["inertia-online"]
+    here = study_batch.block(cell, cell.filters, 0, 2)["inertia-online"].values
     assert np.array_equal(
         np.array(ast.literal_eval(done.stdout.replace("nan", "None")), dtype=float),
         here,

@@ -285,7 +285,8 @@ def test_shipped_studies_load_and_their_first_block_runs(name):
     found = block(replace(cell, scenario=short, horizons=(5.0,)), cell.filters, 0, 1)
     assert list(found) == list(plan.labels)
     names = [one.name for one in statistics((5.0,))]
-    for values in found.values():
+    for values, reasons in found.values():
+        assert reasons == ("",)
         assert values.shape == (1, len(names))
         known = dict(zip(names, np.isfinite(values[0]).tolist(), strict=True))
         assert [key for key, is_known in known.items() if not is_known] == ["yaw_drift_deg_per_m"]

@@ -41,7 +41,7 @@ STUDY = Study(
 def stubbed(study):
     plan = expand(study)
     blocks = [study_stub.block(cell, cell.filters, 0, study.runs) for cell in plan.cells]
-    values = np.array([[block[label] for block in blocks] for label in plan.labels])
+    values = np.array([[block[label].values for block in blocks] for label in plan.labels])
     return Runs(plan, values)
 
 
@@ -326,21 +326,3 @@ def test_every_shape_of_study_has_tables_figures_and_a_page(changes, known):
     again = json.loads(as_json(results))
     assert headline(again) == headline(results)
     assert summary_tables(again) == summary_tables(results)
-
-
-def test_runs_without_a_result_are_told() -> None:
-    from simulation.study_text import notes
-
-    def variant(n):
-        return {"final_position_error_m": {"n": n}}
-
-    results = {
-        "runs": 5,
-        "true_motions": 5,
-        "baseline": "a",
-        "variants": ["a", "b"],
-        "cells": [{"variants": {"a": variant(5), "b": variant(3)}}] * 2,
-    }
-    assert notes(results)[0] == "WITHOUT ANY RESULT, and in no figure here: runs 4 of b."
-    results["cells"] = [{"variants": {"a": variant(5), "b": variant(5)}}]
-    assert notes(results)[0].startswith("5 runs in each cell")

@@ -14,10 +14,11 @@ import numpy as np
 from estimator.frames import Floats, wrap_angle
 from estimator.jit_kernel import entry
 from estimator.log import NANOSECOND, Stamps
+from estimator.lost import loss_kind
 from estimator.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
 from estimator.sizes import WRONG_SIZE
 
-# Sums of each lane.
+# Sums of each lane; and the kind of its first loss, see `estimator.lost`, and at which tick.
 (
     COUNT,
     POSITION_SQUARE,
@@ -32,8 +33,10 @@ from estimator.sizes import WRONG_SIZE
     FINAL_NEES,
     VELOCITY_NEES,
     VELOCITY_COUNT,
+    LOST_KIND,
+    LOST_TICK,
     SUMS,
-) = range(14)
+) = range(16)
 # Sums of each lane and horizon.
 ERROR, YAW_ERROR, DISTANCE, DRIFTS = range(4)
 # Of the pose that a segment begins with: estimate, truth, and length of the path. Of an estimate: pose,
@@ -172,6 +175,9 @@ def add_ticks(
             d_x, d_y = now[0, lane] - poses[at, 0, lane], now[1, lane] - poses[at, 1, lane]
             d_yaw = wrap_angle(now[2, lane] - poses[at, 2, lane])
             square = d_x * d_x + d_y * d_y
+            if sums[LOST_KIND, lane] == 0.0:
+                sums[LOST_KIND, lane] = kind_at(now, lane)
+                sums[LOST_TICK, lane] = at
             sums[COUNT, lane] += 1.0
             sums[POSITION_SQUARE, lane] += square
             sums[YAW_SQUARE, lane] += d_yaw * d_yaw
@@ -208,6 +214,24 @@ def add_ticks(
                     kept[slot, axis, lane] = now[axis, lane]
                     kept[slot, 3 + axis, lane] = poses[at, axis, lane]
                 kept[slot, 6, lane] = lengths[at, lane]
+
+
+def kind_at(now: Floats, lane: int) -> int:
+    """Kind of loss of the estimate of a lane, see `estimator.lost`."""
+    return loss_kind(
+        now[0, lane],
+        now[1, lane],
+        now[2, lane],
+        now[3, lane],
+        now[6, lane],
+        now[8, lane],
+        now[9, lane],
+        now[10, lane],
+        now[11, lane],
+        now[12, lane],
+        now[15, lane],
+        now[17, lane],
+    )
 
 
 def end_segment(

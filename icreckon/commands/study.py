@@ -23,12 +23,12 @@ from simulation.study_executors import threads_at_work
 from simulation.study_plan import Study, load_study, study_names
 from simulation.study_results import Results
 from simulation.study_runner import Progress as Done
-from simulation.study_text import headline, notes, summary_tables
+from simulation.study_text import failures, headline, notes, summary_tables
 
 FOLDER = "icreckon-study"
 # Where there is no terminal to draw a bar in, progress is a line so often [s].
 LINE_EVERY = 30.0
-INTERRUPTED = 130
+INTERRUPTED, FAILED = 130, 1
 
 
 def run_study_command(
@@ -79,6 +79,11 @@ def run_study_command(
         markup=False,
         soft_wrap=True,
     )
+    failed = failures(found)
+    for line in failed:
+        messages().print(line, style="red", markup=False, soft_wrap=True)
+    if failed:
+        raise typer.Exit(FAILED)
 
 
 class _Reporter:
