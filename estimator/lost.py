@@ -93,7 +93,11 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
     kinds = np.select([~finite, negative, absurd], [NOT_FINITE, NEGATIVE, ABSURD], USABLE)
     lost = np.flatnonzero(kinds)
     if not len(lost):
-        return None
+        sums = {name: one.nis_sum for name, one in run.health.sensors.items()}
+        bad = [
+            f"{name} ({value:.3g})" for name, value in sums.items() if not 0.0 <= value < math.inf
+        ]
+        return LostFilter(run.variant, f"impossible NIS of {', '.join(bad)}") if bad else None
     seconds = float((run.stamps[lost[0]] - start) * NANOSECOND)
     return LostFilter(run.variant, reason_of(int(kinds[lost[0]]), seconds), seconds)
 

@@ -20,6 +20,8 @@ from rich.progress import (
 from estimator.errors import IcreckonError
 
 TABLE_WIDTH = 150
+# Exit status of a command that has written its results, some of which are missing.
+FAILED = 1
 
 
 def messages() -> Console:

@@ -5,19 +5,23 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, ClassVar
 
+from estimator.errors import IcreckonError
 from estimator.log import Log, Truth
+from estimator.lost import LostFilter, described, loss_of
 from estimator.robot import Robot
 from estimator.run import Run, run
 from estimator.scores import interpolate_poses
 from estimator.settings import Settings
 from estimator.smoother import smooth as smooth_run
 from estimator.variants import VARIANTS, find_variant, motion_model
+from replay.errors import ReplayError
 from replay.fixes import LogPart, with_fixes_within
-from replay.starting import start_from_fixes
+from replay.starting import Start, start_from_fixes
 from replay.truth_alignment import TruthAlignment, align_truth
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
@@ -31,6 +35,8 @@ POLL_SECONDS = 0.2
 MANY_SAMPLES = 200_000
 
 Progress = Callable[[float], None]
+# Run of a variant, with the smoothed one if asked for; in place of a run, why there is none.
+Outcome = tuple[Run | LostFilter, ...]
 
 
 @dataclass(frozen=True)
@@ -42,11 +48,13 @@ class Comparison:
         runs: by name of the variant, in the order asked for; then the smoothed ones, if asked for, as
             "inertia-online-smoothed".
         alignment: what was taken out of a logged truth; None for a simulated one, or none.
+        failed: by name of the variant, why it has no run; never all of them.
     """
 
     log: Log
     runs: dict[str, Run]
     alignment: TruthAlignment | None
+    failed: dict[str, LostFilter] = field(default_factory=dict)
 
 
 def compare(
@@ -70,6 +78,9 @@ def compare(
     in one pass, unless it holds what only the streaming filter can take, or it is to be smoothed; see
     `estimator.batch.replay`. What comes out is the same, to rounding.
 
+    A variant that is lost or raises an exception has no run; `Comparison.failed` names it, and the others
+    go on.
+
     Args:
         log: the log.
         robot: the robot.
@@ -87,14 +98,13 @@ def compare(
     Raises:
         EstimatorError: no such variant, a log without track speeds, or a robot whose ground does not
             let it have a friction variant.
-        ReplayError: fixes were asked for that the log does not have.
+        ReplayError: fixes were asked for that the log does not have, or every variant failed.
     """
     for name in variants:
         motion_model(robot, find_variant(name))
     alignment = None
     if log.truth is not None and log.truth.twists is None:
-        blind = _Task(replace(log, fixes=None), robot, settings)
-        ((reckoned,),) = _in_any_way(blind, (ALIGNMENT_VARIANT,), 1, None)
+        reckoned = _first_run(_Task(replace(log, fixes=None), robot, settings), variants)
         alignment = align_truth(log.truth, reckoned.trajectory)
         log = replace(log, truth=alignment.truth)
     if fixes is not None:
@@ -104,15 +114,47 @@ def compare(
         start = _pose_at(log.truth, log.start)
         sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
     elif log.fixes is not None:
-        start, sigma = start_from_fixes(log, robot, ALIGNMENT_VARIANT, settings)
+        start, sigma = _start_from_fixes(log, robot, settings, variants)
     task = _Task(log, robot, settings, start, sigma, smooth)
     if executor is not None:
         runs = _on_executor(task, variants, executor, progress)
     else:
         runs = _in_any_way(task, variants, workers, progress)
     # First all that were filtered, then all that were smoothed.
-    kinds = zip(*runs, strict=True)
-    return Comparison(log, {one.variant: one for kind in kinds for one in kind}, alignment)
+    found = [one for kind in zip_longest(*runs) for one in kind if one is not None]
+    failed = {one.variant: one for one in found if isinstance(one, LostFilter)}
+    kept = {one.variant: one for one in found if isinstance(one, Run)}
+    if not kept:
+        raise _all_failed([*failed.values()])
+    return Comparison(log, kept, alignment, failed)
+
+
+def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
+    return ReplayError(f"no variant has a result: {'; '.join(map(str, failed))}")
+
+
+def _first_run(task: _Task, variants: Sequence[str]) -> Run:
+    """Run of the variant that a truth is aligned with; of another if that one fails."""
+    failed = []
+    for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
+        ((one,),) = _in_any_way(task, (name,), 1, None)
+        if isinstance(one, Run):
+            return one
+        failed.append(one)
+    raise _all_failed(failed)
+
+
+def _start_from_fixes(
+    log: Log, robot: Robot, settings: Settings | None, variants: Sequence[str]
+) -> Start:
+    """Pose at the start by the variant that is used for it; by another if that one fails."""
+    failed = []
+    for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
+        try:
+            return start_from_fixes(log, robot, name, settings)
+        except LostFilter as lost:
+            failed.append(lost)
+    raise _all_failed(failed)
 
 
 def _pose_at(truth: Truth, stamp: int) -> tuple[float, float, float]:
@@ -129,25 +171,36 @@ class _Task:
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     smooth: bool = False
 
-    def run(self, variant: str, progress: Progress) -> tuple[Run, ...]:
+    def run(self, variant: str, progress: Progress) -> Outcome:
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
         runner = smooth_run if self.smooth else run
         # The truth is not the filter's business.
-        found = runner(
-            replace(self.log, truth=None),
-            self.robot,
-            variant,
-            settings=self.settings,
-            start=self.start,
-            start_sigma=self.start_sigma,
-            progress=lambda stamp: progress((stamp - begin) / length),
-        )
-        return (found,) if isinstance(found, Run) else found
+        try:
+            found = runner(
+                replace(self.log, truth=None),
+                self.robot,
+                variant,
+                settings=self.settings,
+                start=self.start,
+                start_sigma=self.start_sigma,
+                progress=lambda stamp: progress((stamp - begin) / length),
+            )
+        except LostFilter as lost:
+            return (lost,)
+        except (IcreckonError, MemoryError):
+            raise
+        except Exception as problem:
+            return (LostFilter(variant, described(problem)),)
+        return self.checked((found,) if isinstance(found, Run) else found)
+
+    def checked(self, runs: Sequence[Run]) -> Outcome:
+        """The runs; in place of one that is lost, why."""
+        return tuple(loss_of(one, self.log.start) or one for one in runs)
 
 
 def _in_any_way(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
-) -> list[tuple[Run, ...]]:
+) -> list[Outcome]:
     """Side by side those that can, then the others here or in processes."""
     share = 0.0
 
@@ -164,7 +217,8 @@ def _in_any_way(
         runs = _in_processes(task, others, workers, report)
     else:
         runs = _here(task, others, report)
-    found = {name: (one,) for name, one in together.items()} | dict(zip(others, runs, strict=True))
+    found = {name: task.checked((one,)) for name, one in together.items()}
+    found |= dict(zip(others, runs, strict=True))
     return [found[name] for name in variants]
 
 
@@ -191,7 +245,7 @@ def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> d
         return {}
 
 
-def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[tuple[Run, ...]]:
+def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[Outcome]:
     def share_of(index: int) -> Progress:
         def report(done: float) -> None:
             if progress is not None:
@@ -202,13 +256,13 @@ def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> li
     return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
 
 
-def _run_quietly(task: _Task, variant: str) -> tuple[Run, ...]:
+def _run_quietly(task: _Task, variant: str) -> Outcome:
     return task.run(variant, lambda _: None)
 
 
 def _on_executor(
     task: _Task, variants: Sequence[str], executor: Executor, progress: Progress | None
-) -> list[tuple[Run, ...]]:
+) -> list[Outcome]:
     futures = [executor.submit(_run_quietly, task, variant) for variant in variants]
     runs = []
     for future in futures:
@@ -229,7 +283,7 @@ class _Worker:
         cls.task, cls.slots = task, slots
 
     @classmethod
-    def work(cls, index: int, variant: str) -> tuple[Run, ...]:
+    def work(cls, index: int, variant: str) -> Outcome:
         def report(done: float) -> None:
             cls.slots[index] = done
 
@@ -238,7 +292,7 @@ class _Worker:
 
 def _in_processes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
-) -> list[tuple[Run, ...]]:
+) -> list[Outcome]:
     context = multiprocessing.get_context("spawn")
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
     count = min(workers, len(variants))

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from estimator.smoother import SMOOTHED
 from replay.colours import OTHER_COLOUR, TRUTH_COLOUR
 from replay.colours import colour_of as _colour
+from replay.page_text import failures
 from replay.results import Results
 
 # The variants whose uncertainty and indices are drawn.
@@ -47,7 +48,8 @@ def write_figure(path: Path, results: Results) -> None:
         for axes in right[:-1]:
             axes.tick_params(labelbottom=False)
         right[-1].set_xlabel("time since the start [s]")
-        figure.suptitle(_title(results), fontsize=13)
+        title = "\n".join([_title(results), *failures(results)])
+        figure.suptitle(title, fontsize=13)
         figure.savefig(path, dpi=110)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from replay.outputs import written_beside
 from replay.page_charts import page_data, switches
 from replay.page_text import (
+    failures,
     filtered,
     headline,
     horizon_text,
@@ -76,6 +77,7 @@ def replay_page(results: Results) -> str:
         f"<style>\n{_resource('page.css')}</style></head><body>",
         f"<h1>{html.escape(title)}</h1>",
         _paragraph(provenance(results), "meta"),
+        *(_paragraph(line, "failure") for line in failures(results)),
         _paragraph(headline(results), "headline"),
         *(_paragraph(line, "note") for line in remarks(results)),
         "<noscript><p>The charts need JavaScript; the tables do not.</p></noscript>",

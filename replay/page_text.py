@@ -94,6 +94,13 @@ def _apart(results: Results) -> str:
     )
 
 
+def failures(results: Results) -> list[str]:
+    """Variants without a result, each with its reason."""
+    return [
+        f"ERROR: {name} has no result: {one['reason']}" for name, one in results["failed"].items()
+    ]
+
+
 def remarks(results: Results) -> list[str]:
     """What must be known to read the verdict rightly."""
     found, told = results["verdict"], []

@@ -96,6 +96,10 @@ def summarise(
         "baseline_variant": None if log.truth is None else baseline,
         "horizons": horizon_labels(),
         "verdict": found,
+        "failed": {
+            name: {"reason": lost.reason, "since_s": lost.seconds}
+            for name, lost in comparison.failed.items()
+        },
         "variants": variants,
         "series": series_of(comparison),
     }

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimator.smoother import SMOOTHED
+from replay.page_text import failures
 from replay.results import Results
 
 # Heading, key, digits.
@@ -50,6 +51,9 @@ def results_table(results: Results) -> Group:
             for _, key, digits in columns
         ]
         table.add_row(name, *cells)
+    for name in results["failed"]:
+        error = Text("ERROR", style="bold red")
+        table.add_row(name, *(error for _ in columns))
     return Group(table, *(Text(line) for line in _footnotes(results)))
 
 
@@ -63,7 +67,7 @@ def _title(results: Results) -> str:
 
 def _footnotes(results: Results) -> list[str]:
     log, truth = results["log"], results["truth"]
-    lines = []
+    lines = failures(results)
     if truth is None:
         lines.append(f"No ground truth: apart means from {results['reference_variant']}.")
     else:

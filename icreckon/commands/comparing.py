@@ -11,10 +11,11 @@ import typer
 from estimator.log import Log
 from estimator.robot import Robot
 from estimator.settings import Settings
-from icreckon.console import progress, results, worker_count
+from icreckon.console import FAILED, messages, progress, results, worker_count
 from replay.comparison import DEFAULT_VARIANTS, compare
 from replay.fixes import LogPart
 from replay.formats import DEFAULT_FORMATS
+from replay.page_text import failures
 from replay.report import RESULTS_FILE, write_exports, write_views
 from replay.results import summarise
 from replay.tables import results_table
@@ -36,10 +37,13 @@ def compare_and_report(
     formats: Sequence[str] = DEFAULT_FORMATS,
     as_json: bool = False,
     workers: int | None = None,
-) -> None:
+) -> list[str]:
     """Run the variants over a log, leave a report in a folder, and print the table or the JSON.
 
     The other arguments are those of `compare`, `summarise` and `write_report`; `folder` must be there.
+
+    Returns:
+        Variants without a result, in words; see `exit_if_failed`.
     """
     title = f"filtering {log.duration:.0f} s of {log.name}"
     with progress(title, log.duration) as report_progress:
@@ -64,3 +68,12 @@ def compare_and_report(
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
     else:
         results().print(results_table(summary))
+    return failures(summary)
+
+
+def exit_if_failed(failed: Sequence[str]) -> None:
+    """Print what failed, if anything, and exit with 1; once the results are in their place."""
+    for line in failed:
+        messages().print(line, style="red", markup=False, soft_wrap=True)
+    if failed:
+        raise typer.Exit(FAILED)

@@ -9,7 +9,7 @@ import msgspec
 
 from estimator.errors import nearest_hint
 from estimator.robot import load_robot
-from icreckon.commands.comparing import compare_and_report
+from icreckon.commands.comparing import compare_and_report, exit_if_failed
 from icreckon.console import messages, results_folder
 from replay.bag_writer import write_log
 from replay.bags import read_log
@@ -48,7 +48,7 @@ def run_demo(
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
         messages().print(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
-        compare_and_report(
+        failed = compare_and_report(
             replace(read_log(bag, robot), name=f"{scenario.trajectory} drive"),
             robot,
             folder,
@@ -60,6 +60,7 @@ def run_demo(
             as_json=as_json,
             workers=workers,
         )
+    exit_if_failed(failed)
 
 
 def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:

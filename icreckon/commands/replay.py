@@ -11,7 +11,7 @@ from estimator.errors import EstimatorError, nearest_hint
 from estimator.robot import load_robot, robot_names
 from estimator.settings import Settings
 from estimator.variants import find_variant
-from icreckon.commands.comparing import compare_and_report
+from icreckon.commands.comparing import compare_and_report, exit_if_failed
 from icreckon.console import messages, progress, results_folder
 from replay.bags import read_log
 from replay.comparison import DEFAULT_VARIANTS
@@ -66,7 +66,7 @@ def run_replay(
             markup=False,
             soft_wrap=True,
         )
-        compare_and_report(
+        failed = compare_and_report(
             log,
             robot,
             folder,
@@ -88,3 +88,4 @@ def run_replay(
             as_json=as_json,
             workers=workers,
         )
+    exit_if_failed(failed)

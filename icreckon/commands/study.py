@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.console import messages, results
+from icreckon.console import FAILED, messages, results
 from simulation.errors import SimulationError
 from simulation.study import PAGE, run_study
 from simulation.study_blocks import RESULTS
@@ -28,7 +28,7 @@ from simulation.study_text import failures, headline, notes, summary_tables
 FOLDER = "icreckon-study"
 # Where there is no terminal to draw a bar in, progress is a line so often [s].
 LINE_EVERY = 30.0
-INTERRUPTED, FAILED = 130, 1
+INTERRUPTED = 130
 
 
 def run_study_command(
