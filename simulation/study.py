@@ -15,6 +15,7 @@ from simulation.study_cells import Plan, expand
 from simulation.study_engines import choose_engine, why_slow
 from simulation.study_executors import cluster as on_cluster
 from simulation.study_executors import given, here
+from simulation.study_idle import refuse_idle
 from simulation.study_manifest import as_json, manifest
 from simulation.study_plan import Study
 from simulation.study_results import Results, Runs, cell_summaries, study_results
@@ -55,12 +56,14 @@ def run_study(
         What `results.json` holds, NaN where that has null.
 
     Raises:
-        SimulationError: the study makes no sense, the folder holds something else, or a block fails.
+        SimulationError: the study makes no sense, sweeps what changes nothing, or its folder holds
+            something else.
         EstimatorError: no such robot.
     """
     if executor is not None and cluster is not None:
         raise SimulationError("an executor and a cluster to run on; give one of them")
     plan = expand(study)
+    refuse_idle(plan)
     chosen = choose_engine(plan, engine)
     slow = why_slow(plan, chosen)
     if remark is not None and slow is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -31,6 +32,7 @@ LOG_SPAN = 20.0
 
 Scale = Literal["linear", "log", "names"]
 Value = str | float | bool
+Kind = Literal["grid", "cases", "latin"]
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,23 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Part:
+    """A part of a sweep: a key of the grid, an axis of cases, or all of a Latin hypercube.
+
+    Attributes:
+        kind: which of these.
+        name: of the axis; of a Latin hypercube, of its first one.
+        values: names of the points; of a Latin hypercube, those of its first axis.
+        changes: what each point changes, by dotted key.
+    """
+
+    kind: Kind
+    name: str
+    values: tuple[Value, ...]
+    changes: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
 class _Point:
     """Where an axis, or all of a Latin hypercube, is in a cell: its values, and changes by dotted key."""
 
@@ -125,6 +144,25 @@ def expand(study: Study) -> Plan:
         changes = {key: value for point in points for key, value in point.changes.items()}
         cells.append(_cell(study, robot, index, values, changes))
     return Plan(study, axes, tuple(cells))
+
+
+def cell_maker(study: Study) -> Callable[[dict[str, Any]], Cell]:
+    """Function that returns the cell of changes by dotted key; raises what `expand` does."""
+    robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
+    return lambda changes: _cell(study, robot, 0, {}, changes)
+
+
+def parts_of(study: Study) -> list[Part]:
+    """The parts of the sweep, which multiply."""
+    axes, dimensions = _dimensions(study)
+    cases = {} if study.sweep is None else study.sweep.cases
+    parts = []
+    for place, points in enumerate(dimensions):
+        axis = axes[place]
+        kind: Kind = "latin" if axis.sampled else "cases" if axis.name in cases else "grid"
+        changes = tuple(point.changes for point in points)
+        parts.append(Part(kind, axis.name, axis.values, changes))
+    return parts
 
 
 def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:

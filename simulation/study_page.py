@@ -10,7 +10,15 @@ from typing import Any
 
 from simulation.study_figures import Figure
 from simulation.study_results import Results
-from simulation.study_text import ERROR, TextTable, failures, headline, notes, summary_tables
+from simulation.study_text import (
+    ERROR,
+    TextTable,
+    failures,
+    headline,
+    notes,
+    same_results,
+    summary_tables,
+)
 
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; margin: 0 auto;
@@ -18,6 +26,7 @@ body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; marg
 h1 { font-size: 1.5rem; line-height: 1.2; overflow-wrap: anywhere; }
 h2 { font-size: 1.15rem; margin-top: 2rem; }
 .failures { border-left: 4px solid #b00020; background: #fdecee; padding: .5rem .8rem; }
+p.alike { border-left: 4px solid #b36b00; background: #fff6e5; padding: .5rem .8rem; }
 .failures li, td.error { overflow-wrap: anywhere; }
 td.error { color: #b00020; text-align: left; white-space: normal; }
 .headline { font-size: 1.1rem; border-left: 4px solid #0072B2; padding-left: .8rem; }
@@ -52,6 +61,7 @@ def study_page(results: Results, figures: Sequence[Figure]) -> str:
         f"<h1>{name}</h1>",
         f"<p>{described}</p>" if described else "",
         _failures(failures(results)),
+        *(f'<p class="alike">{html.escape(line)}</p>' for line in same_results(results)),
         f'<p class="headline">{html.escape(headline(results))}</p>',
         *(_table(one) for one in summary_tables(results)),
         *(f'<p class="note">{html.escape(line)}</p>' for line in notes(results)),

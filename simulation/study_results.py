@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.frames import Floats
+from simulation.study_alike import alike
 from simulation.study_cells import Axis, Plan, Value
 from simulation.study_failures import Failures, failures_of
 from simulation.study_statistics import DRIFT, Statistic, statistics
@@ -126,6 +127,12 @@ def study_results(
         "variants": list(plan.labels),
         "statistics": [one._asdict() for one in runs.statistics],
         "failed": _failed(runs),
+        "alike": {
+            "variants": [
+                [plan.labels[place] for place in group] for group in alike(runs.values, 0)
+            ],
+            "cells": alike(runs.values, 1),
+        },
         "drift": _told_drift(runs),
         "axes": manifest["axes"],
         "overall": _by_variant(runs, _summaries(runs, everything)),

@@ -100,9 +100,32 @@ def failures(results: Results) -> list[str]:
     return lines
 
 
+def same_results(results: Results) -> list[str]:
+    """Variants and cells that gave the same results, in words; none if all differ."""
+    lines = [
+        f"{_listed(labels)} gave the same results to rounding: what they differ in does not act here."
+        for labels in results["alike"]["variants"]
+    ]
+    groups = results["alike"]["cells"]
+    for group in groups[:MOST_FAILURES]:
+        told = [_cell_text(results["cells"][cell]) for cell in group[:MOST_FAILURES]]
+        more = len(group) - len(told)
+        told += [f"{more} more"] if more else []
+        lines.append(
+            f"{_listed(told)} gave the same results to rounding: what they differ in does not act."
+        )
+    if len(groups) > MOST_FAILURES:
+        lines.append(f"{len(groups) - MOST_FAILURES} more groups of such cells: see results.json.")
+    return lines
+
+
+def _cell_text(cell: dict[str, Any]) -> str:
+    told = ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
+    return f"cell {cell['cell']} ({told})" if told else ""
+
+
 def _failure(one: dict[str, Any]) -> str:
-    told = ", ".join(f"{key} = {shown(value)}" for key, value in one["values"].items())
-    where = f"cell {one['cell']} ({told}), " if told else ""
+    where = f"{_cell_text(one)}, " if one["values"] else ""
     reasons = [
         f"{reason['reason']} (run {reason['first_run']}"
         + (f" and {reason['runs'] - 1} more)" if reason["runs"] > 1 else ")")

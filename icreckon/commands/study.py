@@ -23,7 +23,7 @@ from simulation.study_executors import threads_at_work
 from simulation.study_plan import Study, load_study, study_names
 from simulation.study_results import Results
 from simulation.study_runner import Progress as Done
-from simulation.study_text import failures, headline, notes, summary_tables
+from simulation.study_text import failures, headline, notes, same_results, summary_tables
 
 FOLDER = "icreckon-study"
 # Where there is no terminal to draw a bar in, progress is a line so often [s].
@@ -79,6 +79,8 @@ def run_study_command(
         markup=False,
         soft_wrap=True,
     )
+    for line in same_results(found):
+        messages().print(line, style="yellow", markup=False, soft_wrap=True)
     failed = failures(found)
     for line in failed:
         messages().print(line, style="red", markup=False, soft_wrap=True)
