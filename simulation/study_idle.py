@@ -29,6 +29,7 @@ WHY = {
     "history": "nothing comes late in a simulation",
     "engine": "both come to the same, to rounding",
     "gyro_axes": "with this mounting all axes but z read nothing",
+    "misalignment_sigma": "on level ground a level gyro turns about z alone",
     "outlier_sigma": "there are no outliers: give outlier_share",
     "dropout_duration": "there are no dropouts: give dropouts_per_hour",
     "dropout_reads": "there are no dropouts: give dropouts_per_hour",

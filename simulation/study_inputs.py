@@ -51,10 +51,19 @@ def digest_of(inputs: Any) -> str:
 
 def cell_inputs(cell: Cell) -> Inputs:
     """Inputs of a cell: of its true motion, of its sensors, and of each filter."""
+    filters = {one.label: filter_inputs(cell, one) for one in cell.filters}
+    sensors = _sensors(cell.scenario, cell.robot)
+    if not any(found["gyro"][0] or found["gyro"][1] for found in filters.values()):
+        # Nobody reads the gyros that are logged or not.
+        sensors["gyro_axes"] = None
+        up = cell.robot.imu_rotation[2].tolist()
+        if not (up[0] or up[1] or cell.scenario.patches):
+            # On level ground a level gyro turns about z alone.
+            del sensors["imu"][1][0]["misalignment_sigma"]
     return {
         "truth": _truth(cell.scenario, cell.robot),
-        "sensors": _sensors(cell.scenario, cell.robot),
-        "filters": {one.label: filter_inputs(cell, one) for one in cell.filters},
+        "sensors": sensors,
+        "filters": filters,
     }
 
 
@@ -213,7 +222,8 @@ def _sensors(scenario: Scenario, robot: Robot) -> Inputs:
         fixes = [scenario.fix_rate, scenario.outages, figures]
     return {
         "encoders": [scenario.track_rate, encoders],
-        "imu": [scenario.imu_rate, inertial, imu.gyro_axes, imu.gyro_scale],
+        "imu": [scenario.imu_rate, inertial, imu.gyro_scale],
+        "gyro_axes": imu.gyro_axes,
         "mounting": [robot.imu_rotation.tolist(), list(imu.position)],
         "fixes": fixes,
         "scored": scenario.truth_rate,
@@ -227,4 +237,5 @@ def _rounded(value: Any) -> Any:
         return [_rounded(item) for item in value]
     if isinstance(value, bool) or value is None or isinstance(value, str):
         return value
-    return float(f"{float(value):.{DIGITS}g}")
+    # Minus zero is zero.
+    return float(f"{float(value):.{DIGITS}g}") + 0.0
