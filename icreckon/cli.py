@@ -248,6 +248,13 @@ def replay(
             "as variants NAME-smoothed.",
         ),
     ] = False,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="How filters run: streaming, one after the other; batch, those of the index models side "
+            "by side; or auto, batch where the log is long."
+        ),
+    ] = "auto",
     formats: Formats = None,
     out: Out = None,
     json: Json = False,
@@ -269,6 +276,7 @@ def replay(
         form=form,
         inertia=inertia,
         smooth=smooth,
+        engine=engine,
         formats=formats,
         out=out,
         as_json=json,

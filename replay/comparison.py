@@ -10,7 +10,7 @@ from itertools import zip_longest
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, ClassVar
 
-from estimator.errors import IcreckonError
+from estimator.errors import IcreckonError, nearest_hint
 from estimator.log import Log, Truth
 from estimator.lost import LostFilter, described, loss_of
 from estimator.robot import Robot
@@ -33,6 +33,7 @@ POLL_SECONDS = 0.2
 # From so many IMU samples on, variants of the index models run side by side: each is compiled the first
 # time ever that it does, which takes as long as the streaming filter takes for so many.
 MANY_SAMPLES = 200_000
+ENGINES = ("auto", "batch", "streaming")
 
 Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if asked for; in place of a run, why there is none.
@@ -65,6 +66,7 @@ def compare(
     settings: Settings | None = None,
     fixes: LogPart | None = None,
     smooth: bool = False,
+    engine: str = "auto",
     workers: int = 1,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -76,7 +78,7 @@ def compare(
 
     The variants of the index models go through a log of `MANY_SAMPLES` IMU samples or more side by side,
     in one pass, unless it holds what only the streaming filter can take, or it is to be smoothed; see
-    `estimator.batch.replay`. What comes out is the same, to rounding.
+    `estimator.batch.replay`. What comes out is the same, to rounding; `engine` chooses by hand.
 
     A variant that is lost or raises an exception has no run; `Comparison.failed` names it, and the others
     go on.
@@ -89,6 +91,7 @@ def compare(
         fixes: part of the log in which fixes are used, see `replay.fixes`; None for all that the log
             has as such.
         smooth: whether each run is smoothed, too, see `estimator.smoother`.
+        engine: "auto", as above; "batch", side by side however short the log is; or "streaming".
         workers: processes to spread the variants over; 1 runs them here. Those that go side by side run
             here in any case.
         executor: anything with that interface to run the variants on instead, such as
@@ -98,13 +101,19 @@ def compare(
     Raises:
         EstimatorError: no such variant, a log without track speeds, or a robot whose ground does not
             let it have a friction variant.
-        ReplayError: fixes were asked for that the log does not have, or every variant failed.
+        ReplayError: no such engine, fixes were asked for that the log does not have, or every variant
+            failed.
+        BatchError: the engine "batch" cannot work through this log; the message says why.
     """
+    if engine not in ENGINES:
+        raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
     for name in variants:
         motion_model(robot, find_variant(name))
     alignment = None
     if log.truth is not None and log.truth.twists is None:
-        reckoned = _first_run(_Task(replace(log, fixes=None), robot, settings), variants)
+        reckoned = _first_run(
+            _Task(replace(log, fixes=None), robot, settings, engine=engine), variants
+        )
         alignment = align_truth(log.truth, reckoned.trajectory)
         log = replace(log, truth=alignment.truth)
     if fixes is not None:
@@ -115,7 +124,7 @@ def compare(
         sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
     elif log.fixes is not None:
         start, sigma = _start_from_fixes(log, robot, settings, variants)
-    task = _Task(log, robot, settings, start, sigma, smooth)
+    task = _Task(log, robot, settings, start, sigma, smooth, engine)
     if executor is not None:
         runs = _on_executor(task, variants, executor, progress)
     else:
@@ -170,6 +179,7 @@ class _Task:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     smooth: bool = False
+    engine: str = "auto"
 
     def run(self, variant: str, progress: Progress) -> Outcome:
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
@@ -225,7 +235,9 @@ def _in_any_way(
 def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> dict[str, Run]:
     """The runs of variants of the index models in one pass; none where only the streaming filter can."""
     log = task.log
-    if task.smooth or not variants or log.imu is None or len(log.imu.stamps) < MANY_SAMPLES:
+    samples = 0 if log.imu is None else len(log.imu.stamps)
+    fits = task.engine == "batch" or (task.engine == "auto" and samples >= MANY_SAMPLES)
+    if task.smooth or not variants or not fits:
         return {}
     from estimator.batch.errors import BatchError
     from estimator.batch.replay import run_side_by_side
@@ -241,7 +253,9 @@ def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> d
             start_sigma=task.start_sigma,
             progress=lambda stamp: progress((stamp - begin) / length),
         )
-    except BatchError:
+    except (BatchError, ArithmeticError):
+        if task.engine == "batch":
+            raise
         return {}
 
 

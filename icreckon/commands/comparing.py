@@ -33,6 +33,7 @@ def compare_and_report(
     settings: Settings | None = None,
     fixes: LogPart | None = None,
     smooth: bool = False,
+    engine: str = "auto",
     seed: int | None = None,
     formats: Sequence[str] = DEFAULT_FORMATS,
     as_json: bool = False,
@@ -54,6 +55,7 @@ def compare_and_report(
             settings=settings,
             fixes=fixes,
             smooth=smooth,
+            engine=engine,
             workers=worker_count(workers),
             progress=report_progress,
         )

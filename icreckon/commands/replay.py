@@ -14,7 +14,7 @@ from estimator.variants import find_variant
 from icreckon.commands.comparing import compare_and_report, exit_if_failed
 from icreckon.console import messages, progress, results_folder
 from replay.bags import read_log
-from replay.comparison import DEFAULT_VARIANTS
+from replay.comparison import DEFAULT_VARIANTS, ENGINES
 from replay.decoding import read_definitions
 from replay.errors import ReplayError
 from replay.fixes import parse_part
@@ -32,6 +32,7 @@ def run_replay(
     form: str,
     inertia: str,
     smooth: bool,
+    engine: str,
     formats: str | None,
     out: Path | None,
     as_json: bool,
@@ -51,6 +52,7 @@ def run_replay(
     for option, value, choices in (
         ("--form", form, ["smooth", "literal"]),
         ("--inertia", inertia, ["tracks", "imu"]),
+        ("--engine", engine, list(ENGINES)),
     ):
         if value not in choices:
             raise ReplayError(f"{option} {value!r}{nearest_hint(value, choices)}")
@@ -84,6 +86,7 @@ def run_replay(
             settings=settings,
             fixes=part,
             smooth=smooth,
+            engine=engine,
             formats=wanted,
             as_json=as_json,
             workers=workers,
