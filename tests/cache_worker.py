@@ -13,7 +13,8 @@ from estimator.log import Log
 from estimator.robot import load_robot
 from estimator.run import run
 from simulation import study_batch
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.study_cells import expand
 from simulation.study_plan import Study
 
@@ -25,7 +26,8 @@ def study(variant: str, fixes: str) -> bytes:
     scenario = Scenario(duration=6.0, truth_rate=10.0, fix_rate=FIXES[fixes], truth="kinematic")
     made = Study(name="cache", scenario=scenario, variants=(variant,), runs=2, truths=1, seed=4)
     cell = expand(made).cells[0]
-    return b"".join(rows.tobytes() for rows in study_batch.block(cell, cell.filters, 0, 2).values())
+    found = study_batch.block(cell, cell.filters, 0, 2)
+    return b"".join(scores.values.tobytes() for scores in found.values())
 
 
 def recorded() -> Log:
