@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.frames import Floats, wrap_angle
-from estimator.log import NANOSECOND, FixSeries, Log, PoseSeries
-from estimator.run import Run
+from estimator.array_types import NANOSECOND, Floats
+from estimator.frames import wrap_angle
+from estimator.log import Log
+from estimator.recorded_run import Run
 from estimator.scores import interpolate_poses
+from estimator.series import FixSeries, PoseSeries
 
 ONLINE = ("constant-online", "inertia-online", "friction-online")
 # The goal for pose NEES (3 is ideal): between half and twice that.

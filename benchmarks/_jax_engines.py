@@ -18,9 +18,9 @@ from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, extended_kalman_filter
 from jax import lax
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.batch.filters import BatchFilter
 from estimator.batch.step import StepKind, step_kernel
-from estimator.frames import Floats
 
 jax.config.update("jax_enable_x64", True)
 RUNS, STEPS, REPEAT = 256, 50, 3

@@ -35,13 +35,15 @@ import msgspec
 import numpy as np
 from _study import spread, table
 
-from estimator.frames import Floats, relative
+from estimator.array_types import NANOSECOND, Floats
+from estimator.frames import relative
 from estimator.identification import identify
-from estimator.log import NANOSECOND, Log, PoseSeries
+from estimator.log import Log
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Indices, Robot, load_robot
 from estimator.run import run
 from estimator.scores import drift, interpolate_poses
+from estimator.series import PoseSeries
 from estimator.variants import VARIANTS
 from replay.bags import read_log
 from replay.latency import track_latency

@@ -20,15 +20,18 @@ from _friction import ONLINE, seconds_to_return, smooth, told_seconds, true_pose
 from _study import bootstrap, spread, study_parser, table, told
 
 from estimator import state as s
+from estimator.array_types import NANOSECOND, Floats
 from estimator.ekf import IcrEkf, step_on_se2
-from estimator.frames import Floats, compose, relative
-from estimator.log import NANOSECOND, Log
+from estimator.frames import compose, relative
+from estimator.log import Log
+from estimator.recorded_run import Run
 from estimator.robot import Robot, load_robot
-from estimator.run import Run, run
+from estimator.run import run
 from estimator.scores import interpolate_poses
 from estimator.settings import Settings
 from estimator.variants import DEFAULT_ADAPTATION, find_variant, motion_model
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.terrain import Patch, Payload
 
 SEED = 20_245

@@ -27,12 +27,15 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from estimator.frames import wrap_angle
-from estimator.log import ImuSeries, Log, TrackSpeedSeries
+from estimator.log import Log
+from estimator.recorded_run import Run
 from estimator.robot import Robot, load_robot
-from estimator.run import Run, run
+from estimator.run import run
+from estimator.series import ImuSeries, TrackSpeedSeries
 from estimator.variants import VARIANTS
 from replay.bags import read_log
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 SEED = 6

@@ -23,13 +23,12 @@ from _study import mean_interval, spread, study_parser, table, told
 from scipy.stats import chi2
 
 from estimator import state as s
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.gating import CHI_SQUARE_1E4
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Robot, load_robot
-from estimator.settings import Settings
-from estimator.standstill import StandstillSettings
+from estimator.settings import Settings, StandstillSettings
 from estimator.variants import find_variant
 from simulation.sampled_model import Fixes, ModelSampler, Terms
 from simulation.trajectories import make_trajectory

@@ -23,8 +23,9 @@ from _study import bootstrap, spread, study_parser, table, told
 from consistency import RATE, SETTINGS, moving_speeds, studied_robot
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.cramer_rao import BoundTerms, bound_terms, in_axes_of_robot, posterior_bound
-from estimator.frames import Floats, relative
+from estimator.frames import relative
 from estimator.linearised import LinearisedModel, Sensors, stepped
 from estimator.measurements import HeadingFix, PositionFix
 from estimator.pose_estimator import PoseEstimator

@@ -15,13 +15,13 @@ from concurrent.futures import ProcessPoolExecutor
 import msgspec
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.robot import load_robot
 from estimator.run import run
 from estimator.scores import drift, pose_nees, without_fixes
 from estimator.variants import VARIANTS
 from icreckon.commands.demo import DURATION, demo_scenario
-from simulation.scenario import simulate
+from simulation.simulate import simulate
 
 SCORING_SEED = 1
 BASELINE = "constant-online"

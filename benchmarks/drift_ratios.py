@@ -22,12 +22,12 @@ import numpy as np
 from _friction import fixes_of, true_poses
 from _study import bootstrap, spread, study_parser, table, told
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND
+from estimator.array_types import NANOSECOND, Floats
 from estimator.robot import Robot, load_robot
 from estimator.run import run
 from estimator.scores import drift, pose_nees, velocity_errors, without_fixes
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.terrain import Patch
 
 SEED = 31_337

@@ -36,7 +36,8 @@ from estimator.batch.step import StepKind, step_kernel
 from estimator.robot import load_robot
 from estimator.settings import Settings
 from estimator.variants import VARIANTS
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 FULL = "inertia-online"
 VARIANT_NAMES = ("differential", "constant-fixed", "constant-online", "inertia-fixed", FULL)

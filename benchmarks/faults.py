@@ -38,12 +38,14 @@ from _friction import (
 )
 from _study import bootstrap, spread, study_parser, table, told
 
-from estimator.frames import Floats
-from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.array_types import Floats
+from estimator.log import Log
 from estimator.robot import ConstantIcr, Robot, load_robot
 from estimator.run import run
 from estimator.scores import interpolate_poses
-from simulation.scenario import Scenario, simulate
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 SEED = 20_244
 FIXES_END, DURATION = 120, 150

@@ -24,13 +24,15 @@ import msgspec
 import numpy as np
 from _study import table
 
+from estimator.array_types import Floats
 from estimator.errors import EstimatorError
-from estimator.frames import Floats
 from estimator.identification import Identification, identify
-from estimator.log import ImuSeries, Log, PoseSeries, TrackSpeedSeries, Truth
+from estimator.log import Log
 from estimator.robot import Robot, load_robot
+from estimator.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from simulation.noise import EncoderSpec
-from simulation.scenario import Scenario, run_scenario
+from simulation.scenario import Scenario
+from simulation.simulate import run_scenario
 
 DURATION = 300.0
 DRIVES = ("aggressive", "random", "arcs", "slalom")

@@ -19,7 +19,8 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
-from estimator.contact import Contact, Floats
+from estimator.array_types import Floats
+from estimator.contact import Contact
 from estimator.fitting import KnownMotion, fit_constant, fit_friction, fit_inertia
 from estimator.friction_motion import FrictionMotion
 from estimator.kinematics import PaperTwist

@@ -17,17 +17,19 @@ import numpy as np
 from _study import table
 from long_run import smallest_correlation
 
+from estimator.array_types import Floats
 from estimator.batch.filters import PRECISIONS, BatchFilter, Lanes, aligned
 from estimator.batch.fixes import AS_USUAL, NOT_AT_ALL
 from estimator.batch.from_logs import measured_of
 from estimator.batch.front_end import FrontEnd, front_settings
 from estimator.batch.layout import INPUTS
 from estimator.batch.schedule import steps_of
-from estimator.frames import Floats, compose
+from estimator.frames import compose
 from estimator.robot import load_robot
 from estimator.settings import Settings
 from estimator.variants import VARIANTS
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 VARIANT = "inertia-online"
 RATE, LAP, FIX_SIGMA = 50.0, 60.0, 0.05

@@ -23,7 +23,8 @@ from _study import table
 from consistency import RATE, SETTINGS, moving_speeds
 
 from estimator import state as s
-from estimator.frames import Floats, compose
+from estimator.array_types import Floats
+from estimator.frames import compose
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,

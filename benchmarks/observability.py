@@ -19,7 +19,7 @@ import argparse
 import numpy as np
 from _study import table
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.linearised import Sensors
 from estimator.observability import Observability, observe
 from estimator.robot import Robot, load_robot

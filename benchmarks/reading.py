@@ -27,9 +27,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from estimator.log import NANOSECOND, ImuSeries, Log, TrackSpeedSeries
+from estimator.array_types import NANOSECOND
+from estimator.log import Log
 from estimator.robot import Robot, load_robot
 from estimator.run import run
+from estimator.series import ImuSeries, TrackSpeedSeries
 from replay.bag_writer import write_log
 from replay.bags import read_log
 from replay.comparison import MANY_SAMPLES, compare

@@ -20,12 +20,14 @@ from _friction import ONLINE
 from _study import bootstrap, mean_interval, spread, study_parser, table, told
 
 from estimator import state as s
-from estimator.frames import Floats
-from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.array_types import Floats
+from estimator.log import Log
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Robot, load_robot
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
 from estimator.variants import find_variant, parameter_names
-from simulation.scenario import Scenario, run_scenario
+from simulation.scenario import Scenario
+from simulation.simulate import run_scenario
 from simulation.truths import TRUTHS
 
 SEED = 20_246

@@ -25,7 +25,8 @@ from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Robot, load_robot
 from estimator.settings import Settings
 from estimator.variants import VARIANTS
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 RATE, DURATION = 50.0, 60.0
 ENGINES = ("plain", "compiled")

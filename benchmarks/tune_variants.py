@@ -24,7 +24,8 @@ from estimator.run import run
 from estimator.scores import drift, pose_nees, without_fixes
 from estimator.settings import Settings
 from estimator.variants import DEFAULT_ADAPTATION, DEFAULT_SLIP, VARIANTS
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 TUNING_SEED = 100_000
 TRAJECTORIES = ("random", "aggressive")

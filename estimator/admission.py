@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from estimator.array_types import NANOSECOND
 from estimator.errors import EstimatorError
-from estimator.log import NANOSECOND
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
     ImuSample,
+    Mark,
     Matrix3,
     Measurement,
     PoseFix,
@@ -23,7 +24,6 @@ from estimator.measurements import (
     Vector3,
     ZeroVelocity,
 )
-from estimator.relative_motion import Mark
 
 # The streams by what they consist of, in the order in which measurements of equal stamps are taken;
 # `Log.measurements` has the same.

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.errors import SettingError, nearest_hint
-from estimator.frames import Floats
 from estimator.motion_model import MotionModel
 from estimator.process_noise import Disturbances
 from estimator.robot import Robot

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimator import state as s
-from estimator.frames import Floats
+from estimator.array_types import Floats
 
 # How much of x_ICRl and x_ICRr is kept away from zero [m].
 BOUND_MARGIN = 1e-3

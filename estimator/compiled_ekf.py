@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from estimator import state as s
-from estimator.ekf import IcrEkf, Innovation, ProcessNoise, TwistModel
+from estimator.array_types import Floats
+from estimator.ekf import IcrEkf, Innovation, ProcessNoise
 from estimator.ekf_kernel import (
     expected_entry,
     predict_entry,
@@ -15,9 +16,8 @@ from estimator.ekf_kernel import (
     twist_entry,
     update_entry,
 )
-from estimator.frames import Floats
 from estimator.motion_kernel import ModelNumbers, numbers_of
-from estimator.motion_model import MotionModel
+from estimator.motion_model import MotionModel, TwistModel
 from estimator.propagation import Triple
 
 # The states that an update keeps, as bits of a number.

@@ -5,33 +5,17 @@ Import it inside functions only, numba takes half a second.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
+from estimator.array_types import NANOSECOND
 from estimator.compiled_ekf import CompiledEkf
 from estimator.ekf import REGRESSOR_SMOOTHING
 from estimator.gating import Gate
 from estimator.imu_kernel import NOT_ASKED, SlipNumbers, imu_step_entry
-from estimator.log import NANOSECOND
 from estimator.process_noise import Disturbances
 from estimator.sensor_models import SensorModels
+from estimator.step_engine import Verdicts
 from estimator.track_speeds import HeldTrackSpeeds, smoothing_share
-
-# A verdict, see `estimator.gating`; the residual, the variance that it should have, and its NIS.
-Judged = tuple[int, float, float, float]
-
-
-class Verdicts(NamedTuple):
-    """What the gates said of an IMU sample.
-
-    Attributes:
-        gyro: of the yaw rate [rad/s].
-        accelerometer: of the specific force to the left [m/s²], or None where it was not asked.
-    """
-
-    gyro: Judged
-    accelerometer: Judged | None
 
 
 class CompiledStep:
@@ -80,22 +64,7 @@ class CompiledStep:
         rate: float,
         force: float | None,
     ) -> Verdicts | None:
-        """Take an IMU sample at the end of a step.
-
-        Args:
-            tracks: the track speeds.
-            start: stamp of the start of the step [ns].
-            end: stamp of its end, later.
-            stands: whether the robot was found standing.
-            pushed: whether it may be turning with its tracks at rest.
-            interval: time between IMU samples [s].
-            rate: as the gyros say [rad/s].
-            force: specific force to the left [m/s²], None where it is not to be used.
-
-        Returns:
-            None where nothing was done, because the model is not compiled, or somebody else (a mark, a
-            witness) is to know of each thing that is done in the step.
-        """
+        """See `WholeStep`."""
         ekf = self._ekf
         numbers = ekf.numbers
         if numbers is None or ekf.marks is not None or ekf.witness is not None:

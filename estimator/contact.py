@@ -34,12 +34,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.kinematics import GRAVITY, PaperTwist, inertial_force
 
 if TYPE_CHECKING:
     from estimator.contact_kernel import Ground
-
-Floats = NDArray[np.float64]
 
 
 class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

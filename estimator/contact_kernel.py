@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.jit_kernel import compiled
 from estimator.sizes import WRONG_SIZE
-
-Floats = NDArray[np.float64]
 
 COLUMNS = 7
 # How far inside the contact's edge the centre of pressure of a tipping vehicle is kept, as a share of

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.errors import EstimatorError
-from estimator.frames import Floats
 from estimator.linearised import LinearisedStep
 
 # What is added to the noise of a step, as a share of the standard deviation at the start: constants have

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND, PoseSeries
+from estimator.array_types import NANOSECOND, Floats
 from estimator.scores import Drift, Interval, segments
+from estimator.series import PoseSeries
 
 DISTANCES = (5.0, 10.0, 30.0, 50.0)
 

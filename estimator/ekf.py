@@ -20,9 +20,9 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.bounds import BOUND_ROUNDS, ROUNDING
-from estimator.frames import Floats
-from estimator.motion_model import Motion, MotionModel, Unremembering
+from estimator.motion_model import MotionModel, TwistModel, Unremembering
 from estimator.propagation import Triple, fading, gauss_markov_noise, step_on_se2
 from estimator.relative_motion import Marks
 from estimator.track_speeds import smoothing_share
@@ -44,22 +44,6 @@ DIAGONAL = slice(None, None, s.SIZE + 1)
 SLIP_DIAGONAL = slice(s.SLIP_X * (s.SIZE + 1), s.SLIP_W * (s.SIZE + 1) + 1, s.SIZE + 1)
 # From the paper's axes: forward is its second, left minus its first.
 TO_REP103 = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-
-
-class TwistModel(NamedTuple):
-    """The body velocity at a state.
-
-    Attributes:
-        twist: (3,) v_x, v_y [m/s], w [rad/s].
-        jacobian: (3, SIZE) its derivative by the state; that by the parameters smoothed in time.
-        by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
-        motion: the solved motion model, in the paper's axes.
-    """
-
-    twist: Floats
-    jacobian: Floats
-    by_speeds: Floats
-    motion: Motion
 
 
 class ProcessNoise(NamedTuple):

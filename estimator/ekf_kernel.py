@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.bounds import BOUND_ROUNDS, ROUNDING
-from estimator.frames import Floats
 from estimator.jit_kernel import entry
 from estimator.motion_kernel import fits_model, linearise
 from estimator.propagation import fading, gauss_markov_noise, step_on_se2

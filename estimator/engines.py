@@ -2,42 +2,60 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from estimator.ekf import IcrEkf
 from estimator.gating import Gate
 from estimator.motion_model import MotionModel
 from estimator.process_noise import Disturbances
 from estimator.sensor_models import SensorModels
 from estimator.settings import Engine
-
-if TYPE_CHECKING:
-    from estimator.compiled_step import CompiledStep
+from estimator.step_engine import StepEngine, WholeStep
 
 
-def make_ekf(engine: Engine, model: MotionModel) -> IcrEkf:
-    """A filter of an engine."""
-    if engine == "plain":
+class PlainEngine:
+    """filterpy's EKF, one thing at a time."""
+
+    def make_ekf(self, model: MotionModel) -> IcrEkf:
+        """See `StepEngine`."""
         return IcrEkf(model)
-    from estimator.compiled_ekf import CompiledEkf
 
-    return CompiledEkf(model)
+    def make_step(
+        self,
+        ekf: IcrEkf,  # noqa: ARG002
+        disturbances: Disturbances,  # noqa: ARG002
+        sensors: SensorModels,  # noqa: ARG002
+        gyro: Gate,  # noqa: ARG002
+        accelerometer: Gate,  # noqa: ARG002
+    ) -> None:
+        """See `StepEngine`."""
+        return
 
 
-def make_step(
-    engine: Engine,
-    ekf: IcrEkf,
-    disturbances: Disturbances,
-    sensors: SensorModels,
-    gyro: Gate,
-    accelerometer: Gate,
-) -> CompiledStep | None:
-    """What takes an IMU sample at once, of an engine that has it; see `CompiledStep`."""
-    if engine == "plain":
-        return None
-    from estimator.compiled_ekf import CompiledEkf
-    from estimator.compiled_step import CompiledStep
+class CompiledEngine:
+    """Algebra and step compiled by numba."""
 
-    if not isinstance(ekf, CompiledEkf):
-        return None
-    return CompiledStep(ekf, disturbances, sensors, gyro, accelerometer)
+    def make_ekf(self, model: MotionModel) -> IcrEkf:
+        """See `StepEngine`."""
+        from estimator.compiled_ekf import CompiledEkf
+
+        return CompiledEkf(model)
+
+    def make_step(
+        self,
+        ekf: IcrEkf,
+        disturbances: Disturbances,
+        sensors: SensorModels,
+        gyro: Gate,
+        accelerometer: Gate,
+    ) -> WholeStep | None:
+        """See `StepEngine`."""
+        from estimator.compiled_ekf import CompiledEkf
+        from estimator.compiled_step import CompiledStep
+
+        if not isinstance(ekf, CompiledEkf):
+            return None
+        return CompiledStep(ekf, disturbances, sensors, gyro, accelerometer)
+
+
+def engine_of(name: Engine) -> StepEngine:
+    """Engine by the name that `Settings.engine` has for it."""
+    return PlainEngine() if name == "plain" else CompiledEngine()

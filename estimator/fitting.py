@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.contact import Soil
 from estimator.errors import EstimatorError
 from estimator.kinematics import GRAVITY, PaperTwist
@@ -19,8 +19,6 @@ from estimator.motion import solve
 from estimator.robot import ConstantIcr, Indices, Robot
 from estimator.steady import solve_steady
 from estimator.variants import TYPICAL_FORCE
-
-Floats = NDArray[np.float64]
 
 # Fewer turning samples than this show no index.
 FEWEST = 20

@@ -11,11 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from estimator.array_types import Floats
 from estimator.choices import select
-
-Floats = NDArray[np.float64]
 
 
 def paper_to_rep103(x_paper: Any, y_paper: Any) -> tuple[Any, Any]:

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.contact_kernel import (
     COLUMNS,
     Ground,
@@ -32,8 +33,7 @@ from estimator.contact_kernel import (
     point_loads,
     solve_3,
 )
-from estimator.frames import Floats
-from estimator.friction_motion import (
+from estimator.friction_layout import (
     AT_PARAMETERS,
     AT_SPEEDS,
     FRICTION,

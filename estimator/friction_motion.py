@@ -22,12 +22,28 @@ complex-step differentiation, and numba compiles it, see `estimator.motion_model
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.contact import Contact, ground
-from estimator.frames import Floats
+from estimator.friction_layout import (
+    AT_PARAMETERS,
+    AT_SPEEDS,
+    FRICTION,
+    LENGTH,
+    MEMORY,
+    OF_SENSITIVITIES,
+    OF_SPEEDS,
+    PARAMETERS,
+    REGULARISING_SPEED,
+    ROLLING,
+    TURN,
+    X_CM,
+    Y_CM,
+    Z_CM,
+)
 from estimator.kinematics import GRAVITY, IndexValues, Number, PaperTwist, signed_inertia
 from estimator.motion_model import (
     Motion,
@@ -37,34 +53,6 @@ from estimator.motion_model import (
     sign,
 )
 
-# Slip and travel below which friction and rolling resistance fade [m/s].
-REGULARISING_SPEED = 1e-3
-# The parameters, the places of the eight that they take.
-FRICTION, ROLLING, LENGTH, X_CM, Y_CM, Z_CM = range(6)
-PARAMETERS = 6
-PARAMETER_NAMES: Final[tuple[str, ...]] = (
-    "friction",
-    "rolling_resistance",
-    "half_contact_length",
-    "x_CM",
-    "y_CM",
-    "z_CM",
-    "unused_1",
-    "unused_2",
-)
-# v_x, v_y, w, and the force at the centre of mass that the loads answer to, right and forward.
-STATES = 5
-# What the model remembers, laid out flat: the states, their derivatives by the parameters in rows, those
-# of the twist by the track speeds in rows, the parameters and the speeds that all this is at, the indices
-# of the newest turns, and whether there was a step yet.
-OF_STATES = slice(0, STATES)
-OF_SENSITIVITIES = slice(STATES, STATES * (1 + PARAMETERS))
-OF_SPEEDS = slice(OF_SENSITIVITIES.stop, OF_SENSITIVITIES.stop + 6)
-AT_PARAMETERS = slice(OF_SPEEDS.stop, OF_SPEEDS.stop + PARAMETERS)
-AT_SPEEDS = slice(AT_PARAMETERS.stop, AT_PARAMETERS.stop + 2)
-TURN = slice(AT_SPEEDS.stop, AT_SPEEDS.stop + 3)
-STARTED = TURN.stop
-MEMORY = STARTED + 1
 # Where the parameters can be: friction, rolling resistance and the height of the centre of mass, which
 # divides [m], are at least so much, the contact's length is this share of what it is taken for, and the
 # centre of mass stands within these shares of half the gauge and of half the contact's length.

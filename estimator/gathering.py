@@ -3,20 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.admission import STREAMS, Admission, Key, as_plain, key_of
-from estimator.log import FixSeries, Floats, ImuSeries, Log, Stamps, TrackSpeedSeries
+from estimator.array_types import Floats, Stamps
 from estimator.measurements import HeadingFix, ImuSample, Measurement, PositionFix, TrackSpeeds
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
 
 # No stamp and no speed is refused for being far from others here.
 NO_LIMIT = 1e300
 
 
-def gathered(measurements: Iterable[Measurement], name: str) -> Log:
-    """See `Log.from_measurements`."""
+class Gathered(NamedTuple):
+    """Measurements by sensor.
+
+    Attributes:
+        tracks: track speeds.
+        imu: IMU samples; None without any.
+        fixes: position fixes, with the headings at their stamps; None without any.
+        dropped: reason -> number of measurements that were dropped for it.
+        others: measurements that no series has a place for, in order.
+    """
+
+    tracks: TrackSpeedSeries
+    imu: ImuSeries | None
+    fixes: FixSeries | None
+    dropped: dict[str, int]
+    others: tuple[Measurement, ...]
+
+
+def gathered(measurements: Iterable[Measurement]) -> Gathered:
+    """Sort measurements into series; see `Log.from_measurements`."""
     admission, dropped = Admission(0.0, NO_LIMIT), dict[str, int]()
     kept: dict[Key, Measurement] = {}
     for measurement in map(as_plain, measurements):
@@ -43,13 +62,12 @@ def gathered(measurements: Iterable[Measurement], name: str) -> Log:
         if not isinstance(m, TrackSpeeds | ImuSample | PositionFix)
         and not (isinstance(m, HeadingFix) and m.stamp in at_positions)
     ]
-    return Log(
-        name,
+    return Gathered(
         TrackSpeedSeries(_stamps(tracks), _array([(m.left, m.right) for m in tracks], 2)),
         _imu(samples) if samples else None,
         _fixes(positions, headings) if positions else None,
-        dropped=dropped,
-        others=tuple(others),
+        dropped,
+        tuple(others),
     )
 
 

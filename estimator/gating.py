@@ -5,10 +5,7 @@ A wrong measurement cannot capture the filter, and a right one cannot be locked 
 
 from __future__ import annotations
 
-import msgspec
-
-from estimator.checks import is_whole
-from estimator.errors import SettingError
+from estimator.settings import GateSettings
 
 # Quantiles of the chi-square distribution at a right-tail probability of 1e-4, by degrees of freedom
 # (scipy.stats.chi2.isf, which is not imported here for the sake of a light library).
@@ -21,26 +18,6 @@ VERDICTS = ("admitted", "rejected", "reacquired")
 # A state is not made more uncertain than this many times the variance that the residual should have had:
 # double precision would lose that beside it.
 LARGEST_REOPENING = 1e10
-
-
-class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When to stop rejecting.
-
-    Attributes:
-        patience: after this many rejections in a row the next sample is taken as right; at 0 none
-            is rejected.
-
-    Raises:
-        EstimatorError: `patience` is no whole number of at least 0.
-    """
-
-    patience: int = 10
-
-    def __post_init__(self) -> None:
-        if not is_whole(self.patience) or self.patience < 0:
-            raise SettingError(
-                f"GateSettings.patience must be a whole number, 0 or more, found {self.patience!r}"
-            )
 
 
 def verdict(nis: float, threshold: float, rejected_in_a_row: int, patience: int) -> int:

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import msgspec
 
 from estimator.admission import Event, Key, event_of, event_row, key_of
+from estimator.array_types import NANOSECOND
 from estimator.errors import EstimatorError
 from estimator.health import HISTORY_FULL, TOO_OLD
-from estimator.log import NANOSECOND
+from estimator.measurements import Mark
 from estimator.memory import FilterMemory
 from estimator.reckoning import Reckoning
-from estimator.relative_motion import Mark
 
 # Before any measurement.
 BEFORE_ALL: Key = (-(2**63), -1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.log import NANOSECOND
+from estimator.array_types import NANOSECOND
 
 # Time between two samples before it is known [s].
 USUAL_INTERVAL = 0.01

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.ekf import IMU_KEPT
 from estimator.ekf_kernel import (
     PARAMETERS,
@@ -22,7 +23,6 @@ from estimator.ekf_kernel import (
     renew,
     update,
 )
-from estimator.frames import Floats
 from estimator.gating import REACQUIRED, REJECTED, reopening, verdict
 from estimator.jit_kernel import entry
 from estimator.motion_kernel import fits_model, steering_efficiency

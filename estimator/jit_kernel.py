@@ -19,7 +19,7 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
-from estimator import motion_model
+from estimator import choices
 from estimator.kernel_cache import KernelCache, environment_digest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -101,4 +101,4 @@ def _holds(condition: bool) -> bool:
     return condition
 
 
-COMPILED[motion_model.every] = COMPILED[motion_model.some] = jit(_holds)
+COMPILED[choices.every] = COMPILED[choices.some] = jit(_holds)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.look_ahead import Foretold, Surprise
 from estimator.sensor_models import Reading, shift
 

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import NANOSECOND, Floats
 from estimator.assumptions import assumptions
-from estimator.ekf import IMU_KEPT, IcrEkf, TwistModel
-from estimator.frames import Floats
-from estimator.log import NANOSECOND
+from estimator.ekf import IMU_KEPT, IcrEkf
 from estimator.measurements import STANDSTILL_SIGMA
+from estimator.motion_model import TwistModel
 from estimator.robot import Robot
 from estimator.sensor_models import SensorModels, TrackChange
 from estimator.settings import Settings

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import state as s
-from estimator.ekf import TwistModel
-from estimator.frames import Floats
+from estimator.array_types import Floats
+from estimator.motion_model import TwistModel
 from estimator.propagation import step_on_se2
 from estimator.sensor_models import Reading, shift
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimator.array_types import NANOSECOND
 from estimator.errors import EstimatorError
-from estimator.log import NANOSECOND
-
-if TYPE_CHECKING:
-    from estimator.run import Run
+from estimator.recorded_run import Run
 
 # No pose in metres is further from its origin, UTM coordinates included [m].
 FURTHEST = 1e8

@@ -130,3 +130,14 @@ class ZeroVelocity:
 Measurement = (
     TrackSpeeds | ImuSample | PositionFix | HeadingFix | BodyVelocity | PoseFix | ZeroVelocity
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Motion is to be told from here on.
+
+    Attributes:
+        stamp: time [ns].
+    """
+
+    stamp: int

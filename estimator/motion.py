@@ -29,8 +29,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
+from estimator.array_types import Floats
 from estimator.bounds import ETA0, index_bounds
-from estimator.frames import Floats
+from estimator.choices import every, some
 from estimator.kinematics import GRAVITY, IndexValues, Number, PaperTwist
 from estimator.motion_model import (
     NO_SLIP,
@@ -43,10 +44,8 @@ from estimator.motion_model import (
     at_least,
     at_or_above,
     dot,
-    every,
     is_zero,
     sign,
-    some,
     through_channels,
 )
 

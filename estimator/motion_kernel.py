@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.bounds import ETA0
-from estimator.frames import Floats
-from estimator.friction_motion import MEMORY, FrictionMotion
+from estimator.friction_layout import MEMORY
+from estimator.friction_motion import FrictionMotion
 from estimator.friction_motion import linearise as linearise_friction
 from estimator.motion import InertiaMotion
 from estimator.motion import linearise as linearise_inertia

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.kinematics import IndexValues, Number, PaperTwist
 
 NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
@@ -220,11 +220,17 @@ def dot(a: tuple[Number, Number, Number], b: tuple[Number, Number, Number]) -> N
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def every(condition: Any) -> bool:
-    """Whether it holds, everywhere if it is an array."""
-    return condition is True or (condition is not False and bool(np.all(condition)))
+class TwistModel(NamedTuple):
+    """The body velocity at a state.
 
+    Attributes:
+        twist: (3,) v_x, v_y [m/s], w [rad/s].
+        jacobian: (3, SIZE) its derivative by the state; that by the parameters smoothed in time.
+        by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
+        motion: the solved motion model, in the paper's axes.
+    """
 
-def some(condition: Any) -> bool:
-    """Whether it holds, anywhere if it is an array."""
-    return condition is True or (condition is not False and bool(np.any(condition)))
+    twist: Floats
+    jacobian: Floats
+    by_speeds: Floats
+    motion: Motion

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.errors import EstimatorError
-from estimator.frames import Floats, compose
+from estimator.frames import compose
 from estimator.linearised import LinearisedModel, Sensors, stepped
 from estimator.propagation import step_on_se2
 from estimator.robot import Robot

@@ -9,16 +9,17 @@ import numpy as np
 
 from estimator import state as s
 from estimator.admission import STREAMS, Admission, as_plain, key_of
+from estimator.array_types import NANOSECOND, Floats
 from estimator.checks import require_kind, three_numbers
+from estimator.engines import engine_of
 from estimator.errors import EstimatorError
-from estimator.frames import Floats, paper_to_rep103
+from estimator.frames import paper_to_rep103
 from estimator.health import TOO_OLD, Health, Judged, ParameterHealth
 from estimator.history import History
 from estimator.kinematics import IndexValues, icrs_from_indices
-from estimator.log import NANOSECOND
-from estimator.measurements import Measurement
+from estimator.measurements import Mark, Measurement
 from estimator.reckoning import Reckoning
-from estimator.relative_motion import MOST_MARKS, Mark, RelativeMotion
+from estimator.relative_motion import MOST_MARKS, RelativeMotion
 from estimator.robot import Robot, require_robot
 from estimator.saved import SavedEstimator, read_saved, robot_constants, write_saved
 from estimator.settings import Settings
@@ -93,7 +94,9 @@ class PoseEstimator:
         self.robot = robot
         self.variant = find_variant(variant)
         self.settings = settings if settings is not None else Settings()
-        self._reckoning = Reckoning(robot, self.variant, self.settings, start, start_sigma)
+        self._reckoning = Reckoning(
+            robot, self.variant, self.settings, start, start_sigma, engine_of(self.settings.engine)
+        )
         self._history = History(self._reckoning, self.settings.history)
         self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
         # Counts of what the filter never gets to see, and which it therefore cannot forget.

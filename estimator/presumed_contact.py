@@ -7,8 +7,8 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.contact import Contact
-from estimator.frames import Floats
 from estimator.kinematics import IndexValues
 from estimator.robot import Robot
 from estimator.steady import solve_steady

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.choices import select
 from estimator.ekf import ProcessNoise
-from estimator.frames import Floats
 from estimator.measurements import Vector3
 from estimator.robot import Robot, Slip
 from estimator.slip import slip_components

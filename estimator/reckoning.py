@@ -7,21 +7,21 @@ import math
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import NANOSECOND, Floats
 from estimator.assumptions import assumptions, considered_states
-from estimator.ekf import IMU_KEPT, POSE_KEPT, STANDING_KEPT, TwistModel
-from estimator.engines import make_ekf, make_step
-from estimator.frames import Floats, wrap_angle
+from estimator.ekf import IMU_KEPT, POSE_KEPT, STANDING_KEPT
+from estimator.frames import wrap_angle
 from estimator.gated import Judge, surprise_of, update, update_jointly, update_pair
 from estimator.gating import REJECTED, Gate
 from estimator.health import Health
 from estimator.imu_clock import ImuClock
 from estimator.joint import Joint
-from estimator.log import NANOSECOND
 from estimator.look_ahead import Foretold, component, pose_ahead, pose_now, twist_ahead
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
     ImuSample,
+    Mark,
     Measurement,
     PoseFix,
     PositionFix,
@@ -30,8 +30,9 @@ from estimator.measurements import (
     ZeroVelocity,
 )
 from estimator.memory import FilterMemory
+from estimator.motion_model import TwistModel
 from estimator.propagation import step_on_se2
-from estimator.relative_motion import Mark, Marks
+from estimator.relative_motion import Marks
 from estimator.relocation import RefusedFix, relocation
 from estimator.robot import Robot
 from estimator.sensor_models import (
@@ -42,6 +43,7 @@ from estimator.sensor_models import (
 )
 from estimator.settings import Settings
 from estimator.standstill import StandstillDetector
+from estimator.step_engine import StepEngine
 from estimator.stuck_tracks import Repeating
 from estimator.track_speeds import HeldTrackSpeeds
 from estimator.variants import Variant
@@ -56,6 +58,7 @@ class Reckoning:
         settings: everything that is no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
+        engine: makes the filter's algebra.
 
     Attributes:
         ekf: the filter.
@@ -76,11 +79,12 @@ class Reckoning:
         settings: Settings,
         start: tuple[float, float, float],
         start_sigma: tuple[float, float, float],
+        engine: StepEngine,
     ) -> None:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
         sigmas[s.POSE] = start_sigma
-        self.ekf = make_ekf(settings.engine, model)
+        self.ekf = engine.make_ekf(model)
         self.ekf.x = state
         self.ekf.x[s.POSE] = start
         self.ekf.P = np.diag(sigmas**2)
@@ -110,8 +114,7 @@ class Reckoning:
             "zero velocity": Gate(3, settings.gates),
         }
         self._standstill = StandstillDetector(settings.standstill, robot.imu.gyro_noise_density)
-        self._at_once = make_step(
-            settings.engine,
+        self._at_once = engine.make_step(
             self.ekf,
             self._disturbances,
             self._sensors,

@@ -12,29 +12,17 @@ Like the pose, it is moved by fixes, and by nothing else but its own steps.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.errors import EstimatorError
-from estimator.frames import Floats
 
 # Each costs time in every step, and space in every checkpoint of the history.
 MOST_MARKS = 20
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Motion is to be told from here on.
-
-    Attributes:
-        stamp: time [ns].
-    """
-
-    stamp: int
 
 
 class RelativeMotion(NamedTuple):

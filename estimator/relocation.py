@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 
 # So few refused fixes lay nothing over anything.
 FEWEST = 5

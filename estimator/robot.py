@@ -13,11 +13,12 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.checks import require_finite, require_not_negative, require_positive
 from estimator.config import convert, read_toml
 from estimator.contact import Body, Contact, Soil, equally_spaced
 from estimator.errors import EstimatorError, SettingError, nearest_hint
-from estimator.frames import Floats, rep103_to_paper, rpy_to_matrix
+from estimator.frames import rep103_to_paper, rpy_to_matrix
 from estimator.motion_model import VehicleConstants
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimator import state as s
 from estimator.errors import EstimatorError, IcreckonError
-from estimator.frames import Floats
 from estimator.health import Health, Judged
-from estimator.innovation_rows import InnovationRows, Singles
-from estimator.log import Log, Stamps
+from estimator.innovation_rows import InnovationRows
+from estimator.log import Log
 from estimator.lost import loss_of, stopped_by
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import PoseEstimator, Snapshot
+from estimator.recorded_run import Run
 from estimator.robot import Robot
 from estimator.settings import Settings
 from estimator.trajectory import Trajectory
@@ -23,40 +22,6 @@ from estimator.variants import state_names
 
 # How many measurements pass between two reports of progress.
 PROGRESS_EVERY = 500
-
-
-@dataclass(frozen=True)
-class Run:
-    """One variant's run over a log, sampled after each pair of track speeds.
-
-    Attributes:
-        variant: name of the filter variant; with "-smoothed" behind it, of a run that was smoothed.
-        trajectory: poses and twists with covariances.
-        indices: (n, 3) zeta [m], epsilon [m], eta [-] of the motion at that time.
-        state_names: (SIZE,) of the filter's states, see `estimator.state`.
-        states: (n, SIZE) the filter's state.
-        state_sigmas: (n, SIZE) standard deviations of the state.
-        health: what became of the measurements.
-        innovation_names: (k,) components of the sensors that were judged, see
-            `estimator.innovation_rows`.
-        innovations: (n, k) of each the newest innovation since the row before over the standard deviation
-            that it should have [-], NaN where there was none; of a smoothed run there are none.
-    """
-
-    variant: str
-    trajectory: Trajectory
-    indices: Floats
-    state_names: tuple[str, ...]
-    states: Floats
-    state_sigmas: Floats
-    health: Health
-    innovation_names: tuple[str, ...] = ()
-    innovations: Singles = field(default_factory=lambda: np.zeros((0, 0), np.float32))
-
-    @property
-    def stamps(self) -> Stamps:
-        """(n,) [ns]."""
-        return self.trajectory.stamps
 
 
 def run(

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats, relative, wrap_angle
-from estimator.log import NANOSECOND, PoseSeries, Stamps, Truth
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.frames import relative, wrap_angle
+from estimator.series import PoseSeries, Truth
 from estimator.trajectory import Trajectory
 
 HORIZONS = (10.0, 30.0, 60.0)

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator import state as s
-from estimator.ekf import TwistModel
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.measurements import STANDSTILL_SIGMA, ImuSample, Vector3
+from estimator.motion_model import TwistModel
 from estimator.robot import Robot
 
 # Of a standing robot's velocity.

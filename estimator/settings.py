@@ -8,16 +8,16 @@ import msgspec
 
 from estimator.checks import (
     is_finite,
+    is_whole,
     require_choice,
     require_flag,
+    require_from,
     require_kind,
     require_not_negative,
 )
 from estimator.errors import SettingError
-from estimator.gating import GateSettings
 from estimator.motion import Form
 from estimator.robot import Slip
-from estimator.standstill import StandstillSettings
 from estimator.variants import Adaptation
 
 Engine = Literal["compiled", "plain"]
@@ -27,6 +27,61 @@ Inertia = Literal["tracks", "imu"]
 LONGEST_HISTORY = 60.0
 # Times beyond are none: thirty years [s].
 LONGEST_TIME = 1e9
+
+
+class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """When to stop rejecting.
+
+    Attributes:
+        patience: after this many rejections in a row the next sample is taken as right; at 0 none
+            is rejected.
+
+    Raises:
+        EstimatorError: `patience` is no whole number of at least 0.
+    """
+
+    patience: int = 10
+
+    def __post_init__(self) -> None:
+        if not is_whole(self.patience) or self.patience < 0:
+            raise SettingError(
+                f"GateSettings.patience must be a whole number, 0 or more, found {self.patience!r}"
+            )
+
+
+# A shorter time holds no readings to judge by [s].
+SHORTEST_STANDSTILL = 1e-3
+
+
+class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """When a robot counts as standing.
+
+    Attributes:
+        track_speed: both tracks slower than this [m/s]; at 0 no robot is ever found standing.
+        duration: for at least this long [s], no less than 1 ms.
+        quiet_gyro: the yaw-rate readings of that time within this of their mean [rad/s], or within
+            five standard deviations of their noise if that is more.
+        bias_margin: and their mean within this, or four standard deviations of the bias estimate if
+            that is more, of the bias estimate [rad/s].
+
+    Raises:
+        EstimatorError: a figure is negative or no finite number, or `duration` is too short.
+    """
+
+    track_speed: float = 0.005
+    duration: float = 0.5
+    quiet_gyro: float = 0.02
+    bias_margin: float = 0.03
+
+    def __post_init__(self) -> None:
+        for name in ("track_speed", "quiet_gyro", "bias_margin"):
+            require_not_negative(f"StandstillSettings.{name}", getattr(self, name))
+        require_from(
+            "StandstillSettings.duration",
+            self.duration,
+            SHORTEST_STANDSTILL,
+            f"at least {SHORTEST_STANDSTILL:g} s",
+        )
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.robot import Slip
 
 

@@ -40,13 +40,14 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.ekf import IDENTITY, SLIP_DIAGONAL, IcrEkf
 from estimator.errors import EstimatorError
-from estimator.frames import Floats
 from estimator.log import Log
 from estimator.pose_estimator import PoseEstimator, Snapshot
+from estimator.recorded_run import Run
 from estimator.robot import Robot
-from estimator.run import Rows, Run, work_through
+from estimator.run import Rows, work_through
 from estimator.settings import Settings
 
 SMOOTHED = "-smoothed"

@@ -7,41 +7,7 @@ from collections import deque
 
 import msgspec
 
-from estimator.checks import require_from, require_not_negative
-
-# A shorter time holds no readings to judge by [s].
-SHORTEST_STANDSTILL = 1e-3
-
-
-class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When a robot counts as standing.
-
-    Attributes:
-        track_speed: both tracks slower than this [m/s]; at 0 no robot is ever found standing.
-        duration: for at least this long [s], no less than 1 ms.
-        quiet_gyro: the yaw-rate readings of that time within this of their mean [rad/s], or within
-            five standard deviations of their noise if that is more.
-        bias_margin: and their mean within this, or four standard deviations of the bias estimate if
-            that is more, of the bias estimate [rad/s].
-
-    Raises:
-        EstimatorError: a figure is negative or no finite number, or `duration` is too short.
-    """
-
-    track_speed: float = 0.005
-    duration: float = 0.5
-    quiet_gyro: float = 0.02
-    bias_margin: float = 0.03
-
-    def __post_init__(self) -> None:
-        for name in ("track_speed", "quiet_gyro", "bias_margin"):
-            require_not_negative(f"StandstillSettings.{name}", getattr(self, name))
-        require_from(
-            "StandstillSettings.duration",
-            self.duration,
-            SHORTEST_STANDSTILL,
-            f"at least {SHORTEST_STANDSTILL:g} s",
-        )
+from estimator.settings import StandstillSettings
 
 
 class StandstillMemory(msgspec.Struct, frozen=True):

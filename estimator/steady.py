@@ -26,11 +26,10 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimator.array_types import Floats
 from estimator.contact import Contact, ground, steady_inertia, vertical_loads
 from estimator.errors import EstimatorError
 from estimator.kinematics import PaperTwist
-
-Floats = NDArray[np.float64]
 
 # Largest part of the balance in a solved state, as a share of the weight (moments: of the weight times
 # half the gauge), and the largest that is still called converged.

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.contact_kernel import COLUMNS, Ground, add_steady_balance, solve_3
 from estimator.jit_kernel import compiled
 from estimator.sizes import WRONG_SIZE
-
-Floats = NDArray[np.float64]
 
 SUFFICIENT_DECREASE = 1e-4
 SMALLEST_STEP = 1e-6

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import msgspec
 
-from estimator.log import NANOSECOND
+from estimator.array_types import NANOSECOND
 
 # So many different readings of the other track there must be, and so many of its own before.
 OTHERS, OWN = 10, 20

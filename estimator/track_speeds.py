@@ -6,7 +6,7 @@ import math
 
 import msgspec
 
-from estimator.log import NANOSECOND
+from estimator.array_types import NANOSECOND
 from estimator.stuck_tracks import Repeating
 
 # Time over which the change of the track speeds is averaged [s].

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.log import PoseSeries, TwistSeries
-
-Floats = NDArray[np.float64]
+from estimator.array_types import Floats
+from estimator.series import PoseSeries, TwistSeries
 
 
 @dataclass(frozen=True)

@@ -15,19 +15,13 @@ import msgspec
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import Floats
 from estimator.checks import require_not_negative
 from estimator.errors import EstimatorError, nearest_hint
-from estimator.frames import Floats
-from estimator.friction_motion import (
-    FRICTION,
-    LENGTH,
-    ROLLING,
-    Z_CM,
-    FrictionMotion,
-    nominal_parameters,
-)
-from estimator.friction_motion import PARAMETER_NAMES as FRICTION_PARAMETERS
-from estimator.friction_motion import PARAMETERS as FRICTION_COUNT
+from estimator.friction_layout import FRICTION, LENGTH, ROLLING, Z_CM
+from estimator.friction_layout import PARAMETER_NAMES as FRICTION_PARAMETERS
+from estimator.friction_layout import PARAMETERS as FRICTION_COUNT
+from estimator.friction_motion import FrictionMotion, nominal_parameters
 from estimator.kinematics import GRAVITY
 from estimator.motion import Form, InertiaMotion
 from estimator.motion_model import MotionModel

@@ -12,20 +12,13 @@ if TYPE_CHECKING:
     from estimator.batch.many import run_many as run_many
     from estimator.errors import EstimatorError as EstimatorError
     from estimator.errors import IcreckonError as IcreckonError
-    from estimator.gating import GateSettings as GateSettings
     from estimator.health import Health as Health
     from estimator.health import JudgedInnovation as JudgedInnovation
     from estimator.health import ParameterHealth as ParameterHealth
     from estimator.health import SensorHealth as SensorHealth
     from estimator.identification import Identification as Identification
     from estimator.identification import identify as identify
-    from estimator.log import FixSeries as FixSeries
-    from estimator.log import ImuSeries as ImuSeries
     from estimator.log import Log as Log
-    from estimator.log import PoseSeries as PoseSeries
-    from estimator.log import TrackSpeedSeries as TrackSpeedSeries
-    from estimator.log import Truth as Truth
-    from estimator.log import TwistSeries as TwistSeries
     from estimator.measurements import BodyVelocity as BodyVelocity
     from estimator.measurements import HeadingFix as HeadingFix
     from estimator.measurements import ImuSample as ImuSample
@@ -35,20 +28,27 @@ if TYPE_CHECKING:
     from estimator.measurements import ZeroVelocity as ZeroVelocity
     from estimator.pose_estimator import PoseEstimator as PoseEstimator
     from estimator.pose_estimator import Snapshot as Snapshot
+    from estimator.recorded_run import Run as Run
     from estimator.relative_motion import RelativeMotion as RelativeMotion
     from estimator.robot import Robot as Robot
     from estimator.robot import Slip as Slip
     from estimator.robot import load_robot as load_robot
     from estimator.robot import robot_names as robot_names
-    from estimator.run import Run as Run
     from estimator.run import run as run
     from estimator.scores import drift as drift
     from estimator.scores import pose_nees as pose_nees
     from estimator.scores import velocity_errors as velocity_errors
+    from estimator.series import FixSeries as FixSeries
+    from estimator.series import ImuSeries as ImuSeries
+    from estimator.series import PoseSeries as PoseSeries
+    from estimator.series import TrackSpeedSeries as TrackSpeedSeries
+    from estimator.series import Truth as Truth
+    from estimator.series import TwistSeries as TwistSeries
+    from estimator.settings import GateSettings as GateSettings
     from estimator.settings import Settings as Settings
+    from estimator.settings import StandstillSettings as StandstillSettings
     from estimator.smoother import Smoothing as Smoothing
     from estimator.smoother import smooth as smooth
-    from estimator.standstill import StandstillSettings as StandstillSettings
     from estimator.state import STATE_NAMES as STATE_NAMES
     from estimator.trajectory import Trajectory as Trajectory
     from estimator.variants import VARIANTS as VARIANTS
@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from simulation.noise import InertialSpec as InertialSpec
     from simulation.scenario import Scenario as Scenario
     from simulation.scenario import load_scenario as load_scenario
-    from simulation.scenario import simulate as simulate
-    from simulation.study import run_study as run_study
+    from simulation.simulate import simulate as simulate
+    from simulation.study_folder import run_study as run_study
     from simulation.study_plan import Study as Study
     from simulation.study_plan import load_study as load_study
     from simulation.study_plan import study_names as study_names
@@ -86,7 +86,7 @@ _HOMES = {
     "EstimatorError": "estimator.errors",
     "FixSeries": "estimator.log",
     "FixSpec": "simulation.noise",
-    "GateSettings": "estimator.gating",
+    "GateSettings": "estimator.settings",
     "HeadingFix": "estimator.measurements",
     "Health": "estimator.health",
     "IcreckonError": "estimator.errors",
@@ -115,7 +115,7 @@ _HOMES = {
     "Slip": "estimator.robot",
     "Smoothing": "estimator.smoother",
     "Snapshot": "estimator.pose_estimator",
-    "StandstillSettings": "estimator.standstill",
+    "StandstillSettings": "estimator.settings",
     "Study": "simulation.study_plan",
     "TrackSpeedSeries": "estimator.log",
     "TrackSpeeds": "estimator.measurements",
@@ -138,8 +138,8 @@ _HOMES = {
     "robot_names": "estimator.robot",
     "run": "estimator.run",
     "run_many": "estimator.batch.many",
-    "run_study": "simulation.study",
-    "simulate": "simulation.scenario",
+    "run_study": "simulation.study_folder",
+    "simulate": "simulation.simulate",
     "smooth": "estimator.smoother",
     "state_names": "estimator.variants",
     "study_names": "simulation.study_plan",

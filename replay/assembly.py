@@ -9,29 +9,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import NANOSECOND, Floats, Stamps
 from estimator.frames import wrap_angle
-from estimator.log import (
-    NANOSECOND,
-    FixSeries,
-    Floats,
-    ImuSeries,
-    Log,
-    PoseSeries,
-    Stamps,
-    TrackSpeedSeries,
-    Truth,
-    TwistSeries,
-    screen,
-)
+from estimator.log import Log, screen
 from estimator.measurements import HeadingFix
 from estimator.robot import Robot
+from estimator.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
 from replay.clock_steps import doubled_times, in_both
 from replay.clocks import Choice, Evidence, choose_clocks
 from replay.errors import ReplayError
 from replay.gathering import Gathered
 from replay.geodesy import east_north, on_globe
+from replay.message_types import JOINT_STATE, NAVSATFIX, ODOMETRY, TWIST
 from replay.readers import JointReader, planar_poses
-from replay.streams import COLUMNS, JOINT_STATE, NAN, NAVSATFIX, ODOMETRY, TWIST, Stream
+from replay.streams import COLUMNS, NAN, Stream
 from replay.track_units import ADDS_UP, differences, metres
 
 OVERLAID = ("tracks", "imu")

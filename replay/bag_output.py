@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
 
-from estimator.log import Stamps
+from estimator.array_types import Stamps
 from replay.decoding import NANOSECONDS
 from replay.errors import ReplayError
 from replay.message_maker import Messages

@@ -8,22 +8,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from estimator.array_types import Stamps
 from estimator.frames import yaw_to_quaternion
-from estimator.log import (
-    FixSeries,
-    ImuSeries,
-    Log,
-    PoseSeries,
-    Stamps,
-    TrackSpeedSeries,
-    TwistSeries,
-)
+from estimator.log import Log
 from estimator.robot import Robot
+from estimator.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, TwistSeries
 from replay.bag_output import MAGICS, Outbox, bag_path, write_bag
 from replay.bag_output import Format as Format
 from replay.message_maker import BASE_LINK, IMU_LINK, ODOM, UNUSED_VARIANCE, Messages
+from replay.message_types import IMU, JOINT_STATE, POSE, POSE_WITH_COVARIANCE, STRING, TWIST
 from replay.outputs import check_replaceable
-from replay.streams import ABSENT, IMU, JOINT_STATE, POSE, POSE_WITH_COVARIANCE, STRING, TWIST
+from replay.streams import ABSENT
 from replay.topics import MAPPING_TOPIC, TopicMap, TrackTopic, topic_map, writable_topics
 
 

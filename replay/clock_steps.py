@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimator.log import NANOSECOND, Stamps
+from estimator.array_types import NANOSECOND, Stamps
 
 STEP = 0.5
 """Header stamps that jump by more than this against the time of recording may be a clock's step [s]."""

@@ -11,8 +11,7 @@ from typing import Literal
 import msgspec
 
 from replay.geodesy import check_origin
-from replay.latency import check_latency
-from replay.track_units import TrackUnit, check_unit
+from replay.track_units import TrackUnit, check_latency, check_unit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}

@@ -11,11 +11,13 @@ from multiprocessing.sharedctypes import Synchronized
 from typing import Any, ClassVar
 
 from estimator.errors import IcreckonError, nearest_hint
-from estimator.log import Log, Truth
+from estimator.log import Log
 from estimator.lost import LostFilter, described, loss_of
+from estimator.recorded_run import Run
 from estimator.robot import Robot
-from estimator.run import Run, run
+from estimator.run import run
 from estimator.scores import interpolate_poses
+from estimator.series import Truth
 from estimator.settings import Settings
 from estimator.smoother import smooth as smooth_run
 from estimator.variants import VARIANTS, find_variant, motion_model

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND, Stamps
-from estimator.run import Run
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.recorded_run import Run
 from replay.bag_output import Outbox
 from replay.decoding import NANOSECONDS
 from replay.message_maker import Messages

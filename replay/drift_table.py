@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from estimator.drift_by_distance import DISTANCES, drift_by_distance
-from estimator.log import PoseSeries
-from estimator.run import Run
+from estimator.recorded_run import Run
 from estimator.scores import HORIZONS, Drift, drift
+from estimator.series import PoseSeries
 from estimator.smoother import SMOOTHED
 from replay.intervals import Estimate, PairedDrift, paired_drift
 from replay.truth_alignment import TruthAlignment

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND, Log, Stamps
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.log import Log
 from estimator.measurements import HeadingFix
 from replay.mounting import ABSURD, STILL_MARGIN, Mounting, standstill
 

@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.log import NANOSECOND, FixSeries, Log
+from estimator.array_types import NANOSECOND
+from estimator.log import Log
 from estimator.measurements import HeadingFix, PoseFix
+from estimator.series import FixSeries
 from replay.errors import ReplayError
 
 # Fixes taken from a truth: how often [s], and how good they are said to be [m, rad].

@@ -13,6 +13,7 @@ from replay.bag_files import Bag, over_bag
 from replay.decoding import Definitions, decoder
 from replay.errors import ReplayError
 from replay.fields import FieldReader
+from replay.message_types import IMU, JOINT_STATE, STRING, TWIST
 from replay.quick_readers import quick_reader
 from replay.readers import (
     GEODETIC_READERS,
@@ -22,7 +23,7 @@ from replay.readers import (
     track_readers,
     twist_row,
 )
-from replay.streams import IMU, JOINT_STATE, STRING, TWIST, RowReader, Stream
+from replay.streams import RowReader, Stream
 from replay.table_files import Table, is_table, table_streams, wanted_columns
 from replay.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from replay.track_units import ADDS_UP

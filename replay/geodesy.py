@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 
 Origin = tuple[float, float, float]
 """Latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid."""

@@ -6,8 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from replay.streams import (
-    ABSENT,
+from replay.message_types import (
     IMU,
     JOINT_STATE,
     NAVSATFIX,
@@ -17,6 +16,7 @@ from replay.streams import (
     STRING,
     TWIST,
 )
+from replay.streams import ABSENT
 from replay.topics import FixTopic, HeadingTopic, ImuTopic, TopicMap, TrackTopic, TruthTopic
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND, Log
+from estimator.array_types import NANOSECOND, Floats
+from estimator.log import Log
 from estimator.robot import Robot, Vehicle
 from replay.assembly import assemble, evidence_of
 from replay.bag_files import over_bag

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.drift_by_distance import DistanceDrift
-from estimator.frames import Floats
 from estimator.scores import Drift
 
 REPLICATES = 2000

@@ -7,15 +7,15 @@ driving off, which is more than slip does in such a time. Neither a truth nor fi
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND, ImuSeries, Stamps, TrackSpeedSeries
+from estimator.array_types import NANOSECOND, Floats, Stamps
 from estimator.scores import pieces
+from estimator.series import ImuSeries, TrackSpeedSeries
+from replay.lag_search import beside_lowest
 
 LATENCIES = np.arange(-0.5, 1.0, 0.02)
 """Those tried [s]; negative where the gyro is late."""
@@ -33,20 +33,6 @@ LEAST_CORRELATION = 0.7
 """Tracks and gyro that agree less show no latency [-]."""
 CERTAIN, LEAST = 0.04, 0.03
 """A latency is told where it is known this well, and is at least this and three standard errors [s]."""
-LONGEST = 10.0
-"""Stamps that are later than this are another clock's [s]."""
-
-
-def check_latency(latency: float) -> None:
-    """Refuse what cannot be a latency.
-
-    Raises:
-        ValueError: it is no number, or more than `LONGEST`.
-    """
-    if not (math.isfinite(latency) and abs(latency) <= LONGEST):
-        raise ValueError(
-            f"latency must be a number of seconds, {LONGEST:g} at most, found {latency!r}"
-        )
 
 
 class Latency(NamedTuple):
@@ -143,13 +129,6 @@ def _best(turned: Floats, shifted: Floats) -> _Best | None:
         return None
     latency = LATENCIES[at] + beside_lowest(misfits, at) * (LATENCIES[1] - LATENCIES[0])
     return _Best(float(latency), float(np.corrcoef(turned, shifted[at])[0, 1]))
-
-
-def beside_lowest(costs: Floats, lowest: int) -> float:
-    """How far beside the lowest of even costs (n,) the parabola there is lowest, in steps [-]."""
-    before, at, after = costs[lowest - 1 : lowest + 2]
-    bend = before - 2.0 * at + after
-    return float(0.5 * (before - after) / bend) if bend > 0.0 else 0.0
 
 
 def _misfit(turned: Floats, other: Floats) -> float:

@@ -8,9 +8,9 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from replay.decoding import NANOSECONDS
-from replay.streams import TF
+from replay.message_types import TF
 
 UNUSED_VARIANCE = 1e6
 """For what an estimate says nothing about: finite, so that other programs can invert the matrix."""

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats, rpy_to_matrix
-from estimator.log import NANOSECOND, ImuSeries, Log, TrackSpeedSeries
+from estimator.array_types import NANOSECOND, Floats
+from estimator.frames import rpy_to_matrix
+from estimator.log import Log
+from estimator.series import ImuSeries, TrackSpeedSeries
 
 STILL_SPEED = 0.005
 """Track speeds below this share of the fastest count as none [-]."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.log import NANOSECOND, Stamps, screen
+from estimator.array_types import NANOSECOND, Stamps
+from estimator.log import screen
 
 WINDOW = 1.0
 """Stamps that are out of order by less than this are sorted, others are dropped and counted [s]."""

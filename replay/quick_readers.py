@@ -14,9 +14,10 @@ from typing import NamedTuple
 from rosbags.typesys import Stores, get_typestore
 
 from replay.decoding import NANOSECONDS, message_types
+from replay.message_types import IMU, JOINT_STATE
 from replay.readers import JointReader, imu_row
 from replay.records import Channel
-from replay.streams import ABSENT, IMU, JOINT_STATE, NAN, Row, RowReader
+from replay.streams import ABSENT, NAN, Row, RowReader
 
 PARTS = {
     IMU: ("geometry_msgs/msg/Quaternion", "geometry_msgs/msg/Vector3"),

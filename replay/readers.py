@@ -7,23 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.frames import quaternion_to_yaw
-from estimator.log import Floats
-from replay.streams import (
-    ABSENT,
+from replay.message_types import (
     IMU,
     JOINT_STATE,
-    NAN,
     NAVSATFIX,
     ODOMETRY,
     POSE,
     POSE_WITH_COVARIANCE,
     QUATERNION,
     TWIST,
-    Row,
-    RowReader,
-    UnusableError,
 )
+from replay.streams import ABSENT, NAN, Row, RowReader, UnusableError
 
 
 def track_readers(

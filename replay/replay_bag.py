@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.frames import Floats, yaw_to_quaternion
-from estimator.log import NANOSECOND, PoseSeries, Stamps
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.frames import yaw_to_quaternion
 from estimator.robot import Robot
+from estimator.series import PoseSeries
 from estimator.smoother import SMOOTHED
 from estimator.trajectory import Trajectory
 from replay.bag_output import Format, Outbox, write_bag
@@ -24,8 +25,8 @@ from replay.colours import colour_of
 from replay.comparison import Comparison
 from replay.diagnostics import diagnostics
 from replay.message_maker import BASE_LINK, ODOM, PLANAR, UNUSED_VARIANCE, Messages
+from replay.message_types import ODOMETRY, POSE, TF
 from replay.packing import Numbers, Packing
-from replay.streams import ODOMETRY, POSE, TF
 from replay.time_series import icr_series
 
 PATH, MARKERS = "nav_msgs/msg/Path", "visualization_msgs/msg/MarkerArray"

@@ -18,7 +18,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from estimator.log import NANOSECOND, Log
+from estimator.array_types import NANOSECOND
+from estimator.log import Log
 from estimator.robot import Robot
 from estimator.scores import path_length
 from estimator.smoother import SMOOTHED

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimator import state as s
-from estimator.frames import Floats, wrap_angle
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.frames import wrap_angle
 from estimator.kinematics import Icrs, PaperTwist, icrs_from_twist, indices_from_icrs
-from estimator.log import NANOSECOND, Stamps, Truth
-from estimator.run import Run
+from estimator.recorded_run import Run
 from estimator.scores import interpolate_poses, path_length
+from estimator.series import Truth
 from replay.comparison import Comparison
 
 SERIES_POINTS = 1500

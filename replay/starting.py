@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats, wrap_angle
-from estimator.log import NANOSECOND, Log, TrackSpeedSeries
+from estimator.array_types import NANOSECOND, Floats
+from estimator.frames import wrap_angle
+from estimator.log import Log
 from estimator.measurements import HeadingFix
 from estimator.robot import Robot
 from estimator.run import run
 from estimator.scores import interpolate_poses
+from estimator.series import TrackSpeedSeries
 from estimator.settings import Settings
 
 BEGINNING = 20.0

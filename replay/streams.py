@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from estimator.log import NANOSECOND, Floats, Stamps
+from estimator.array_types import NANOSECOND, Floats, Stamps
 from replay.clock_steps import without_steps
 from replay.clocks import Evidence
 from replay.decoding import NANOSECONDS, Definitions, decoder
@@ -22,18 +22,6 @@ Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
 Quick = Callable[[bytes], tuple[int, Row | None]]
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
-IMU = "sensor_msgs/msg/Imu"
-ODOMETRY = "nav_msgs/msg/Odometry"
-TWIST = "geometry_msgs/msg/TwistStamped"
-STRING = "std_msgs/msg/String"
-POSE = "geometry_msgs/msg/PoseStamped"
-POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-QUATERNION = "geometry_msgs/msg/QuaternionStamped"
-NAVSATFIX = "sensor_msgs/msg/NavSatFix"
-TRANSFORM = "geometry_msgs/msg/TransformStamped"
-TF = "tf2_msgs/msg/TFMessage"
-TF_ROS1 = "tf/msg/tfMessage"
 COLUMNS = "columns"
 """Stands for the type of messages where rows come from a table."""
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from estimator.log import NANOSECOND
+from estimator.array_types import NANOSECOND
 from replay.bag_files import Bag
 from replay.decoding import Definitions, decoder, header_reader
 from replay.errors import ReplayError
+from replay.message_types import IMU, JOINT_STATE, NAVSATFIX
 from replay.readers import imu_row
 from replay.records import Channel
-from replay.streams import IMU, JOINT_STATE, NAVSATFIX
 
 SAMPLES = 200
 """Messages of a topic that are looked into to guess what it is."""

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.array_types import Floats, Stamps
 from estimator.frames import yaw_to_quaternion
-from estimator.log import Floats, Stamps
 from replay.columns import (
     NANOSECONDS_OF,
     ColumnMap,
@@ -19,7 +19,8 @@ from replay.columns import (
     TrackColumns,
 )
 from replay.errors import ReplayError
-from replay.streams import COLUMNS, NAN, NAVSATFIX, Stream
+from replay.message_types import NAVSATFIX
+from replay.streams import COLUMNS, NAN, Stream
 
 PARQUET_MAGIC = b"PAR1"
 CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".csv.bz2")

@@ -11,11 +11,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from estimator import state as s
-from estimator.frames import Floats, paper_to_rep103
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.frames import paper_to_rep103
 from estimator.kinematics import IndexValues, icrs_from_indices
-from estimator.log import NANOSECOND, PoseSeries, Stamps
+from estimator.recorded_run import Run
 from estimator.robot import Robot
-from estimator.run import Run
+from estimator.series import PoseSeries
 from replay.errors import ReplayError
 from replay.outputs import written_beside
 from replay.units import column

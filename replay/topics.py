@@ -16,8 +16,7 @@ from estimator.robot import Robot
 from replay.columns import ColumnMap
 from replay.errors import ReplayError
 from replay.geodesy import check_origin
-from replay.latency import check_latency
-from replay.track_units import TrackUnit, check_unit
+from replay.track_units import TrackUnit, check_latency, check_unit
 
 Clock = Literal["auto", "header", "recording"]
 """What stamps a stream: header stamps, the time of recording, or what `replay.clocks` chooses."""

@@ -7,8 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND, Stamps
+from estimator.array_types import NANOSECOND, Floats, Stamps
 
 TrackUnit = Literal[
     "rad/s", "deg/s", "rpm", "m/s", "mm/s", "km/h", "rad", "deg", "turns", "counts", "m", "mm"
@@ -96,3 +95,19 @@ def differences(
     }
     keep = ~apart & ~jumps
     return middles[keep], speeds[keep], {reason: count for reason, count in lost.items() if count}
+
+
+LONGEST = 10.0
+"""Stamps that are later than this are another clock's [s]."""
+
+
+def check_latency(latency: float) -> None:
+    """Refuse what cannot be a latency.
+
+    Raises:
+        ValueError: it is no number, or more than `LONGEST`.
+    """
+    if not (math.isfinite(latency) and abs(latency) <= LONGEST):
+        raise ValueError(
+            f"latency must be a number of seconds, {LONGEST:g} at most, found {latency!r}"
+        )

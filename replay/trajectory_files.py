@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.frames import quaternion_to_yaw, yaw_to_quaternion
-from estimator.log import PoseSeries
+from estimator.series import PoseSeries
 from replay.errors import ReplayError
 from replay.outputs import written_beside
 

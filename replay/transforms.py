@@ -9,11 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimator.log import NANOSECOND, Floats, Stamps
+from estimator.array_types import NANOSECOND, Floats, Stamps
 from replay.decoding import NANOSECONDS
 from replay.errors import ReplayError
+from replay.message_types import TF, TF_ROS1, TRANSFORM
 from replay.records import Record
-from replay.streams import NAN, TF, TF_ROS1, TRANSFORM, Stream
+from replay.streams import NAN, Stream
 
 LONGEST_INTERPOLATION = 1.0
 """Between transforms that are further apart no pose is made [s]."""

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.frames import Floats, relative
-from estimator.log import NANOSECOND, PoseSeries, Stamps, Truth
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.frames import relative
 from estimator.scores import interpolate_poses, pieces
+from estimator.series import PoseSeries, Truth
 from estimator.trajectory import Trajectory
-from replay.latency import beside_lowest
+from replay.lag_search import beside_lowest
 
 LAGS = np.arange(-0.3, 1.0, 0.01)
 GRID_STEP = 0.1

@@ -11,7 +11,7 @@ from estimator import state as s
 from estimator.drift_by_distance import DISTANCES, drift_by_distance
 from estimator.frames import relative, wrap_angle
 from estimator.log import Log
-from estimator.run import Run
+from estimator.recorded_run import Run
 from estimator.scores import (
     HORIZONS,
     drift,

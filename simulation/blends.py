@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulation.sampling import Floats
+from estimator.array_types import Floats
 
 STANDSTILL = 3.0
 ACCELERATION = 1.0

@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
-from estimator.log import TrackSpeedSeries
 from estimator.robot import Robot
+from estimator.series import TrackSpeedSeries
 from simulation.blends import (
     ACCELERATION,
     SHORTEST_BLEND,

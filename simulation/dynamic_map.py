@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimator.array_types import Floats
 from estimator.contact import Contact
 from estimator.kinematics import (
     Icrs,
@@ -32,7 +33,6 @@ from estimator.robot import ConstantIcr, Indices
 from estimator.steady import SteadyMotion, solve_steady, track_speed_grid
 from simulation.errors import SimulationError
 
-Floats = NDArray[np.float64]
 Inertia = Literal["measured", "literal", "smooth"]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.contact import Contact, ground
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import GRAVITY
@@ -31,8 +32,6 @@ from simulation.truth import (
     slip_residual,
     true_motion,
 )
-
-Floats = NDArray[np.float64]
 
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1

@@ -26,12 +26,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.contact_kernel import COLUMNS, Ground, add_track_forces, point_loads
 from estimator.jit_kernel import compiled
 from estimator.sizes import WRONG_SIZE
 from simulation.terrain_kernel import WIDTH, look_up
-
-Floats = NDArray[np.float64]
 
 SIZE = 6
 STAGES = 6

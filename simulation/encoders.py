@@ -12,8 +12,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from estimator.log import TrackSpeedSeries
-from simulation.sampling import Floats, to_stamps
+from estimator.array_types import Floats
+from estimator.series import TrackSpeedSeries
+from simulation.sampling import to_stamps
 from simulation.truth import TrueMotion
 
 DROPOUT_READINGS = ("nothing", "last", "zero")

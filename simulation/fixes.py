@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
-from estimator.log import FixSeries
-from simulation.sampling import Floats, to_stamps
+from estimator.array_types import Floats
+from estimator.series import FixSeries
+from simulation.sampling import to_stamps
 from simulation.truth import TrueMotion
 
 # A fix without error still says that it is good to a millimetre (a milliradian): a log has no room

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple, get_args
 import msgspec
 import numpy as np
 from numpy.random import Generator, default_rng
-from numpy.typing import NDArray
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
+from estimator.array_types import Floats
 from estimator.errors import IcreckonError
 from simulation.errors import SimulationError
 from simulation.paper_contact import ContactParameters, PaperContact
@@ -26,7 +26,6 @@ from simulation.publication import PUBLISHED
 from simulation.readings import Fit, Means, Reading
 from simulation.reproduction import INERTIAS, numbers, paper_map
 
-Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 # A deviation of this size starts to count less; the best candidate has most numbers within it.

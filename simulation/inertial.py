@@ -26,10 +26,11 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
+from estimator.array_types import Floats
 from estimator.kinematics import GRAVITY
-from estimator.log import ImuSeries
 from estimator.robot import Robot
-from simulation.sampling import Floats, to_stamps
+from estimator.series import ImuSeries
+from simulation.sampling import to_stamps
 from simulation.truth import TrueMotion, gauss_markov
 
 # Floor of the Allan deviation over bias instability, for flicker noise.

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from estimator.frames import paper_to_rep103
 from estimator.kinematics import direct, indices_at_signed_inertia, signed_inertia
@@ -27,8 +26,6 @@ from simulation.truth import (
     slip_residual,
     true_motion,
 )
-
-Floats = NDArray[np.float64]
 
 # How often to draw parameters, and how finely to look for a second motion.
 DRAWS = 100

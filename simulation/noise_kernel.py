@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from estimator.array_types import Floats
 from estimator.jit_kernel import entry
 from estimator.sizes import WRONG_SIZE
-from simulation.sampling import Floats
 
 
 def gauss_markov_of(noise: Floats, decay: float, drive: float) -> None:

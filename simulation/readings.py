@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.kinematics import symmetry_coordinates
 from estimator.robot import ConstantIcr, Indices
 from simulation.dynamic_map import (
@@ -28,7 +29,6 @@ from simulation.dynamic_map import (
 )
 from simulation.errors import SimulationError
 
-Floats = NDArray[np.float64]
 Means = Literal["plain", "median", "velocity"]
 Fit = Literal["plain", "velocity", "absolute"]
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from estimator.array_types import NANOSECOND, Floats
 from estimator.errors import nearest_hint
-from estimator.log import NANOSECOND, TrackSpeedSeries
+from estimator.series import TrackSpeedSeries
 from simulation.blends import STANDSTILL, blend_length
 from simulation.errors import SimulationError
-from simulation.sampling import Floats
 
 COLUMNS = ("t", "left", "right")
 # A recording longer than this has its times in another unit than seconds [s].

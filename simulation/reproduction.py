@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.kinematics import PaperTwist, symmetry_coordinates
 from estimator.motion import solve
 from estimator.robot import ConstantIcr, Indices
@@ -27,8 +27,6 @@ from simulation.publication import (
     published_parameters,
 )
 from simulation.readings import Reading, read_errors, read_means, read_parameters
-
-Floats = NDArray[np.float64]
 
 INERTIAS: tuple[Inertia, ...] = ("measured", "literal", "smooth")
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.random import Generator
 
 from estimator import state as s
+from estimator.array_types import Floats, Stamps
 from estimator.assumptions import assumptions
 from estimator.ekf import IcrEkf
 from estimator.frames import compose
@@ -38,7 +39,7 @@ from estimator.track_speeds import HeldTrackSpeeds
 from estimator.variants import Variant
 from simulation.errors import SimulationError
 from simulation.kinematic_truth import has_single_motion
-from simulation.sampling import EPOCH, Floats, Stamps
+from simulation.sampling import EPOCH
 from simulation.truth import exponential
 
 # How often to draw parameters that no vehicle has before giving up.

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
+from estimator.array_types import Floats, Stamps
 
 EPOCH = 1_700_000_000_000_000_000
 

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.random import Generator, SeedSequence
 
 from estimator.config import convert, read_toml
-from estimator.log import Log, TrackSpeedSeries
-from estimator.robot import Indices, Robot
 from simulation.errors import SimulationError
 from simulation.field_types import settle_types
 from simulation.noise import EncoderSpec, FixSpec, InertialSpec, noise_preset
-from simulation.recorded import read_recording
-from simulation.sampling import Floats, sample_times
-from simulation.sensing import perfect, sensed, truth_of
+from simulation.random_streams import check_whole
 from simulation.terrain import Patch, Payload
 from simulation.trajectories import (
     check_trajectory,
-    make_trajectory,
     trajectory_names,
     trajectory_options,
 )
-from simulation.truth import DEFAULT_SPREAD, TrueMotion, TruthModel
+from simulation.truth import DEFAULT_SPREAD, TruthModel
 from simulation.truths import make_truth
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
@@ -39,8 +32,6 @@ HIGHEST_RATE = 1e4
 MOST_SAMPLES = 5e6
 # A track or index that is off by more than its own size is another robot.
 LARGEST_SPREAD = 1.0
-# NumPy takes larger ones, TOML and most other programs do not.
-LARGEST_SEED = 2**63 - 1
 TRAJECTORY_FILE = "trajectory_file"
 RATES = ("track_rate", "imu_rate", "truth_rate", "fix_rate")
 
@@ -116,7 +107,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                 f"truth_spread is relative (0.15 is 15 %) and must be at most {LARGEST_SPREAD:g}, "
                 f"found {self.truth_spread!r}"
             )
-        _check_whole("seed", self.seed)
+        check_whole("seed", self.seed)
         self._check_samples()
         for start, end in self.outages:
             if not start < end:
@@ -162,53 +153,6 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         if not (np.isfinite(value) and value >= 0 and not (positive and value == 0)):
             wanted = "a positive number" if positive else "zero or a positive number"
             raise SimulationError(f"{name} must be {wanted}, found {value!r}")
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """A simulated run, with what no sensor shows.
-
-    Attributes:
-        scenario: what was asked for.
-        log: the run as its sensors saw it, with the truth where the scenario includes it.
-        motion: the true motion at its full rate.
-        gyro_bias: (n, 3) at the IMU's stamps, in the IMU's axes [rad/s].
-        accelerometer_bias: (n, 3) at the IMU's stamps, in the IMU's axes [m/s²].
-    """
-
-    scenario: Scenario
-    log: Log
-    motion: TrueMotion
-    gyro_bias: Floats
-    accelerometer_bias: Floats
-
-    @property
-    def true_parameters(self) -> Indices | None:
-        """The index parameters behind the motion, or None where the truth has none."""
-        return self.motion.parameters
-
-
-class Streams(NamedTuple):
-    """Independent random streams of one run; new ones go to the end, so that old runs stay."""
-
-    trajectory: Generator
-    truth: Generator
-    tracks: Generator
-    gyro: Generator
-    accelerometer: Generator
-    fixes: Generator
-
-
-def random_streams(seed: int, run_index: int = 0) -> Streams:
-    """The random streams of a run, from the study's seed and the run's index and nothing else.
-
-    Raises:
-        SimulationError: one of the two is no whole number from 0 to `LARGEST_SEED`.
-    """
-    _check_whole("seed", seed)
-    _check_whole("run_index", run_index)
-    children = SeedSequence([seed, run_index]).spawn(len(Streams._fields))
-    return Streams(*(np.random.default_rng(child) for child in children))
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -258,108 +202,11 @@ def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
     return lost if scenario.trajectory_file is None else [*lost, TRAJECTORY_FILE]
 
 
-def simulate(
-    scenario: Scenario,
-    robot: Robot,
-    *,
-    run_index: int = 0,
-    recording: TrackSpeedSeries | None = None,
-) -> Log:
-    """The log of a simulated run.
-
-    Args:
-        scenario: what to simulate.
-        robot: the robot as its file describes it.
-        run_index: which run of the study.
-        recording: track speeds to drive, for the trajectory "recorded" without a trajectory_file.
-
-    Returns:
-        The log; the first stamp is `simulation.sampling.EPOCH`.
-
-    Raises:
-        SimulationError: speeds beyond the robot's max_track_speed, a trajectory_file that cannot be
-            read, no `Robot`, a bad run_index, or what the truth refuses.
-    """
-    return run_scenario(scenario, robot, run_index=run_index, recording=recording).log
-
-
-def run_scenario(
-    scenario: Scenario,
-    robot: Robot,
-    *,
-    run_index: int = 0,
-    recording: TrackSpeedSeries | None = None,
-) -> Simulation:
-    """A simulated run, with what no sensor shows; arguments and errors as for `simulate`."""
-    if not isinstance(robot, Robot):
-        raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
-    streams = random_streams(scenario.seed, run_index)
-    motion = drive(scenario, robot, streams, recording=recording)
-    read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
-    truth = None
-    if scenario.include_truth:
-        truth = truth_of(motion, sample_times(scenario.duration, scenario.truth_rate))
-    log = Log(
-        name=f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}",
-        tracks=read.tracks,
-        imu=read.imu.series,
-        fixes=read.fixes,
-        truth=truth,
-    )
-    return Simulation(scenario, log, motion, read.imu.gyro_bias, read.imu.accelerometer_bias)
-
-
-def drive(
-    scenario: Scenario,
-    robot: Robot,
-    streams: Streams,
-    *,
-    recording: TrackSpeedSeries | None = None,
-) -> TrueMotion:
-    """The true motion of a run.
-
-    Args:
-        scenario: what to drive; its sensors do not count, but for the IMU's rate.
-        robot: the robot as its file describes it.
-        streams: draw trajectory and truth.
-        recording: track speeds to drive, see `simulate`.
-
-    Raises:
-        SimulationError: see `simulate`.
-    """
-    duration = scenario.duration
-    if scenario.trajectory_file is not None:
-        if recording is not None:
-            raise SimulationError(
-                f"two recordings to drive: trajectory_file = {scenario.trajectory_file!r} and the "
-                "one given to this run; leave one out"
-            )
-        recording = read_recording(Path(scenario.trajectory_file))
-    command = make_trajectory(
-        scenario.trajectory,
-        duration,
-        robot,
-        streams.trajectory,
-        scenario.trajectory_options,
-        recording,
-    )
-    return scenario.make_truth().run(
-        command, duration, robot, streams.truth, rate=grid_rate(scenario.imu_rate)
-    )
-
-
 def grid_rate(imu_rate: float) -> float:
     """Grid points per second of the true motion for an IMU rate [Hz]."""
     wanted = max(2.0 * imu_rate, LOWEST_GRID)
     points = np.ceil(wanted / imu_rate)
     return float(imu_rate * max(1.0, min(points, np.floor(HIGHEST_GRID / imu_rate))))
-
-
-def _check_whole(name: str, value: int) -> None:
-    if not (isinstance(value, int | np.integer) and 0 <= value <= LARGEST_SEED):
-        raise SimulationError(
-            f"{name} must be a whole number from 0 to {LARGEST_SEED}, found {value!r}"
-        )
 
 
 def merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

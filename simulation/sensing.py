@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from estimator.log import FixSeries, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
+from estimator.array_types import Floats
 from estimator.robot import Robot
+from estimator.series import FixSeries, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
 from simulation.encoders import with_encoder_errors
 from simulation.fixes import shown_times, with_fix_errors
 from simulation.inertial import Imu, perfect_readings, with_inertial_errors
@@ -16,11 +17,12 @@ from simulation.noise import (
     gyro_errors,
     noise_preset,
 )
-from simulation.sampling import Floats, sample_times, to_stamps
+from simulation.sampling import sample_times, to_stamps
 from simulation.truth import TrueMotion
 
 if TYPE_CHECKING:
-    from simulation.scenario import Scenario, Streams
+    from simulation.random_streams import Streams
+    from simulation.scenario import Scenario
 
 
 class Perfect(NamedTuple):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from simulation.errors import SimulationError
-from simulation.study_blocks import RESULTS, BlockStore, Job, jobs_of, open_store, write_whole
+from simulation.study_blocks import RESULTS, BlockStore, Job, jobs_of, open_store, write_files
 from simulation.study_cells import Plan, expand
 from simulation.study_engines import choose_engine, why_slow
 from simulation.study_executors import cluster as on_cluster
@@ -24,7 +24,6 @@ from simulation.study_statistics import statistics
 
 RESULTS_PARQUET = "results.parquet"
 RUNS_PARQUET = "runs.parquet"
-PAGE = "report.html"
 
 
 def run_study(
@@ -39,7 +38,7 @@ def run_study(
     report: Report | None = None,
     remark: Callable[[str], None] | None = None,
 ) -> Results:
-    """Run a study, or go on with it, and leave its results in a folder; see docs/study.md.
+    """Run a study, or continue it, and leave its tables in a folder; see docs/study.md.
 
     Args:
         study: the study.
@@ -99,23 +98,14 @@ def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
 
 
 def _write_results(runs: Runs, told: dict[str, object], store: BlockStore) -> Results:
-    from simulation.study_figures import study_figures
-    from simulation.study_page import study_page
     from simulation.study_tables import results_parquet, runs_parquet
 
     cells = cell_summaries(runs)
     results = study_results(runs, told, cells)
-    figures = study_figures(results)
     files = {
         RESULTS_PARQUET: results_parquet(runs, cells),
         RUNS_PARQUET: runs_parquet(runs),
-        **{f"{figure.name}.png": figure.png for figure in figures},
-        PAGE: study_page(results, figures).encode(),
         RESULTS: as_json(results).encode(),
     }
-    try:
-        for name, content in files.items():
-            write_whole(store.folder / name, content)
-    except OSError as problem:
-        raise SimulationError(f"{store.folder}: cannot be written: {problem.strerror}") from None
+    write_files(store.folder, files)
     return results

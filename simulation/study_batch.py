@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import msgpack
 
+from estimator.array_types import Floats, Stamps
 from estimator.batch.filters import BatchFilter
 from estimator.batch.from_logs import has_absurd_readings, measured_of
 from estimator.batch.front_end import Measured
@@ -41,17 +42,19 @@ from estimator.batch.scoring import (
     TrueTicks,
     segments_of,
 )
-from estimator.frames import Floats
-from estimator.log import Log, PoseSeries, Stamps
+from estimator.log import Log
 from estimator.lost import reason_of
 from estimator.robot import Robot
 from estimator.scores import path_length, without_fixes
+from estimator.series import PoseSeries
 from estimator.variants import find_variant
 from simulation import study_streaming
 from simulation.noise import FixSpec, encoder_errors, fix_errors, noise_preset
+from simulation.random_streams import random_streams
 from simulation.sampling import sample_times, to_stamps
-from simulation.scenario import Scenario, drive, random_streams
+from simulation.scenario import Scenario
 from simulation.sensing import Perfect, perfect, sensed
+from simulation.simulate import drive
 from simulation.study_cells import Cell, Filter, Plan
 from simulation.study_failures import RunScores
 from simulation.study_statistics import SENSORS, YAW_HORIZON, score_times, statistics

@@ -16,7 +16,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from simulation.errors import SimulationError
 from simulation.study_cells import Plan
 from simulation.study_manifest import as_json, differences
@@ -156,6 +156,19 @@ def write_whole(path: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     beside.replace(path)
+
+
+def write_files(folder: Path, files: dict[str, bytes]) -> None:
+    """Write files (name -> content) to a folder, each whole.
+
+    Raises:
+        SimulationError: the folder cannot be written.
+    """
+    try:
+        for name, content in files.items():
+            write_whole(folder / name, content)
+    except OSError as problem:
+        raise SimulationError(f"{folder}: cannot be written: {problem.strerror}") from None
 
 
 def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:

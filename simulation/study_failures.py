@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.errors import IcreckonError
-from estimator.frames import Floats
 from estimator.lost import described
 from simulation.study_statistics import Statistic, statistics
 

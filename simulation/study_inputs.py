@@ -18,7 +18,7 @@ import numpy as np
 from estimator import state as s
 from estimator.admission import ABSURD_SPEED
 from estimator.assumptions import assumptions
-from estimator.friction_motion import REGULARISING_SPEED
+from estimator.friction_layout import REGULARISING_SPEED
 from estimator.presumed_contact import presumed_contact
 from estimator.robot import Robot
 from estimator.variants import find_variant

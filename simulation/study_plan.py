@@ -19,7 +19,8 @@ from estimator.settings import Settings
 from estimator.variants import find_variant
 from simulation.errors import SimulationError
 from simulation.field_types import settle_types
-from simulation.scenario import LARGEST_SEED, Scenario
+from simulation.random_streams import LARGEST_SEED
+from simulation.scenario import Scenario
 
 STUDIES_FOLDER = Path(__file__).parent / "studies"
 # Distinct true motions of a cell where a study says nothing: the dearest part of a run.

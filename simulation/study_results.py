@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from simulation.study_alike import alike
 from simulation.study_cells import Axis, Plan, Value
 from simulation.study_failures import Failures, failures_of

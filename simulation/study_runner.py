@@ -10,7 +10,7 @@ from importlib import import_module
 
 import numpy as np
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from simulation.errors import SimulationError
 from simulation.study_blocks import BlockStore, Job, Reasons
 from simulation.study_cells import Cell, Plan

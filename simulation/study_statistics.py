@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats, wrap_angle
+from estimator.array_types import Floats
+from estimator.frames import wrap_angle
 from estimator.health import Health
-from estimator.log import Log, Truth
-from estimator.run import Run
+from estimator.log import Log
+from estimator.recorded_run import Run
 from estimator.scores import (
     drift,
     interpolate_poses,
@@ -23,6 +24,7 @@ from estimator.scores import (
     velocity_errors,
     without_fixes,
 )
+from estimator.series import Truth
 from estimator.trajectory import Trajectory
 from simulation.sampling import sample_times
 from simulation.scenario import Scenario

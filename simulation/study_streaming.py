@@ -12,18 +12,21 @@ import msgspec
 import numpy as np
 from msgspec import msgpack
 
+from estimator.array_types import Floats
 from estimator.errors import IcreckonError
-from estimator.frames import Floats
 from estimator.log import Log
 from estimator.lost import LostFilter, loss_of, stopped_by
 from estimator.pose_estimator import PoseEstimator
+from estimator.recorded_run import Run
 from estimator.robot import Robot
-from estimator.run import Rows, Run
+from estimator.run import Rows
 from estimator.variants import state_names
 from simulation.noise import SensorSpecs
+from simulation.random_streams import random_streams
 from simulation.sampling import to_stamps
-from simulation.scenario import Scenario, drive, random_streams
+from simulation.scenario import Scenario
 from simulation.sensing import perfect, sensed, truth_of
+from simulation.simulate import drive
 from simulation.study_cells import Cell, Filter
 from simulation.study_failures import RunScores
 from simulation.study_plan import DEFAULT_TRUTHS

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 
 CONFIDENCE = 0.95
 # Sampled axes are summed up over so many groups of neighbouring cells.

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.contact import Body
 from estimator.frames import rep103_to_paper
 from estimator.kinematics import GRAVITY
 from simulation.errors import SimulationError
 from simulation.field_types import settle_types
-
-Floats = NDArray[np.float64]
 
 EVERYWHERE = (-float("inf"), float("inf"))
 STEEPEST = 60.0

@@ -8,11 +8,9 @@ acceleration of gravity along the slope in x and y of odom [m/s²]. A property t
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.jit_kernel import compiled
-
-Floats = NDArray[np.float64]
 
 WIDTH = 13
 X, Y, TIME, EDGE, ONSET, ACROSS, ALONG, ROLLING, SLOPE = 0, 2, 4, 6, 7, 8, 9, 10, 11

@@ -17,9 +17,10 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
+from estimator.array_types import Floats
 from estimator.errors import nearest_hint
-from estimator.log import TrackSpeedSeries
 from estimator.robot import Robot
+from estimator.series import TrackSpeedSeries
 from simulation.drives import (
     aggressive,
     arcs,
@@ -33,7 +34,6 @@ from simulation.drives import (
     straight,
 )
 from simulation.errors import SimulationError
-from simulation.sampling import Floats
 
 RECORDED = "recorded"
 # Rounding that a speed may exceed max_track_speed by, relative to it.

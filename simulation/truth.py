@@ -14,12 +14,11 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from estimator.array_types import Floats
 from estimator.frames import compose
 from estimator.robot import Indices, Robot, Slip
 from estimator.slip import slip_sigma
 from simulation.trajectories import Command
-
-Floats = NDArray[np.float64]
 
 DEFAULT_SPREAD = 0.15
 # What no index model explains; it vanishes in straight driving.

@@ -11,16 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.log import (
-    FixSeries,
-    ImuSeries,
-    Log,
-    PoseSeries,
-    TrackSpeedSeries,
-    Truth,
-    TwistSeries,
-)
+from estimator.log import Log
 from estimator.robot import Robot, load_robot
+from estimator.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
 
 REPOSITORY = Path(__file__).parent.parent
 

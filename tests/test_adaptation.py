@@ -12,7 +12,8 @@ from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
 from estimator.settings import Settings
 from estimator.variants import DEFAULT_ADAPTATION, find_variant
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 # Parameter -> the figure of `Adaptation` that says how far it may be from where it starts.

@@ -12,8 +12,9 @@ from msgspec.structs import replace as replace_fields
 
 from conftest import make_log
 from estimator.frames import wrap_angle
-from estimator.log import ImuSeries, Log, PoseSeries
+from estimator.log import Log
 from estimator.robot import Robot, Vehicle, load_robot
+from estimator.series import ImuSeries, PoseSeries
 from replay.bag_writer import check_place, write_log
 from replay.bags import read_log
 from replay.errors import ReplayError

@@ -15,15 +15,16 @@ from estimator.batch.many import run_many
 from estimator.batch.runs import work_through_runs
 from estimator.batch.schedule import steps_of
 from estimator.errors import EstimatorError
-from estimator.gating import GateSettings
-from estimator.log import FixSeries, Log
+from estimator.log import Log
 from estimator.measurements import ZeroVelocity
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Robot, load_robot
-from estimator.settings import Settings
+from estimator.series import FixSeries
+from estimator.settings import GateSettings, Settings
 from estimator.variants import VARIANTS
 from simulation.noise import EncoderSpec, FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 INDEX_VARIANTS = tuple(name for name, one in VARIANTS.items() if one.model != "friction")

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from estimator import motion
+from estimator.array_types import NANOSECOND
 from estimator.batch import model, stuck, trace
 from estimator.batch.covariance import Covariance
 from estimator.batch.emit import Kernel, Store, compiled_kernel, lanes_of_machine
@@ -19,7 +20,6 @@ from estimator.batch.layout import INPUTS
 from estimator.batch.schedule import steps_of, why_not_steps
 from estimator.batch.step import StepKind, step_kernel
 from estimator.jit_kernel import entry
-from estimator.log import NANOSECOND
 from estimator.motion_model import VehicleConstants
 from estimator.process_noise import Disturbances
 from estimator.robot import load_robot

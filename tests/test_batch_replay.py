@@ -16,17 +16,19 @@ from estimator.batch import replay_rows
 from estimator.batch.errors import BatchError
 from estimator.batch.replay import run_side_by_side
 from estimator.errors import EstimatorError
-from estimator.gating import GateSettings
-from estimator.log import FixSeries, Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.measurements import ZeroVelocity
+from estimator.recorded_run import Run
 from estimator.robot import Robot, load_robot
-from estimator.run import Run, run
-from estimator.settings import Settings
+from estimator.run import run
+from estimator.series import FixSeries, TrackSpeedSeries
+from estimator.settings import GateSettings, Settings
 from replay import comparison
 from replay.bags import read_log
 from replay.comparison import compare
 from replay.fixes import parse_part, with_fixes_within
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 INDEX_VARIANTS = (

@@ -14,12 +14,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from broken_input import FAULTS, broken_runs, standstill_drift
 
 from conftest import sample_log
-from estimator.log import ImuSeries, TrackSpeedSeries
 from estimator.robot import load_robot
 from estimator.run import run
+from estimator.series import ImuSeries, TrackSpeedSeries
 from replay.bags import read_log
 from replay.clock_steps import doubled_times, in_both, without_steps
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 SPIKE = "spike of 30 m/s and 20 rad/s"

@@ -16,7 +16,8 @@ from estimator.robot import load_robot
 from replay.bags import read_log
 from replay.trajectory_files import read_tum
 from simulation.noise import EncoderSpec, FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALL_VARIANTS = {
     "differential",

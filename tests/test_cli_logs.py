@@ -9,7 +9,8 @@ import pytest
 from estimator.log import Log
 from estimator.robot import ROBOTS_FOLDER, load_robot
 from replay.bag_writer import write_log
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from test_cli import fails, icreckon
 from test_log_files import halves
 from test_track_messages import DRIVES, definition_files, drive_bag

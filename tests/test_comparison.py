@@ -17,7 +17,8 @@ from replay.colours import COLOURS
 from replay.comparison import Comparison, compare
 from replay.results import summarise
 from replay.tables import _best, results_table
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 VARIANTS = ["constant-fixed", "inertia-online"]
 

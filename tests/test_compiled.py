@@ -30,7 +30,8 @@ from estimator.robot import load_robot
 from estimator.settings import Settings
 from estimator.smoother import smooth
 from estimator.variants import VARIANTS, find_variant, initial_parameters, motion_model
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 CORRELATED = ((0.04, 0.01, -0.02), (0.01, 0.05, 0.03), (-0.02, 0.03, 0.5))

@@ -10,9 +10,8 @@ from estimator.errors import EstimatorError
 from estimator.measurements import ImuSample, PositionFix, TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
-from estimator.settings import Settings
+from estimator.settings import Settings, StandstillSettings
 from estimator.smoother import smooth
-from estimator.standstill import StandstillSettings
 from estimator.variants import (
     VARIANTS,
     default_adaptation,
@@ -22,7 +21,8 @@ from estimator.variants import (
 )
 from simulation.noise import FixSpec
 from simulation.sampled_model import Fixes, ModelSampler
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start_sigma": (0.1, 0.1, 0.1)}

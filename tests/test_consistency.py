@@ -12,7 +12,8 @@ from estimator.robot import load_robot
 from estimator.run import run
 from estimator.scores import pose_nees
 from estimator.settings import Settings
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.truth import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")

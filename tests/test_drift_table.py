@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from estimator.drift_by_distance import drift_by_distance
-from estimator.log import PoseSeries
 from estimator.scores import drift
+from estimator.series import PoseSeries
 from replay.drift_table import baseline_of, drift_scores, horizon_labels, verdict
 from replay.intervals import LEAST_BLOCKS, PairedDrift, expanded_tail, paired_drift
 

@@ -17,11 +17,11 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Reader as Ros1Reader
 
 from estimator import state as s
-from estimator.frames import Floats
-from estimator.log import PoseSeries
+from estimator.array_types import Floats
 from estimator.pose_estimator import PoseEstimator
+from estimator.recorded_run import Run
 from estimator.robot import Robot
-from estimator.run import Run
+from estimator.series import PoseSeries
 from estimator.trajectory import Trajectory
 from replay.bag_output import Outbox, write_bag
 from replay.comparison import Comparison, compare
@@ -31,7 +31,8 @@ from replay.message_maker import Messages
 from replay.replay_bag import _odometry, _poses, thinned, write_replay_bag
 from replay.time_series import icr_series, run_columns, write_poses, write_run
 from replay.trajectory_files import write_kitti, write_tum
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from test_cli import fails, icreckon
 
 VARIANTS = ["constant-online", "inertia-online"]

@@ -12,8 +12,8 @@ import typer
 from pyarrow import parquet
 
 import study_stub
+from estimator.array_types import Floats
 from estimator.batch.scoring import Scores
-from estimator.frames import Floats
 from estimator.log import Log
 from estimator.lost import LostFilter
 from estimator.pose_estimator import PoseEstimator, Snapshot
@@ -21,11 +21,12 @@ from estimator.run import run
 from icreckon.commands.study import run_study_command
 from simulation import study_engines, study_streaming
 from simulation.errors import SimulationError
-from simulation.scenario import Scenario, simulate
-from simulation.study import run_study
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.study_cells import Cell, Filter
 from simulation.study_engines import Engine
 from simulation.study_failures import RunScores, checked
+from simulation.study_folder import run_study
 from simulation.study_plan import Study, Sweep
 from simulation.study_statistics import statistics
 from simulation.study_text import failures, headline, summary_tables

@@ -12,8 +12,8 @@ import typer
 
 from estimator.lost import LostFilter
 from estimator.pose_estimator import PoseEstimator, Snapshot
+from estimator.recorded_run import Run
 from estimator.robot import load_robot
-from estimator.run import Run
 from icreckon.commands.comparing import compare_and_report, exit_if_failed
 from replay import comparison as comparing
 from replay.comparison import compare
@@ -22,7 +22,8 @@ from replay.page import replay_page
 from replay.page_text import failures
 from replay.report import write_report
 from replay.results import summarise
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 LOG = simulate(Scenario(duration=30.0, seed=2, outages=((10.0, 30.0),)), ROBOT)

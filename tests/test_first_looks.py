@@ -11,10 +11,11 @@ import pytest
 
 from conftest import sample_log
 from estimator.errors import EstimatorError
-from estimator.log import FixSeries, ImuSeries, Log, PoseSeries, TrackSpeedSeries, Truth
+from estimator.log import Log
 from estimator.measurements import HeadingFix
 from estimator.robot import Robot, Vehicle, load_robot
 from estimator.scores import drift
+from estimator.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from replay.bag_writer import write_log
 from replay.bags import read_log
 from replay.comparison import compare

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from estimator import friction_motion as f
-from estimator.frames import Floats
+from estimator import friction_layout as f
+from estimator.array_types import Floats
 from estimator.friction_motion import FrictionMotion
 from estimator.robot import Robot, load_robot
 from estimator.steady import solve_steady

@@ -4,19 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.gating import (
-    ADMITTED,
-    CHI_SQUARE_1E4,
-    REACQUIRED,
-    REJECTED,
-    Gate,
-    GateSettings,
-    reopening,
-)
+from estimator.gating import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED, Gate, reopening
 from estimator.measurements import BodyVelocity, ImuSample, TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
-from estimator.standstill import StandstillDetector, StandstillSettings
+from estimator.settings import GateSettings, StandstillSettings
+from estimator.standstill import StandstillDetector
 
 
 def test_thresholds_are_the_quantiles_of_chi_square():

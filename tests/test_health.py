@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator import state as s
-from estimator.gating import ADMITTED, REJECTED, GateSettings
+from estimator.gating import ADMITTED, REJECTED
 from estimator.health import EXCITED, Health, JudgedInnovation, ParameterHealth, SensorHealth
 from estimator.measurements import (
     BodyVelocity,
@@ -19,8 +19,9 @@ from estimator.measurements import (
 )
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Slip, load_robot
-from estimator.settings import Settings
-from simulation.scenario import Scenario, simulate
+from estimator.settings import GateSettings, Settings
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 SLIP = Slip(0.05, 0.01, 0.1, driving_x=0.0, driving_y=0.0, driving_w=0.0)

@@ -9,7 +9,7 @@ from estimator import admission, history
 from estimator.admission import key_of
 from estimator.errors import EstimatorError
 from estimator.health import SensorHealth
-from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -21,9 +21,11 @@ from estimator.measurements import (
 )
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
 from estimator.settings import LONGEST_HISTORY, Settings
 from simulation.noise import FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789

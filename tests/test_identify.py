@@ -17,8 +17,9 @@ from conftest import sample_log
 from estimator.errors import EstimatorError
 from estimator.frames import compose
 from estimator.identification import Identification, identify
-from estimator.log import ImuSeries, Log, PoseSeries, TrackSpeedSeries, Truth
+from estimator.log import Log
 from estimator.robot import Robot, load_robot
+from estimator.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from replay.bags import read_log
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
@@ -206,7 +207,8 @@ def test_speeds_that_are_no_rates_keep_the_radius(case: Case) -> None:
 
 def test_the_contact_is_found_on_ground_that_rubs() -> None:
     """Friction as the truth, of the robot file's own contact but for its rolling resistance."""
-    from simulation.scenario import Scenario, simulate
+    from simulation.scenario import Scenario
+    from simulation.simulate import simulate
 
     file = load_robot("auriga-alpha")
     scenario = Scenario(duration=120.0, truth_spread=0.0, trajectory="random", fix_rate=0.0)

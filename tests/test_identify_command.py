@@ -22,7 +22,8 @@ from replay.comparison import compare
 from replay.errors import ReplayError
 from replay.identify_file import robot_file_text
 from replay.topics import topic_map
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from test_cli import fails, icreckon
 
 PAGE = "docs/calibrate.md"

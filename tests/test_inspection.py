@@ -9,8 +9,9 @@ import pytest
 from conftest import make_log, sample_log
 from estimator.errors import EstimatorError
 from estimator.frames import rpy_to_matrix
-from estimator.log import ImuSeries, Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.robot import Robot, Vehicle, load_robot
+from estimator.series import ImuSeries, TrackSpeedSeries
 from replay.bag_writer import write_log
 from replay.errors import ReplayError
 from replay.guess import sides

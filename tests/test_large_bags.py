@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from estimator.log import ImuSeries, Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.robot import Robot
+from estimator.series import ImuSeries, TrackSpeedSeries
 from replay.bag_writer import write_log
 from test_bags import STORE, T, header
 

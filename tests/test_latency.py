@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from conftest import make_log, sample_log
-from estimator.log import ImuSeries, TrackSpeedSeries
 from estimator.robot import Robot, load_robot
 from estimator.scores import drift
+from estimator.series import ImuSeries, TrackSpeedSeries
 from replay.bag_writer import write_log
 from replay.bags import read_log
 from replay.comparison import compare

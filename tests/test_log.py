@@ -9,15 +9,7 @@ import pytest
 from conftest import make_log
 from estimator.admission import STREAMS, key_of
 from estimator.errors import EstimatorError
-from estimator.log import (
-    FixSeries,
-    ImuSeries,
-    Log,
-    PoseSeries,
-    TrackSpeedSeries,
-    TwistSeries,
-    screen,
-)
+from estimator.log import Log, screen
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -29,6 +21,7 @@ from estimator.measurements import (
 )
 from estimator.robot import load_robot
 from estimator.run import run
+from estimator.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, TwistSeries
 from estimator.smoother import smooth
 from estimator.variants import state_names
 

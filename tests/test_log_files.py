@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from conftest import make_log
-from estimator.log import ImuSeries, TrackSpeedSeries
 from estimator.robot import Robot
+from estimator.series import ImuSeries, TrackSpeedSeries
 from replay.bag_writer import write_log
 from replay.bags import read_log
 from replay.clocks import Evidence, choose_clocks

@@ -11,7 +11,8 @@ from estimator.motion import InertiaMotion
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
 from estimator.settings import Settings
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000

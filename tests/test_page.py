@@ -23,7 +23,8 @@ from replay.page_charts import page_data
 from replay.page_text import headline, notes, number, remarks
 from replay.results import summarise, write_results
 from replay.series import INNOVATION_POINTS, PARAMETER_POINTS, SERIES_POINTS
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 VARIANTS = ["differential", "constant-online", "friction-online"]
 HOSTILE = (

@@ -17,7 +17,8 @@ from conftest import sample_log
 from readme import ROOT, blocks, code_blocks, run_page, says
 from replay.bag_writer import write_log
 from replay.trajectory_files import read_tum
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from test_cli import fails, icreckon
 
 FIRST = "docs/first-bag.md"

@@ -11,9 +11,8 @@ import pytest
 from estimator import state as s
 from estimator.errors import EstimatorError
 from estimator.frames import arc_factors, compose, rpy_to_matrix, wrap_angle
-from estimator.friction_motion import REGULARISING_SPEED
-from estimator.gating import GateSettings
-from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.friction_layout import REGULARISING_SPEED
+from estimator.log import Log
 from estimator.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -24,10 +23,12 @@ from estimator.measurements import (
 from estimator.motion import VehicleConstants, solve
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Indices, Slip, load_robot
-from estimator.settings import Settings
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
+from estimator.settings import GateSettings, Settings
 from estimator.variants import VARIANTS
 from simulation.noise import FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789

@@ -6,13 +6,14 @@ import pytest
 from estimator import state as s
 from estimator.errors import EstimatorError
 from estimator.frames import wrap_angle
-from estimator.gating import CHI_SQUARE_1E4, GateSettings
+from estimator.gating import CHI_SQUARE_1E4
 from estimator.look_ahead import pose_ahead
 from estimator.measurements import HeadingFix, ImuSample, PoseFix, PositionFix, TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
-from estimator.settings import Settings
-from simulation.scenario import Scenario, simulate
+from estimator.settings import GateSettings, Settings
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000

@@ -17,10 +17,11 @@ from replay import gathering
 from replay.bag_writer import write_log
 from replay.bags import read_log
 from replay.decoding import decoder
+from replay.message_types import IMU, JOINT_STATE
 from replay.quick_readers import quick_reader
 from replay.readers import JointReader, imu_row
 from replay.records import Channel
-from replay.streams import IMU, JOINT_STATE, Stream
+from replay.streams import Stream
 
 STORES = {"cdr": get_typestore(Stores.ROS2_HUMBLE), "ros1": get_typestore(Stores.ROS1_NOETIC)}
 FRAMES = ["", "a", "ab", "abc", "imu_link", "imü"]

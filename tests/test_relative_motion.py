@@ -16,7 +16,8 @@ from estimator.robot import Slip, load_robot
 from estimator.scores import interpolate_poses
 from estimator.settings import Settings
 from simulation.noise import FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.truth import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")

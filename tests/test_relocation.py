@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from estimator.frames import wrap_angle
-from estimator.log import FixSeries, Log
+from estimator.log import Log
 from estimator.pose_estimator import PoseEstimator
 from estimator.relocation import RefusedFix, relocation
 from estimator.robot import load_robot
+from estimator.series import FixSeries
 from estimator.settings import Settings
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 PATH = np.stack([np.linspace(0.0, 4.0, 11), 0.3 * np.linspace(0.0, 2.0, 11) ** 2], axis=-1)

@@ -5,14 +5,16 @@ import pytest
 
 from estimator import state as s
 from estimator.errors import EstimatorError
-from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
 from estimator.run import PROGRESS_EVERY, run
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
 from estimator.settings import Settings
 from estimator.variants import VARIANTS
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 

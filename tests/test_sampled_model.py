@@ -9,9 +9,8 @@ from estimator.frames import compose
 from estimator.measurements import ImuSample, PositionFix, TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import Slip, load_robot
-from estimator.settings import Settings
+from estimator.settings import Settings, StandstillSettings
 from estimator.slip import slip_components
-from estimator.standstill import StandstillSettings
 from estimator.variants import find_variant, slip_of
 from simulation.errors import SimulationError
 from simulation.sampled_model import Fixes, ModelSampler, Terms

@@ -14,11 +14,11 @@ from estimator.errors import EstimatorError
 from estimator.measurements import ImuSample, PositionFix, TrackSpeeds
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
-from estimator.settings import Settings
-from estimator.standstill import StandstillSettings
+from estimator.settings import Settings, StandstillSettings
 from estimator.variants import VARIANTS, Adaptation
 from simulation.noise import FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000

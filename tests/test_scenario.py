@@ -6,21 +6,15 @@ import numpy as np
 import pytest
 
 from estimator.kinematics import GRAVITY
-from estimator.log import TrackSpeedSeries, screen
+from estimator.log import screen
 from estimator.robot import load_robot
+from estimator.series import TrackSpeedSeries
 from simulation.errors import SimulationError
 from simulation.noise import EncoderSpec, FixSpec, InertialSpec
+from simulation.random_streams import random_streams
 from simulation.sampling import EPOCH
-from simulation.scenario import (
-    Scenario,
-    change_scenario,
-    grid_rate,
-    load_scenario,
-    lost_options,
-    random_streams,
-    run_scenario,
-    simulate,
-)
+from simulation.scenario import Scenario, change_scenario, grid_rate, load_scenario, lost_options
+from simulation.simulate import run_scenario, simulate
 from simulation.terrain import Patch, Payload
 
 ALPHA = load_robot("auriga-alpha")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from estimator.frames import compose
-from estimator.log import PoseSeries, Truth, TwistSeries
 from estimator.scores import (
     drift,
     interpolate_poses,
@@ -13,6 +12,7 @@ from estimator.scores import (
     velocity_errors,
     without_fixes,
 )
+from estimator.series import PoseSeries, Truth, TwistSeries
 from estimator.trajectory import Trajectory
 
 EPOCH = 1_700_000_000_000_000_000

@@ -11,15 +11,17 @@ from estimator import smoother
 from estimator import state as s
 from estimator.errors import EstimatorError
 from estimator.frames import wrap_angle
-from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.measurements import BodyVelocity, PoseFix, ZeroVelocity
 from estimator.robot import load_robot
 from estimator.run import run
 from estimator.scores import interpolate_poses
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
 from estimator.settings import Settings
 from estimator.smoother import smooth
 from simulation.noise import FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.truth import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")

@@ -10,14 +10,16 @@ import pytest
 
 from conftest import sample_log
 from estimator.frames import wrap_angle
-from estimator.log import FixSeries, ImuSeries, Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.measurements import HeadingFix
 from estimator.robot import Robot, load_robot
+from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
 from replay.bags import read_log
 from replay.comparison import compare
 from replay.starting import ANY_HEADING, EXACT_ORIGIN, start_from_fixes
 from simulation.noise import FixSpec
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 VARIANT = "constant-online"
 

@@ -16,13 +16,15 @@ import step_size
 from _friction import seconds_to_return, smooth
 from _study import bootstrap, mean_interval, spread, told
 
-from estimator.log import Log, TrackSpeedSeries
+from estimator.log import Log
 from estimator.measurements import PositionFix
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
 from estimator.run import run
+from estimator.series import TrackSpeedSeries
 from estimator.settings import Settings
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 

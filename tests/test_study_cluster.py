@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from simulation.scenario import Scenario
-from simulation.study import run_study
+from simulation.study_folder import run_study
 from simulation.study_plan import Study, Sweep
 from test_study_runner import contents
 

@@ -11,11 +11,13 @@ from estimator.errors import EstimatorError, IcreckonError
 from estimator.robot import load_robot
 from readme import ROOT, code_blocks
 from simulation.errors import SimulationError
-from simulation.scenario import Scenario, change_scenario, simulate
-from simulation.study import PAGE, RESULTS_PARQUET, RUNS_PARQUET
+from simulation.scenario import Scenario, change_scenario
+from simulation.simulate import simulate
+from simulation.study import RESULTS_PARQUET, RUNS_PARQUET
 from simulation.study_blocks import MANIFEST, RESULTS
 from simulation.study_cells import expand
 from simulation.study_engines import choose_engine
+from simulation.study_folder import PAGE
 from simulation.study_plan import FilterSpec, LatinHypercube, Study, Sweep, load_study, study_names
 from simulation.study_statistics import statistics
 from simulation.study_streaming import block, study_log

@@ -14,10 +14,10 @@ import study_stub
 from simulation import study_engines
 from simulation.errors import SimulationError
 from simulation.scenario import Scenario
-from simulation.study import run_study
 from simulation.study_blocks import jobs_of
 from simulation.study_cells import expand
 from simulation.study_engines import Engine
+from simulation.study_folder import run_study
 from simulation.study_plan import Study, Sweep
 from simulation.study_runner import MOST_TRIES
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.log import TrackSpeedSeries
 from estimator.robot import load_robot
+from estimator.series import TrackSpeedSeries
 from simulation.blends import ACCELERATION, STANDSTILL, blend_length
 from simulation.drives import aggressive, arcs, figure_eight, spin
 from simulation.errors import SimulationError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.frames import wrap_angle
-from estimator.log import PoseSeries
+from estimator.series import PoseSeries
 from replay.errors import ReplayError
 from replay.outputs import written_beside
 from replay.trajectory_files import read_tum, write_tum

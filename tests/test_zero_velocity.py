@@ -8,7 +8,7 @@ import pytest
 
 from estimator import state as s
 from estimator.errors import EstimatorError
-from estimator.gating import CHI_SQUARE_1E4, GateSettings
+from estimator.gating import CHI_SQUARE_1E4
 from estimator.measurements import (
     STANDSTILL_SIGMA,
     BodyVelocity,
@@ -18,8 +18,7 @@ from estimator.measurements import (
 )
 from estimator.pose_estimator import PoseEstimator
 from estimator.robot import load_robot
-from estimator.settings import Settings
-from estimator.standstill import StandstillSettings
+from estimator.settings import GateSettings, Settings, StandstillSettings
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789

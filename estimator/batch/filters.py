@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import NANOSECOND, Floats
 from estimator.assumptions import assumptions
 from estimator.batch.emit import Kernel, kernel_on_demand, lanes_of_machine
 from estimator.batch.errors import BatchError
@@ -21,11 +22,9 @@ from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, POSI
 from estimator.batch.step import StepKind, step_kernel
 from estimator.batch.work import ESTIMATE, Places, work_through
 from estimator.ekf import REGRESSOR_SMOOTHING
-from estimator.frames import Floats
 from estimator.gating import CHI_SQUARE_1E4
 from estimator.imu_kernel import SlipNumbers
 from estimator.jit_kernel import entry
-from estimator.log import NANOSECOND
 from estimator.memory import FilterMemory
 from estimator.motion import InertiaMotion
 from estimator.propagation import fading, gauss_markov_noise

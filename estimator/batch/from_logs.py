@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.admission import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
+from estimator.array_types import Floats, Stamps
 from estimator.batch.errors import BatchError
 from estimator.batch.front_end import Measured
-from estimator.frames import Floats
-from estimator.log import ImuSeries, Log, Stamps
+from estimator.log import Log
 from estimator.robot import Robot
 from estimator.sensor_models import SensorModels
+from estimator.series import ImuSeries
 
 NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
 

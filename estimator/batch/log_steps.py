@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import NANOSECOND, Stamps
 from estimator.batch.errors import BatchError
 from estimator.batch.schedule import (
     AHEAD,
@@ -25,7 +26,6 @@ from estimator.batch.schedule import (
 )
 from estimator.imu_clock import INTERVALS_TO_WAIT, LEAST_WAIT, USUAL_INTERVAL
 from estimator.jit_kernel import entry
-from estimator.log import NANOSECOND, Stamps
 from estimator.settings import Settings
 from estimator.sizes import WRONG_SIZE
 from estimator.track_speeds import TrackMemory

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from estimator import state as s
+from estimator.array_types import NANOSECOND, Floats, Stamps
 from estimator.batch.errors import BatchError
 from estimator.batch.filters import BatchFilter, Lanes, aligned
 from estimator.batch.from_logs import NO_STAMPS, has_absurd_readings
@@ -19,16 +20,16 @@ from estimator.batch.schedule import MOVE, MOVE_AND_UPDATE, UPDATE
 from estimator.batch.work import ESTIMATE
 from estimator.checks import three_numbers
 from estimator.ekf import REGRESSOR_SMOOTHING
+from estimator.engines import engine_of
 from estimator.errors import EstimatorError
-from estimator.frames import Floats
 from estimator.jit_kernel import entry
-from estimator.log import NANOSECOND, Log, Stamps
+from estimator.log import Log
 from estimator.measurements import TrackSpeeds
 from estimator.pose_estimator import Snapshot
 from estimator.propagation import fading, gauss_markov_noise
 from estimator.reckoning import Reckoning
+from estimator.recorded_run import Run
 from estimator.robot import Robot, require_robot
-from estimator.run import Run
 from estimator.sensor_models import SensorModels
 from estimator.settings import Settings
 from estimator.sizes import WRONG_SIZE
@@ -249,7 +250,9 @@ def _begin(
     start_sigma: tuple[float, float, float],
 ) -> Reckoning:
     """The streaming filter with the first track speeds, and with what was measured before."""
-    found = Reckoning(robot, find_variant(variant), settings, start, start_sigma)
+    found = Reckoning(
+        robot, find_variant(variant), settings, start, start_sigma, engine_of(settings.engine)
+    )
     longest_gap = int(settings.longest_gap / NANOSECOND)
     for measurement in log.measurements():
         if found.stamp is not None and measurement.stamp - found.stamp > longest_gap:

@@ -11,20 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator import state as s
+from estimator.array_types import Floats, Stamps
 from estimator.batch.filters import BatchFilter, Lanes
 from estimator.batch.front_end import Measured
 from estimator.batch.log_steps import Bytes, LogSteps
 from estimator.batch.schedule import HEADING, POSITION, TICK, UPDATE, Steps
 from estimator.batch.work import ESTIMATE
-from estimator.frames import Floats
 from estimator.gating import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
 from estimator.health import RECENT, Health, Judged
 from estimator.innovation_rows import COMPONENTS, INNOVATION_NAMES, Singles
-from estimator.log import Stamps
 from estimator.motion import solve
 from estimator.pose_estimator import Snapshot
+from estimator.recorded_run import Run
 from estimator.robot import Robot
-from estimator.run import Run
 from estimator.trajectory import Trajectory
 from estimator.variants import state_names
 

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.batch.filters import BatchFilter, Lanes, aligned
 from estimator.batch.front_end import FrontEnd, FrontSettings, Measured, front_settings
 from estimator.batch.layout import INPUTS
 from estimator.batch.schedule import TICK, Steps
 from estimator.batch.scoring import Scores, Segments, TrueTicks
 from estimator.batch.work import ESTIMATE
-from estimator.frames import Floats
 
 # Steps that are worked through by one filter before it is the next one's turn: what they are told stays
 # in the processor's cache meanwhile.

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.frames import Floats, wrap_angle
+from estimator.array_types import NANOSECOND, Floats, Stamps
+from estimator.frames import wrap_angle
 from estimator.jit_kernel import entry
-from estimator.log import NANOSECOND, Stamps
 from estimator.lost import loss_kind
 from estimator.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
 from estimator.sizes import WRONG_SIZE

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from estimator.frames import Floats
-from estimator.log import NANOSECOND
+from estimator.array_types import NANOSECOND, Floats
 from estimator.stuck_tracks import OTHERS, OWN, UNUSUAL
 
 # What is remembered of a track, as `Repeating` has it; the readings of the other track come last.

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.batch.emit import FLAG_BITS
 from estimator.batch.fixes import AS_TRUE, NOT_AT_ALL
 from estimator.batch.layout import INPUTS, STEP_CONSTANTS, TWIST
 from estimator.batch.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
-from estimator.frames import Floats
 from estimator.relocation import laid_over
 from estimator.sizes import WRONG_SIZE
 

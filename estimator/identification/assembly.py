@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from estimator.frames import Floats, rpy_to_matrix
+from estimator.array_types import Floats
+from estimator.frames import rpy_to_matrix
 from estimator.identification.fit import Fit
 from estimator.identification.problem import ACROSS, ALONG, SLIP
 from estimator.identification.records import (

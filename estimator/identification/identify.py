@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.errors import EstimatorError
-from estimator.frames import Floats
 from estimator.identification.assembly import as_found, assembled
 from estimator.identification.fit import Fit, fit
 from estimator.identification.models import MODELS, model_of

@@ -12,9 +12,9 @@ from typing import NamedTuple, Protocol
 import msgspec
 import numpy as np
 
+from estimator.array_types import Floats
 from estimator.contact import ground
 from estimator.errors import EstimatorError
-from estimator.frames import Floats
 from estimator.kinematics import GRAVITY
 from estimator.motion import linearise
 from estimator.presumed_contact import presumed_contact

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.identification.problem import (
     ACROSS,
     ALONG,

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.frames import Floats, wrap_angle
+from estimator.array_types import Floats
+from estimator.frames import wrap_angle
 from estimator.identification.models import TELLING, Model, Parameter
 from estimator.identification.recording import Recording
 from estimator.robot import Robot

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.array_types import NANOSECOND, Floats, Stamps
 from estimator.errors import EstimatorError
-from estimator.frames import Floats, relative
-from estimator.log import NANOSECOND, ImuSeries, Log, Stamps
+from estimator.frames import relative
+from estimator.log import Log
 from estimator.robot import Robot
+from estimator.series import ImuSeries
 
 Indexes = NDArray[np.int64]
 Mask = NDArray[np.bool_]

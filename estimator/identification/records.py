@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from estimator.frames import Floats
+from estimator.array_types import Floats
 from estimator.robot import Robot
 
 Status = Literal["shown", "conditional", "held"]

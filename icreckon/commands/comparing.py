@@ -13,10 +13,11 @@ from estimator.robot import Robot
 from estimator.settings import Settings
 from icreckon.console import FAILED, messages, progress, results, worker_count
 from replay.comparison import DEFAULT_VARIANTS, compare
+from replay.export_folder import write_exports
 from replay.fixes import LogPart
 from replay.formats import DEFAULT_FORMATS
 from replay.page_text import failures
-from replay.report import RESULTS_FILE, write_exports, write_views
+from replay.report import RESULTS_FILE, write_views
 from replay.results import summarise
 from replay.tables import results_table
 

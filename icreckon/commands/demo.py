@@ -15,7 +15,8 @@ from replay.bag_writer import write_log
 from replay.bags import read_log
 from replay.formats import parse_formats
 from simulation.errors import SimulationError
-from simulation.scenario import Scenario, simulate
+from simulation.scenario import Scenario
+from simulation.simulate import simulate
 from simulation.trajectories import TRAJECTORIES
 
 ROBOT = "auriga-alpha"

@@ -12,13 +12,8 @@ from estimator.robot import load_robot
 from icreckon.console import messages
 from replay.bag_writer import Format, check_place, write_log
 from simulation.errors import SimulationError
-from simulation.scenario import (
-    Scenario,
-    change_scenario,
-    load_scenario,
-    lost_options,
-    simulate,
-)
+from simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
+from simulation.simulate import simulate
 
 FORMATS = ("mcap", "sqlite3", "ros1")
 

@@ -16,10 +16,10 @@ from rich.text import Text
 
 from icreckon.console import FAILED, messages, results
 from simulation.errors import SimulationError
-from simulation.study import PAGE, run_study
 from simulation.study_blocks import RESULTS
 from simulation.study_cells import expand
 from simulation.study_executors import threads_at_work
+from simulation.study_folder import PAGE, run_study
 from simulation.study_plan import Study, load_study, study_names
 from simulation.study_results import Results
 from simulation.study_runner import Progress as Done

@@ -1,0 +1,11 @@
+"""Types of arrays, and the unit of stamps, that everything shares."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+# Times in int64 nanoseconds.
+Stamps = NDArray[np.int64]
+NANOSECOND = 1e-9

@@ -1,0 +1,135 @@
+"""A simulated run: true motion, what its sensors read, and the log of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from estimator.array_types import Floats
+from estimator.log import Log
+from estimator.robot import Indices, Robot
+from estimator.series import TrackSpeedSeries
+from simulation.errors import SimulationError
+from simulation.random_streams import Streams, random_streams
+from simulation.recorded import read_recording
+from simulation.sampling import sample_times
+from simulation.scenario import Scenario, grid_rate
+from simulation.sensing import perfect, sensed, truth_of
+from simulation.trajectories import (
+    make_trajectory,
+)
+from simulation.truth import TrueMotion
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated run, with what no sensor shows.
+
+    Attributes:
+        scenario: what was asked for.
+        log: the run as its sensors saw it, with the truth where the scenario includes it.
+        motion: the true motion at its full rate.
+        gyro_bias: (n, 3) at the IMU's stamps, in the IMU's axes [rad/s].
+        accelerometer_bias: (n, 3) at the IMU's stamps, in the IMU's axes [m/s²].
+    """
+
+    scenario: Scenario
+    log: Log
+    motion: TrueMotion
+    gyro_bias: Floats
+    accelerometer_bias: Floats
+
+    @property
+    def true_parameters(self) -> Indices | None:
+        """The index parameters behind the motion, or None where the truth has none."""
+        return self.motion.parameters
+
+
+def simulate(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    run_index: int = 0,
+    recording: TrackSpeedSeries | None = None,
+) -> Log:
+    """The log of a simulated run.
+
+    Args:
+        scenario: what to simulate.
+        robot: the robot as its file describes it.
+        run_index: which run of the study.
+        recording: track speeds to drive, for the trajectory "recorded" without a trajectory_file.
+
+    Returns:
+        The log; the first stamp is `simulation.sampling.EPOCH`.
+
+    Raises:
+        SimulationError: speeds beyond the robot's max_track_speed, a trajectory_file that cannot be
+            read, no `Robot`, a bad run_index, or what the truth refuses.
+    """
+    return run_scenario(scenario, robot, run_index=run_index, recording=recording).log
+
+
+def run_scenario(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    run_index: int = 0,
+    recording: TrackSpeedSeries | None = None,
+) -> Simulation:
+    """A simulated run, with what no sensor shows; arguments and errors as for `simulate`."""
+    if not isinstance(robot, Robot):
+        raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
+    streams = random_streams(scenario.seed, run_index)
+    motion = drive(scenario, robot, streams, recording=recording)
+    read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
+    truth = None
+    if scenario.include_truth:
+        truth = truth_of(motion, sample_times(scenario.duration, scenario.truth_rate))
+    log = Log(
+        name=f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}",
+        tracks=read.tracks,
+        imu=read.imu.series,
+        fixes=read.fixes,
+        truth=truth,
+    )
+    return Simulation(scenario, log, motion, read.imu.gyro_bias, read.imu.accelerometer_bias)
+
+
+def drive(
+    scenario: Scenario,
+    robot: Robot,
+    streams: Streams,
+    *,
+    recording: TrackSpeedSeries | None = None,
+) -> TrueMotion:
+    """The true motion of a run.
+
+    Args:
+        scenario: what to drive; its sensors do not count, but for the IMU's rate.
+        robot: the robot as its file describes it.
+        streams: draw trajectory and truth.
+        recording: track speeds to drive, see `simulate`.
+
+    Raises:
+        SimulationError: see `simulate`.
+    """
+    duration = scenario.duration
+    if scenario.trajectory_file is not None:
+        if recording is not None:
+            raise SimulationError(
+                f"two recordings to drive: trajectory_file = {scenario.trajectory_file!r} and the "
+                "one given to this run; leave one out"
+            )
+        recording = read_recording(Path(scenario.trajectory_file))
+    command = make_trajectory(
+        scenario.trajectory,
+        duration,
+        robot,
+        streams.trajectory,
+        scenario.trajectory_options,
+        recording,
+    )
+    return scenario.make_truth().run(
+        command, duration, robot, streams.truth, rate=grid_rate(scenario.imu_rate)
+    )
