@@ -33,3 +33,7 @@ def nearest_hint(found: str, allowed: list[str]) -> str:
     if close:
         return f"; did you mean {names[close[0]]!r}?"
     return f"; there is {', '.join(repr(name) for name in sorted(allowed))}"
+
+
+class BatchError(EstimatorError):
+    """Runs or filters that cannot be worked through side by side."""

@@ -241,8 +241,8 @@ def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> d
     fits = task.engine == "batch" or (task.engine == "auto" and samples >= MANY_SAMPLES)
     if task.smooth or not variants or not fits:
         return {}
-    from estimator.batch.errors import BatchError
     from estimator.batch.replay import run_side_by_side
+    from estimator.errors import BatchError
 
     begin, length = log.start, max(1, log.end - log.start)
     try:

@@ -8,13 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from estimator.batch.errors import BatchError
 from estimator.batch.filters import BatchFilter
 from estimator.batch.from_logs import has_heading, measured_of
 from estimator.batch.many import run_many
 from estimator.batch.runs import work_through_runs
 from estimator.batch.schedule import steps_of
-from estimator.errors import EstimatorError
+from estimator.errors import BatchError, EstimatorError
 from estimator.log import Log
 from estimator.measurements import ZeroVelocity
 from estimator.pose_estimator import PoseEstimator

@@ -13,9 +13,8 @@ import pytest
 
 from conftest import sample_log
 from estimator.batch import replay_rows
-from estimator.batch.errors import BatchError
 from estimator.batch.replay import run_side_by_side
-from estimator.errors import EstimatorError
+from estimator.errors import BatchError, EstimatorError
 from estimator.log import Log
 from estimator.measurements import ZeroVelocity
 from estimator.recorded_run import Run

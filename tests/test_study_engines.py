@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from estimator.batch.errors import BatchError
 from estimator.batch.front_end import FrontEnd, front_settings
+from estimator.errors import BatchError
 from estimator.settings import Settings
 from simulation import study_batch, study_single, study_streaming
 from simulation.noise import EncoderSpec, FixSpec

@@ -13,7 +13,6 @@ from estimator import state as s
 from estimator.array_types import NANOSECOND, Floats
 from estimator.assumptions import assumptions
 from estimator.batch.emit import Kernel, kernel_on_demand, lanes_of_machine
-from estimator.batch.errors import BatchError
 from estimator.batch.fixes import FixKind, heading_kernel, position_kernel
 from estimator.batch.lane import ARRAYS, FilterShape, idle_kernel
 from estimator.batch.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
@@ -22,6 +21,7 @@ from estimator.batch.schedule import AHEAD, HEADING, MOVE, MOVE_AND_UPDATE, POSI
 from estimator.batch.step import StepKind, step_kernel
 from estimator.batch.work import ESTIMATE, Places, work_through
 from estimator.ekf import REGRESSOR_SMOOTHING
+from estimator.errors import BatchError
 from estimator.gating import CHI_SQUARE_1E4
 from estimator.imu_kernel import SlipNumbers
 from estimator.jit_kernel import entry

@@ -8,8 +8,8 @@ import numpy as np
 
 from estimator.admission import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from estimator.array_types import Floats, Stamps
-from estimator.batch.errors import BatchError
 from estimator.batch.front_end import Measured
+from estimator.errors import BatchError
 from estimator.log import Log
 from estimator.robot import Robot
 from estimator.sensor_models import SensorModels

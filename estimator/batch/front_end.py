@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.array_types import NANOSECOND, Floats, Stamps
-from estimator.batch.errors import BatchError
 from estimator.batch.fixes import AS_USUAL
 from estimator.batch.layout import FIX_INPUTS, INPUTS
 from estimator.batch.log_steps import LogSteps
 from estimator.batch.schedule import MOVE_AND_UPDATE, POSITION, SILENT, UPDATE, Steps
 from estimator.batch.stuck import STUCK_MEMORY, begin_repeating, repeating_after, stuck_from
+from estimator.errors import BatchError
 from estimator.jit_kernel import entry
 from estimator.robot import Robot
 from estimator.settings import Settings

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.array_types import NANOSECOND, Stamps
-from estimator.batch.errors import BatchError
 from estimator.batch.schedule import (
     AHEAD,
     HEADING,
@@ -24,6 +23,7 @@ from estimator.batch.schedule import (
     UPDATE,
     Steps,
 )
+from estimator.errors import BatchError
 from estimator.imu_clock import INTERVALS_TO_WAIT, LEAST_WAIT, USUAL_INTERVAL
 from estimator.jit_kernel import entry
 from estimator.settings import Settings

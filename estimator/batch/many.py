@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.array_types import NANOSECOND, Floats, Stamps
-from estimator.batch.errors import BatchError
 from estimator.batch.filters import BatchFilter
 from estimator.batch.from_logs import has_absurd_readings, has_heading, measured_of
 from estimator.batch.runs import work_through_runs
 from estimator.batch.schedule import steps_of
-from estimator.errors import EstimatorError
+from estimator.errors import BatchError, EstimatorError
 from estimator.log import Log
 from estimator.robot import Robot, require_robot
 from estimator.settings import Settings

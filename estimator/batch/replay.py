@@ -9,7 +9,6 @@ import numpy as np
 
 from estimator import state as s
 from estimator.array_types import NANOSECOND, Floats, Stamps
-from estimator.batch.errors import BatchError
 from estimator.batch.filters import BatchFilter, Lanes, aligned
 from estimator.batch.from_logs import NO_STAMPS, has_absurd_readings
 from estimator.batch.front_end import FrontEnd, Measured, front_settings
@@ -21,7 +20,7 @@ from estimator.batch.work import ESTIMATE
 from estimator.checks import three_numbers
 from estimator.ekf import REGRESSOR_SMOOTHING
 from estimator.engines import engine_of
-from estimator.errors import EstimatorError
+from estimator.errors import BatchError, EstimatorError
 from estimator.jit_kernel import entry
 from estimator.log import Log
 from estimator.measurements import TrackSpeeds

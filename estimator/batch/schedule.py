@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.array_types import NANOSECOND, Stamps
-from estimator.batch.errors import BatchError
+from estimator.errors import BatchError
 from estimator.imu_clock import LEAST_WAIT, USUAL_INTERVAL
 
 # What a step is: with time passing and an IMU sample at its end, such a sample alone, time alone, or no
