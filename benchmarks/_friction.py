@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.array_types import NANOSECOND, Floats
-from estimator.frames import wrap_angle
-from estimator.log import Log
-from estimator.recorded_run import Run
-from estimator.scores import interpolate_poses
-from estimator.series import FixSeries, PoseSeries
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import FixSeries, PoseSeries
+from icreckon.estimator.streaming.recorded_run import Run
 
 ONLINE = ("constant-online", "inertia-online", "friction-online")
 # The goal for pose NEES (3 is ideal): between half and twice that.

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.batch.emit import Kernel, reachable
-from estimator.batch.trace import Traced
+from icreckon.estimator.tracing.emit import Kernel, reachable
+from icreckon.estimator.tracing.trace import Traced
 
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": lambda a, b: a + b,

@@ -17,10 +17,10 @@ from _graph import step_function
 from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, extended_kalman_filter
 from jax import lax
 
-from estimator import state as s
-from estimator.array_types import Floats
-from estimator.batch.filters import BatchFilter
-from estimator.batch.step import StepKind, step_kernel
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.engine.filters import BatchFilter
+from icreckon.estimator.engine.step import StepKind, step_kernel
 
 jax.config.update("jax_enable_x64", True)
 RUNS, STEPS, REPEAT = 256, 50, 3

@@ -7,9 +7,9 @@ from typing import Any
 
 from numba import njit
 
-from estimator.batch.emit import Kernel, Store, compiled_kernel
-from estimator.batch.filters import aligned
-from estimator.batch.trace import lane_input, start
+from icreckon.estimator.engine.filters import aligned
+from icreckon.estimator.tracing.emit import Kernel, Store, compiled_kernel
+from icreckon.estimator.tracing.trace import lane_input, start
 
 # Chains of multiply-adds that do not wait for each other, and the length of each.
 CHAINS, LENGTH = 24, 40

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from estimator.array_types import Floats
+from icreckon.estimator.base.array_types import Floats
 
 BOOTSTRAPS = 10_000
 # Seconds between two lines of progress.

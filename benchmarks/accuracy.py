@@ -35,20 +35,20 @@ import msgspec
 import numpy as np
 from _study import spread, table
 
-from estimator.array_types import NANOSECOND, Floats
-from estimator.frames import relative
-from estimator.identification import identify
-from estimator.log import Log
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Indices, Robot, load_robot
-from estimator.run import run
-from estimator.scores import drift, interpolate_poses
-from estimator.series import PoseSeries
-from estimator.variants import VARIANTS
-from replay.bags import read_log
-from replay.latency import track_latency
-from replay.mounting import estimate_mounting, vertical_rate
-from replay.truth_alignment import align_truth
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import relative
+from icreckon.estimator.calibration import identify
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import drift, interpolate_poses
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.robot.robot_file import Indices, Robot, load_robot
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.comparison.truth_alignment import align_truth
+from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
+from icreckon.replay.inspection.latency import track_latency
+from icreckon.replay.reading.read_log import read_log
 
 HORIZONS = (30.0, 10.0)
 BLOCK = 60.0

@@ -19,20 +19,20 @@ import numpy as np
 from _friction import ONLINE, seconds_to_return, smooth, told_seconds, true_poses
 from _study import bootstrap, spread, study_parser, table, told
 
-from estimator import state as s
-from estimator.array_types import NANOSECOND, Floats
-from estimator.ekf import IcrEkf, step_on_se2
-from estimator.frames import compose, relative
-from estimator.log import Log
-from estimator.recorded_run import Run
-from estimator.robot import Robot, load_robot
-from estimator.run import run
-from estimator.scores import interpolate_poses
-from estimator.settings import Settings
-from estimator.variants import DEFAULT_ADAPTATION, find_variant, motion_model
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
-from simulation.terrain import Patch, Payload
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import compose, relative
+from icreckon.estimator.filter.ekf import IcrEkf, step_on_se2
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, find_variant, motion_model
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Patch, Payload
 
 SEED = 20_245
 CHANGE, DURATION = 60, 160

@@ -26,16 +26,16 @@ from _study import table
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from estimator.frames import wrap_angle
-from estimator.log import Log
-from estimator.recorded_run import Run
-from estimator.robot import Robot, load_robot
-from estimator.run import run
-from estimator.series import ImuSeries, TrackSpeedSeries
-from estimator.variants import VARIANTS
-from replay.bags import read_log
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 SEED = 6

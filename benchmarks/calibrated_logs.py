@@ -14,8 +14,8 @@ from pathlib import Path
 from _study import table
 from accuracy import ASPHALT, GRASS, HALVED, as_made
 
-from estimator.identification import Identification, identify
-from replay.bags import read_log
+from icreckon.estimator.calibration import Identification, identify
+from icreckon.replay.reading.read_log import read_log
 
 LOGS = {
     "Warthog, grass, 15h56": ("warthog", GRASS[:1]),

@@ -1,6 +1,6 @@
 """Is the filter as sure as it may be where its model is the truth? NEES and NIS over many runs.
 
-Runs are drawn from the filter's own stochastic model (`simulation.sampled_model`): everyday driving
+Runs are drawn from the filter's own stochastic model (`analysis.sampled_model`): everyday driving
 without stops, track speeds and IMU in step at 50 Hz, a position fix and a body velocity each second and
 a heading with every fix, so that all sensors have their say; nominal noise, with scales of tracks and
 gyro unknown by 1 % and 0.5 %. Standstill detection is off, since nothing stands.
@@ -20,18 +20,18 @@ from dataclasses import dataclass, fields, replace
 import msgspec
 import numpy as np
 from _study import mean_interval, spread, study_parser, table, told
+from analysis.sampled_model import Fixes, ModelSampler, Terms
 from scipy.stats import chi2
 
-from estimator import state as s
-from estimator.array_types import Floats
-from estimator.gating import CHI_SQUARE_1E4
-from estimator.measurements import TrackSpeeds
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Robot, load_robot
-from estimator.settings import Settings, StandstillSettings
-from estimator.variants import find_variant
-from simulation.sampled_model import Fixes, ModelSampler, Terms
-from simulation.trajectories import make_trajectory
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
+from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings, StandstillSettings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.drives.trajectories import make_trajectory
 
 SEED = 20_240
 RATE = 50.0

@@ -15,12 +15,12 @@ import numpy as np
 from _friction import NEES_GOAL, ONLINE, curves
 from _study import mean_interval, spread, study_parser, table, told
 
-from estimator.array_types import Floats
-from estimator.robot import Robot, load_robot
-from estimator.run import run
-from simulation.noise import noise_preset
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import noise_preset
+from icreckon.simulation.simulate import simulate
 
 SEED = 20_243
 FIXES_END, DURATION, SETTLED = 60, 120, 10

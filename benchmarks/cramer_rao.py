@@ -1,7 +1,7 @@
 """How near the filter comes to the posterior Cramér-Rao bound where its model is the truth.
 
 Runs of one drive (the same track speeds, 50 Hz, IMU in step, a position fix each second for the first
-half, then none) are drawn from the filter's own stochastic model (`simulation.sampled_model`): each
+half, then none) are drawn from the filter's own stochastic model (`analysis.sampled_model`): each
 with its own parameters, biases, slip and noise. The RMSE of the filter over the runs at the end of each
 half stands over two bounds: the mean covariance of the best linear filter that knew the Jacobians of
 the truth, and the posterior Cramér-Rao bound by Tichavský's recursion, expectations over the same runs.
@@ -20,19 +20,19 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 from _study import bootstrap, spread, study_parser, table, told
+from analysis.cramer_rao import BoundTerms, bound_terms, in_axes_of_robot, posterior_bound
+from analysis.linearised import LinearisedModel, Sensors, stepped
+from analysis.sampled_model import Fixes, ModelSampler
 from consistency import RATE, SETTINGS, moving_speeds, studied_robot
 
-from estimator import state as s
-from estimator.array_types import Floats
-from estimator.cramer_rao import BoundTerms, bound_terms, in_axes_of_robot, posterior_bound
-from estimator.frames import relative
-from estimator.linearised import LinearisedModel, Sensors, stepped
-from estimator.measurements import HeadingFix, PositionFix
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Robot
-from estimator.settings import Settings
-from estimator.variants import DEFAULT_ADAPTATION, find_variant, parameter_names
-from simulation.sampled_model import Fixes, ModelSampler
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import relative
+from icreckon.estimator.log.measurements import HeadingFix, PositionFix
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, find_variant, parameter_names
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 SEED = 20_242
 START_SIGMA = (0.05, 0.05, 0.02)

@@ -15,13 +15,13 @@ from concurrent.futures import ProcessPoolExecutor
 import msgspec
 import numpy as np
 
-from estimator.array_types import Floats
-from estimator.robot import load_robot
-from estimator.run import run
-from estimator.scores import drift, pose_nees, without_fixes
-from estimator.variants import VARIANTS
-from icreckon.commands.demo import DURATION, demo_scenario
-from simulation.simulate import simulate
+from icreckon.cli.demo import DURATION, demo_scenario
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.scores import drift, pose_nees, without_fixes
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.simulate import simulate
 
 SCORING_SEED = 1
 BASELINE = "constant-online"

@@ -22,13 +22,13 @@ import numpy as np
 from _friction import fixes_of, true_poses
 from _study import bootstrap, spread, study_parser, table, told
 
-from estimator.array_types import NANOSECOND, Floats
-from estimator.robot import Robot, load_robot
-from estimator.run import run
-from estimator.scores import drift, pose_nees, velocity_errors, without_fixes
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
-from simulation.terrain import Patch
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.scores import drift, pose_nees, velocity_errors, without_fixes
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Patch
 
 SEED = 31_337
 DURATION, FIXES_END = 300.0, 100.0

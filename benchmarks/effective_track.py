@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from _study import table
 
-from estimator.presumed_contact import presumed_contact, slow_turns
-from estimator.robot import Robot, load_robot, robot_names
+from icreckon.estimator.robot.nominal_contact import presumed_contact, slow_turns
+from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 
 
 def row_of(robot: Robot) -> tuple[str, ...]:

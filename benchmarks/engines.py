@@ -26,18 +26,18 @@ from _graph import flops, numpy_while_loop, step_function
 from _peak import peak_flops
 from step_time import filter_microseconds, plain_microseconds
 
-from estimator import state as s
-from estimator.batch.filters import BatchFilter, Lanes, aligned
-from estimator.batch.from_logs import measured_of
-from estimator.batch.front_end import FrontEnd, front_settings
-from estimator.batch.layout import INPUTS
-from estimator.batch.schedule import Steps, steps_of
-from estimator.batch.step import StepKind, step_kernel
-from estimator.robot import load_robot
-from estimator.settings import Settings
-from estimator.variants import VARIANTS
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.base import state as s
+from icreckon.estimator.batch.inputs import measured_of
+from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.front_end import FrontEnd, front_settings
+from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.engine.schedule import Steps, steps_of
+from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 FULL = "inertia-online"
 VARIANT_NAMES = ("differential", "constant-fixed", "constant-online", "inertia-fixed", FULL)

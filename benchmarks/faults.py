@@ -38,14 +38,14 @@ from _friction import (
 )
 from _study import bootstrap, spread, study_parser, table, told
 
-from estimator.array_types import Floats
-from estimator.log import Log
-from estimator.robot import ConstantIcr, Robot, load_robot
-from estimator.run import run
-from estimator.scores import interpolate_poses
-from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import ConstantIcr, Robot, load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 SEED = 20_244
 FIXES_END, DURATION = 120, 150

@@ -17,15 +17,15 @@ import numpy as np
 from _friction import ONLINE, true_poses
 from _study import bootstrap, spread, study_parser, table, told
 
-from estimator.array_types import Floats
-from estimator.frames import wrap_angle
-from estimator.log import Log
-from estimator.measurements import BodyVelocity, Measurement
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import load_robot
-from estimator.scores import interpolate_poses
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import BodyVelocity, Measurement
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 SEED = 20_248
 DURATION, SETTLED = 60.0, 20.0

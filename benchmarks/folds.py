@@ -13,8 +13,8 @@ import argparse
 import msgspec
 import numpy as np
 
-from estimator.robot import Indices, load_robot
-from simulation.kinematic_truth import has_single_motion
+from icreckon.estimator.robot.robot_file import Indices, load_robot
+from icreckon.simulation.truth.kinematic import has_single_motion
 
 SPREADS = (0.05, 0.10, 0.15, 0.20)
 SEED = 0

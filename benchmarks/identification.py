@@ -24,15 +24,15 @@ import msgspec
 import numpy as np
 from _study import table
 
-from estimator.array_types import Floats
-from estimator.errors import EstimatorError
-from estimator.identification import Identification, identify
-from estimator.log import Log
-from estimator.robot import Robot, load_robot
-from estimator.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
-from simulation.noise import EncoderSpec
-from simulation.scenario import Scenario
-from simulation.simulate import run_scenario
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.calibration import Identification, identify
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import EncoderSpec
+from icreckon.simulation.simulate import run_scenario
 
 DURATION = 300.0
 DRIVES = ("aggressive", "random", "arcs", "slalom")

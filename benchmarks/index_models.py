@@ -17,19 +17,19 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from analysis.fitting import KnownMotion, fit_constant, fit_friction, fit_inertia
 from numpy.random import Generator
 
-from estimator.array_types import Floats
-from estimator.contact import Contact
-from estimator.fitting import KnownMotion, fit_constant, fit_friction, fit_inertia
-from estimator.friction_motion import FrictionMotion
-from estimator.kinematics import PaperTwist
-from estimator.motion_model import NO_SLIP
-from estimator.robot import Robot, load_robot
-from estimator.variants import find_variant, initial_parameters, motion_model
-from simulation.drives import aggressive, random_driving
-from simulation.dynamics import TRACK_LAG, draw_contact, drive, follow
-from simulation.trajectories import Command
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.contact import Contact
+from icreckon.estimator.motion.friction_model import FrictionMotion
+from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.estimator.motion.motion_model import NO_SLIP
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
+from icreckon.simulation.drives.drives import aggressive, random_driving
+from icreckon.simulation.drives.trajectories import Command
+from icreckon.simulation.truth.friction import TRACK_LAG, draw_contact, drive, follow
 
 RATE, KEPT = 200.0, 4
 TRAINING, SCORING, HORIZON = 200.0, 300.0, 30.0

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.robot import LOAD_LAG, load_robot
-from simulation.blends import Blends
-from simulation.dynamics import TRACK_LAG, drive, follow
+from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
+from icreckon.simulation.drives.smooth_speeds import Blends
+from icreckon.simulation.truth.friction import TRACK_LAG, drive, follow
 
 RATE, SECONDS, LAST, SETTLED = 100.0, 20.0, 3.0, 1e-3
 LAGS = (0.05, 0.1, 0.15, LOAD_LAG, 0.3)

@@ -17,19 +17,19 @@ import numpy as np
 from _study import table
 from long_run import smallest_correlation
 
-from estimator.array_types import Floats
-from estimator.batch.filters import PRECISIONS, BatchFilter, Lanes, aligned
-from estimator.batch.fixes import AS_USUAL, NOT_AT_ALL
-from estimator.batch.from_logs import measured_of
-from estimator.batch.front_end import FrontEnd, front_settings
-from estimator.batch.layout import INPUTS
-from estimator.batch.schedule import steps_of
-from estimator.frames import compose
-from estimator.robot import load_robot
-from estimator.settings import Settings
-from estimator.variants import VARIANTS
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import compose
+from icreckon.estimator.batch.inputs import measured_of
+from icreckon.estimator.engine.filters import PRECISIONS, BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.fixes import AS_USUAL, NOT_AT_ALL
+from icreckon.estimator.engine.front_end import FrontEnd, front_settings
+from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.engine.schedule import steps_of
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 VARIANT = "inertia-online"
 RATE, LAP, FIX_SIGMA = 50.0, 60.0, 0.05

@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 from _study import table
+from analysis.sampled_model import Fixes, ModelSampler, SampledRun
 from consistency import RATE, SETTINGS, moving_speeds
 
-from estimator import state as s
-from estimator.array_types import Floats
-from estimator.frames import compose
-from estimator.measurements import (
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import compose
+from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
     ImuSample,
@@ -33,11 +34,10 @@ from estimator.measurements import (
     PositionFix,
     TrackSpeeds,
 )
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Robot, load_robot
-from estimator.settings import Settings
-from estimator.variants import find_variant
-from simulation.sampled_model import Fixes, ModelSampler, SampledRun
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 SEED = 20_247
 CHECK_EVERY = 1000

@@ -1,7 +1,7 @@
 """What each manoeuvre shows with which sensors: rank, condition number, and what cannot be told.
 
-Computed from the filter's own Jacobians along each manoeuvre (`estimator.observability`); no noise is
-drawn, so there is no interval. Each manoeuvre lasts 60 s (the drives of `simulation.trajectories`
+Computed from the filter's own Jacobians along each manoeuvre (`analysis.observability`); no noise is
+drawn, so there is no interval. Each manoeuvre lasts 60 s (the drives of `simulation.drives.trajectories`
 without their first standstill), random everyday driving is one fixed seed. Sensors are the robot
 file's, position fixes (0.05 m) and pose fixes (and 0.02 rad) come each second, body velocities (0.05
 m/s) ten times a second. States are in units of what is not known of them at the start: 1 m and 1 rad of
@@ -18,13 +18,13 @@ import argparse
 
 import numpy as np
 from _study import table
+from analysis.linearised import Sensors
+from analysis.observability import Observability, observe
 
-from estimator.array_types import Floats
-from estimator.linearised import Sensors
-from estimator.observability import Observability, observe
-from estimator.robot import Robot, load_robot
-from simulation.blends import STANDSTILL
-from simulation.trajectories import make_trajectory
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.simulation.drives.smooth_speeds import STANDSTILL
+from icreckon.simulation.drives.trajectories import make_trajectory
 
 SEED = 20_241
 SECONDS, RATE = 60.0, 20.0

@@ -27,14 +27,14 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from estimator.array_types import NANOSECOND
-from estimator.log import Log
-from estimator.robot import Robot, load_robot
-from estimator.run import run
-from estimator.series import ImuSeries, TrackSpeedSeries
-from replay.bag_writer import write_log
-from replay.bags import read_log
-from replay.comparison import MANY_SAMPLES, compare
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.comparison.compare import MANY_SAMPLES, compare
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.reading.read_log import read_log
 
 ROBOT = "auriga-alpha"
 VARIANTS = (

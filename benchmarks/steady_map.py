@@ -1,8 +1,8 @@
 """Time of the stationary solver for the paper's 441 pairs and a 201 x 201 map, beside scipy's root.
 
-Both solve the same function (`estimator.contact.steady_balance`) from the same kinematic guess. scipy
-goes pair by pair: for the 441 all of them, for the large map an even sample, whose time is scaled up
-(`--all` solves every pair; it takes minutes). It is given the analytic Jacobian, and its failures are
+Both solve the same function (`estimator.motion.contact.steady_balance`) from the same kinematic guess.
+scipy goes pair by pair: for the 441 all of them, for the large map an even sample, whose time is scaled
+up (`--all` solves every pair; it takes minutes). It is given the analytic Jacobian, and its failures are
 counted, not mended.
 
     python benchmarks/steady_map.py [--sample 1000] [--all] [--repeat 5]
@@ -17,10 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from estimator.contact import steady_balance
-from estimator.kinematics import PaperTwist
-from estimator.robot import load_robot
-from estimator.steady import CONVERGED, TYPICAL_ETA, solve_steady, track_speed_grid
+from icreckon.estimator.motion.contact import steady_balance
+from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.estimator.motion.steady_state import (
+    CONVERGED,
+    TYPICAL_ETA,
+    solve_steady,
+    track_speed_grid,
+)
+from icreckon.estimator.robot.robot_file import load_robot
 
 AURIGA = load_robot("auriga-alpha").contact
 GAUGE = AURIGA.geometry.gauge

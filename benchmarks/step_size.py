@@ -19,16 +19,16 @@ import numpy as np
 from _friction import ONLINE
 from _study import bootstrap, mean_interval, spread, study_parser, table, told
 
-from estimator import state as s
-from estimator.array_types import Floats
-from estimator.log import Log
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Robot, load_robot
-from estimator.series import FixSeries, ImuSeries, TrackSpeedSeries
-from estimator.variants import find_variant, parameter_names
-from simulation.scenario import Scenario
-from simulation.simulate import run_scenario
-from simulation.truths import TRUTHS
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.variants import find_variant, parameter_names
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import run_scenario
+from icreckon.simulation.truth.by_name import TRUTHS
 
 SEED = 20_246
 FASTEST = 400

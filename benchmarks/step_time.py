@@ -19,14 +19,14 @@ import time
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from estimator import state as s
-from estimator.log import Log
-from estimator.pose_estimator import PoseEstimator
-from estimator.robot import Robot, load_robot
-from estimator.settings import Settings
-from estimator.variants import VARIANTS
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.base import state as s
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 RATE, DURATION = 50.0, 60.0
 ENGINES = ("plain", "compiled")

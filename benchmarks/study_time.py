@@ -15,11 +15,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 from engines import VARIANT_NAMES
 
-from simulation import study_batch
-from simulation.scenario import Scenario
-from simulation.study_cells import Cell, expand
-from simulation.study_engines import ENGINES
-from simulation.study_plan import Study
+from icreckon.simulation.running import batch_engine as study_batch
+from icreckon.simulation.running.engines import ENGINES
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.study.cells import Cell, expand
+from icreckon.simulation.study.plan import Study
 
 DURATION, RATE = 600.0, 100.0
 # Files and functions -> what they do.

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.robot import load_robot
-from simulation.dynamics import TOLERANCE, TRACK_LAG, drive, follow
-from simulation.trajectories import make_trajectory
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.drives.trajectories import make_trajectory
+from icreckon.simulation.truth.friction import TOLERANCE, TRACK_LAG, drive, follow
 
 SECONDS, RATE = 300.0, 100.0
 TRAJECTORIES = ("random", "aggressive", "slalom", "figure-eight", "spin")

@@ -3,8 +3,8 @@
 Runs every variant over simulated runs with friction as truth (two trajectories, seeds kept for tuning:
 the demo's and the scoring seeds are others) for a grid of settings, and prints the drift after 30 s
 without fixes, as mean % of distance, with the pose NEES (3 is ideal). The defaults in
-`estimator/variants.py` are the best rows of this table, or the next best where NEES says that the best is
-overconfident.
+`estimator/robot/variants.py` are the best rows of this table, or the next best where NEES says that the
+best is overconfident.
 
     python benchmarks/tune_variants.py [--runs 4]
 """
@@ -19,13 +19,13 @@ from concurrent.futures import ProcessPoolExecutor
 import msgspec
 import numpy as np
 
-from estimator.robot import load_robot
-from estimator.run import run
-from estimator.scores import drift, pose_nees, without_fixes
-from estimator.settings import Settings
-from estimator.variants import DEFAULT_ADAPTATION, DEFAULT_SLIP, VARIANTS
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
+from icreckon.estimator.log.scores import drift, pose_nees, without_fixes
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, DEFAULT_SLIP, VARIANTS
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 TUNING_SEED = 100_000
 TRAJECTORIES = ("random", "aggressive")

@@ -7,146 +7,149 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator import kinematics as kinematics
-    from estimator import motion as motion
-    from estimator.batch.many import run_many as run_many
-    from estimator.errors import EstimatorError as EstimatorError
-    from estimator.errors import IcreckonError as IcreckonError
-    from estimator.health import Health as Health
-    from estimator.health import JudgedInnovation as JudgedInnovation
-    from estimator.health import ParameterHealth as ParameterHealth
-    from estimator.health import SensorHealth as SensorHealth
-    from estimator.identification import Identification as Identification
-    from estimator.identification import identify as identify
-    from estimator.log import Log as Log
-    from estimator.measurements import BodyVelocity as BodyVelocity
-    from estimator.measurements import HeadingFix as HeadingFix
-    from estimator.measurements import ImuSample as ImuSample
-    from estimator.measurements import PoseFix as PoseFix
-    from estimator.measurements import PositionFix as PositionFix
-    from estimator.measurements import TrackSpeeds as TrackSpeeds
-    from estimator.measurements import ZeroVelocity as ZeroVelocity
-    from estimator.pose_estimator import PoseEstimator as PoseEstimator
-    from estimator.pose_estimator import Snapshot as Snapshot
-    from estimator.recorded_run import Run as Run
-    from estimator.relative_motion import RelativeMotion as RelativeMotion
-    from estimator.robot import Robot as Robot
-    from estimator.robot import Slip as Slip
-    from estimator.robot import load_robot as load_robot
-    from estimator.robot import robot_names as robot_names
-    from estimator.run import run as run
-    from estimator.scores import drift as drift
-    from estimator.scores import pose_nees as pose_nees
-    from estimator.scores import velocity_errors as velocity_errors
-    from estimator.series import FixSeries as FixSeries
-    from estimator.series import ImuSeries as ImuSeries
-    from estimator.series import PoseSeries as PoseSeries
-    from estimator.series import TrackSpeedSeries as TrackSpeedSeries
-    from estimator.series import Truth as Truth
-    from estimator.series import TwistSeries as TwistSeries
-    from estimator.settings import GateSettings as GateSettings
-    from estimator.settings import Settings as Settings
-    from estimator.settings import StandstillSettings as StandstillSettings
-    from estimator.smoother import Smoothing as Smoothing
-    from estimator.smoother import smooth as smooth
-    from estimator.state import STATE_NAMES as STATE_NAMES
-    from estimator.trajectory import Trajectory as Trajectory
-    from estimator.variants import VARIANTS as VARIANTS
-    from estimator.variants import Adaptation as Adaptation
-    from estimator.variants import default_adaptation as default_adaptation
-    from estimator.variants import state_names as state_names
-    from replay.bag_writer import write_log as write_log
-    from replay.bags import read_log as read_log
-    from replay.comparison import compare as compare
-    from replay.errors import ReplayError as ReplayError
-    from replay.fixes import parse_part as parse_part
-    from replay.inspection import inspect as inspect
-    from replay.report import write_report as write_report
-    from replay.results import summarise as summarise
-    from simulation.errors import SimulationError as SimulationError
-    from simulation.noise import EncoderSpec as EncoderSpec
-    from simulation.noise import FixSpec as FixSpec
-    from simulation.noise import InertialSpec as InertialSpec
-    from simulation.scenario import Scenario as Scenario
-    from simulation.scenario import load_scenario as load_scenario
-    from simulation.simulate import simulate as simulate
-    from simulation.study_folder import run_study as run_study
-    from simulation.study_plan import Study as Study
-    from simulation.study_plan import load_study as load_study
-    from simulation.study_plan import study_names as study_names
-    from simulation.terrain import Patch as Patch
-    from simulation.terrain import Payload as Payload
+    from icreckon.estimator.base.errors import EstimatorError as EstimatorError
+    from icreckon.estimator.base.errors import IcreckonError as IcreckonError
+    from icreckon.estimator.base.state import STATE_NAMES as STATE_NAMES
+    from icreckon.estimator.batch.many import run_many as run_many
+    from icreckon.estimator.calibration import Identification as Identification
+    from icreckon.estimator.calibration import identify as identify
+    from icreckon.estimator.filter.clones import RelativeMotion as RelativeMotion
+    from icreckon.estimator.filter.health import Health as Health
+    from icreckon.estimator.filter.health import JudgedInnovation as JudgedInnovation
+    from icreckon.estimator.filter.health import ParameterHealth as ParameterHealth
+    from icreckon.estimator.filter.health import SensorHealth as SensorHealth
+    from icreckon.estimator.log.log import Log as Log
+    from icreckon.estimator.log.measurements import BodyVelocity as BodyVelocity
+    from icreckon.estimator.log.measurements import HeadingFix as HeadingFix
+    from icreckon.estimator.log.measurements import ImuSample as ImuSample
+    from icreckon.estimator.log.measurements import PoseFix as PoseFix
+    from icreckon.estimator.log.measurements import PositionFix as PositionFix
+    from icreckon.estimator.log.measurements import TrackSpeeds as TrackSpeeds
+    from icreckon.estimator.log.measurements import ZeroVelocity as ZeroVelocity
+    from icreckon.estimator.log.scores import drift as drift
+    from icreckon.estimator.log.scores import pose_nees as pose_nees
+    from icreckon.estimator.log.scores import velocity_errors as velocity_errors
+    from icreckon.estimator.log.series import FixSeries as FixSeries
+    from icreckon.estimator.log.series import ImuSeries as ImuSeries
+    from icreckon.estimator.log.series import PoseSeries as PoseSeries
+    from icreckon.estimator.log.series import TrackSpeedSeries as TrackSpeedSeries
+    from icreckon.estimator.log.series import Truth as Truth
+    from icreckon.estimator.log.series import TwistSeries as TwistSeries
+    from icreckon.estimator.log.trajectory import Trajectory as Trajectory
+    from icreckon.estimator.motion import icr as kinematics  # noqa: F401
+    from icreckon.estimator.motion import index_model as motion  # noqa: F401
+    from icreckon.estimator.robot.robot_file import Robot as Robot
+    from icreckon.estimator.robot.robot_file import Slip as Slip
+    from icreckon.estimator.robot.robot_file import load_robot as load_robot
+    from icreckon.estimator.robot.robot_file import robot_names as robot_names
+    from icreckon.estimator.robot.settings import GateSettings as GateSettings
+    from icreckon.estimator.robot.settings import Settings as Settings
+    from icreckon.estimator.robot.settings import StandstillSettings as StandstillSettings
+    from icreckon.estimator.robot.variants import VARIANTS as VARIANTS
+    from icreckon.estimator.robot.variants import Adaptation as Adaptation
+    from icreckon.estimator.robot.variants import default_adaptation as default_adaptation
+    from icreckon.estimator.robot.variants import state_names as state_names
+    from icreckon.estimator.streaming.pose_estimator import PoseEstimator as PoseEstimator
+    from icreckon.estimator.streaming.pose_estimator import Snapshot as Snapshot
+    from icreckon.estimator.streaming.recorded_run import Run as Run
+    from icreckon.estimator.streaming.run import run as run
+    from icreckon.estimator.streaming.smoother import Smoothing as Smoothing
+    from icreckon.estimator.streaming.smoother import smooth as smooth
+    from icreckon.replay.base.errors import ReplayError as ReplayError
+    from icreckon.replay.comparison.compare import compare as compare
+    from icreckon.replay.comparison.fixes import parse_part as parse_part
+    from icreckon.replay.comparison.results import summarise as summarise
+    from icreckon.replay.export.log_bag import write_log as write_log
+    from icreckon.replay.inspection.inspect import inspect as inspect
+    from icreckon.replay.reading.read_log import read_log as read_log
+    from icreckon.report.replay.folder import write_report as write_report
+    from icreckon.report.study.folder import run_study as run_study
+    from icreckon.simulation.base.errors import SimulationError as SimulationError
+    from icreckon.simulation.scenario import Scenario as Scenario
+    from icreckon.simulation.scenario import load_scenario as load_scenario
+    from icreckon.simulation.sensors.specs import EncoderSpec as EncoderSpec
+    from icreckon.simulation.sensors.specs import FixSpec as FixSpec
+    from icreckon.simulation.sensors.specs import InertialSpec as InertialSpec
+    from icreckon.simulation.simulate import simulate as simulate
+    from icreckon.simulation.study.plan import Study as Study
+    from icreckon.simulation.study.plan import load_study as load_study
+    from icreckon.simulation.study.plan import study_names as study_names
+    from icreckon.simulation.truth.terrain import Patch as Patch
+    from icreckon.simulation.truth.terrain import Payload as Payload
 
 # Modules that are handed on whole.
-_MODULES = {"kinematics": "estimator.kinematics", "motion": "estimator.motion"}
+_MODULES = {
+    "kinematics": "icreckon.estimator.motion.icr",
+    "motion": "icreckon.estimator.motion.index_model",
+}
 _HOMES = {
-    "Adaptation": "estimator.variants",
-    "BodyVelocity": "estimator.measurements",
-    "EncoderSpec": "simulation.noise",
-    "EstimatorError": "estimator.errors",
-    "FixSeries": "estimator.log",
-    "FixSpec": "simulation.noise",
-    "GateSettings": "estimator.settings",
-    "HeadingFix": "estimator.measurements",
-    "Health": "estimator.health",
-    "IcreckonError": "estimator.errors",
-    "Identification": "estimator.identification",
-    "ImuSample": "estimator.measurements",
-    "ImuSeries": "estimator.log",
-    "InertialSpec": "simulation.noise",
-    "JudgedInnovation": "estimator.health",
-    "Log": "estimator.log",
-    "ParameterHealth": "estimator.health",
-    "Patch": "simulation.terrain",
-    "Payload": "simulation.terrain",
-    "PoseEstimator": "estimator.pose_estimator",
-    "PoseFix": "estimator.measurements",
-    "PoseSeries": "estimator.log",
-    "PositionFix": "estimator.measurements",
-    "RelativeMotion": "estimator.relative_motion",
-    "ReplayError": "replay.errors",
-    "Robot": "estimator.robot",
-    "Run": "estimator.run",
-    "STATE_NAMES": "estimator.state",
-    "Scenario": "simulation.scenario",
-    "SensorHealth": "estimator.health",
-    "Settings": "estimator.settings",
-    "SimulationError": "simulation.errors",
-    "Slip": "estimator.robot",
-    "Smoothing": "estimator.smoother",
-    "Snapshot": "estimator.pose_estimator",
-    "StandstillSettings": "estimator.settings",
-    "Study": "simulation.study_plan",
-    "TrackSpeedSeries": "estimator.log",
-    "TrackSpeeds": "estimator.measurements",
-    "Trajectory": "estimator.trajectory",
-    "Truth": "estimator.log",
-    "TwistSeries": "estimator.log",
-    "VARIANTS": "estimator.variants",
-    "ZeroVelocity": "estimator.measurements",
-    "compare": "replay.comparison",
-    "default_adaptation": "estimator.variants",
-    "drift": "estimator.scores",
-    "identify": "estimator.identification",
-    "inspect": "replay.inspection",
-    "load_robot": "estimator.robot",
-    "load_scenario": "simulation.scenario",
-    "load_study": "simulation.study_plan",
-    "parse_part": "replay.fixes",
-    "pose_nees": "estimator.scores",
-    "read_log": "replay.bags",
-    "robot_names": "estimator.robot",
-    "run": "estimator.run",
-    "run_many": "estimator.batch.many",
-    "run_study": "simulation.study_folder",
-    "simulate": "simulation.simulate",
-    "smooth": "estimator.smoother",
-    "state_names": "estimator.variants",
-    "study_names": "simulation.study_plan",
-    "summarise": "replay.results",
-    "velocity_errors": "estimator.scores",
-    "write_log": "replay.bag_writer",
-    "write_report": "replay.report",
+    "Adaptation": "icreckon.estimator.robot.variants",
+    "BodyVelocity": "icreckon.estimator.log.measurements",
+    "EncoderSpec": "icreckon.simulation.sensors.specs",
+    "EstimatorError": "icreckon.estimator.base.errors",
+    "FixSeries": "icreckon.estimator.log.log",
+    "FixSpec": "icreckon.simulation.sensors.specs",
+    "GateSettings": "icreckon.estimator.robot.settings",
+    "HeadingFix": "icreckon.estimator.log.measurements",
+    "Health": "icreckon.estimator.filter.health",
+    "IcreckonError": "icreckon.estimator.base.errors",
+    "Identification": "icreckon.estimator.calibration",
+    "ImuSample": "icreckon.estimator.log.measurements",
+    "ImuSeries": "icreckon.estimator.log.log",
+    "InertialSpec": "icreckon.simulation.sensors.specs",
+    "JudgedInnovation": "icreckon.estimator.filter.health",
+    "Log": "icreckon.estimator.log.log",
+    "ParameterHealth": "icreckon.estimator.filter.health",
+    "Patch": "icreckon.simulation.truth.terrain",
+    "Payload": "icreckon.simulation.truth.terrain",
+    "PoseEstimator": "icreckon.estimator.streaming.pose_estimator",
+    "PoseFix": "icreckon.estimator.log.measurements",
+    "PoseSeries": "icreckon.estimator.log.log",
+    "PositionFix": "icreckon.estimator.log.measurements",
+    "RelativeMotion": "icreckon.estimator.filter.clones",
+    "ReplayError": "icreckon.replay.base.errors",
+    "Robot": "icreckon.estimator.robot.robot_file",
+    "Run": "icreckon.estimator.streaming.run",
+    "STATE_NAMES": "icreckon.estimator.base.state",
+    "Scenario": "icreckon.simulation.scenario",
+    "SensorHealth": "icreckon.estimator.filter.health",
+    "Settings": "icreckon.estimator.robot.settings",
+    "SimulationError": "icreckon.simulation.base.errors",
+    "Slip": "icreckon.estimator.robot.robot_file",
+    "Smoothing": "icreckon.estimator.streaming.smoother",
+    "Snapshot": "icreckon.estimator.streaming.pose_estimator",
+    "StandstillSettings": "icreckon.estimator.robot.settings",
+    "Study": "icreckon.simulation.study.plan",
+    "TrackSpeedSeries": "icreckon.estimator.log.log",
+    "TrackSpeeds": "icreckon.estimator.log.measurements",
+    "Trajectory": "icreckon.estimator.log.trajectory",
+    "Truth": "icreckon.estimator.log.log",
+    "TwistSeries": "icreckon.estimator.log.log",
+    "VARIANTS": "icreckon.estimator.robot.variants",
+    "ZeroVelocity": "icreckon.estimator.log.measurements",
+    "compare": "icreckon.replay.comparison.compare",
+    "default_adaptation": "icreckon.estimator.robot.variants",
+    "drift": "icreckon.estimator.log.scores",
+    "identify": "icreckon.estimator.calibration",
+    "inspect": "icreckon.replay.inspection.inspect",
+    "load_robot": "icreckon.estimator.robot.robot_file",
+    "load_scenario": "icreckon.simulation.scenario",
+    "load_study": "icreckon.simulation.study.plan",
+    "parse_part": "icreckon.replay.comparison.fixes",
+    "pose_nees": "icreckon.estimator.log.scores",
+    "read_log": "icreckon.replay.reading.read_log",
+    "robot_names": "icreckon.estimator.robot.robot_file",
+    "run": "icreckon.estimator.streaming.run",
+    "run_many": "icreckon.estimator.batch.many",
+    "run_study": "icreckon.report.study.folder",
+    "simulate": "icreckon.simulation.simulate",
+    "smooth": "icreckon.estimator.streaming.smoother",
+    "state_names": "icreckon.estimator.robot.variants",
+    "study_names": "icreckon.simulation.study.plan",
+    "summarise": "icreckon.replay.comparison.results",
+    "velocity_errors": "icreckon.estimator.log.scores",
+    "write_log": "icreckon.replay.export.log_bag",
+    "write_report": "icreckon.report.replay.folder",
 }
 
 __all__ = sorted({*_HOMES, *_MODULES})  # noqa: PLE0605 - the table above is the one list of names

@@ -1,1 +1,5 @@
-"""Logs in, estimates out: bags, topic mapping, running the filter over a log, reports."""
+"""Logs in, estimates out: bags and tables, topic mapping, inspection, comparison, export.
+
+Rooms, from the ground up: `base`, `bags`, `mapping`, `reading`, `inspection`, `comparison`,
+`calibration`, `export`. Imports `estimator`, never `simulation`.
+"""

@@ -8,19 +8,19 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from estimator.config import convert, read_toml
-from simulation.errors import SimulationError
-from simulation.field_types import settle_types
-from simulation.noise import EncoderSpec, FixSpec, InertialSpec, noise_preset
-from simulation.random_streams import check_whole
-from simulation.terrain import Patch, Payload
-from simulation.trajectories import (
+from icreckon.estimator.base.config import convert, read_toml
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.field_types import settle_types
+from icreckon.simulation.base.random_streams import check_whole
+from icreckon.simulation.drives.trajectories import (
     check_trajectory,
     trajectory_names,
     trajectory_options,
 )
-from simulation.truth import DEFAULT_SPREAD, TruthModel
-from simulation.truths import make_truth
+from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec, noise_preset
+from icreckon.simulation.truth.by_name import make_truth
+from icreckon.simulation.truth.terrain import Patch, Payload
+from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
 # two for each IMU sample where HIGHEST_GRID allows.
@@ -40,13 +40,13 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """What to simulate.
 
     Attributes:
-        trajectory: name from `simulation.trajectories.TRAJECTORIES`, or "recorded".
+        trajectory: name from `simulation.drives.trajectories.TRAJECTORIES`, or "recorded".
         trajectory_options: option of that trajectory -> value; see its docstring.
-        trajectory_file: CSV file of the "recorded" trajectory; see `simulation.recorded`.
+        trajectory_file: CSV file of the "recorded" trajectory; see `simulation.drives.recorded`.
         duration: length of the run [s]; its first 3 s are standstill.
         seed: seed of the study; a run's streams derive from it and the run's index.
-        noise: name from `simulation.noise.NOISE_PRESETS`.
-        truth: name from `simulation.truths.TRUTHS`.
+        noise: name from `simulation.sensors.specs.NOISE_PRESETS`.
+        truth: name from `simulation.truth.by_name.TRUTHS`.
         truth_spread: relative spread of the true robot about the robot file.
         slip_noise: factor on the part of the true motion that no model explains; the truth's own
             where left out [-].

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from estimator.array_types import Floats
-from estimator.robot import Robot
-from estimator.series import FixSeries, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
-from simulation.encoders import with_encoder_errors
-from simulation.fixes import shown_times, with_fix_errors
-from simulation.inertial import Imu, perfect_readings, with_inertial_errors
-from simulation.noise import (
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.series import (
+    FixSeries,
+    PoseSeries,
+    TrackSpeedSeries,
+    Truth,
+    TwistSeries,
+)
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.simulation.base.sampling import sample_times, to_stamps
+from icreckon.simulation.sensors.encoders import with_encoder_errors
+from icreckon.simulation.sensors.fixes import shown_times, with_fix_errors
+from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
+from icreckon.simulation.sensors.specs import (
     accelerometer_errors,
     encoder_errors,
     fix_errors,
     gyro_errors,
     noise_preset,
 )
-from simulation.sampling import sample_times, to_stamps
-from simulation.truth import TrueMotion
+from icreckon.simulation.truth.true_motion import TrueMotion
 
 if TYPE_CHECKING:
-    from simulation.random_streams import Streams
-    from simulation.scenario import Scenario
+    from icreckon.simulation.base.random_streams import Streams
+    from icreckon.simulation.scenario import Scenario
 
 
 class Perfect(NamedTuple):

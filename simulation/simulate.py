@@ -5,20 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from estimator.array_types import Floats
-from estimator.log import Log
-from estimator.robot import Indices, Robot
-from estimator.series import TrackSpeedSeries
-from simulation.errors import SimulationError
-from simulation.random_streams import Streams, random_streams
-from simulation.recorded import read_recording
-from simulation.sampling import sample_times
-from simulation.scenario import Scenario, grid_rate
-from simulation.sensing import perfect, sensed, truth_of
-from simulation.trajectories import (
-    make_trajectory,
-)
-from simulation.truth import TrueMotion
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Indices, Robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.random_streams import Streams, random_streams
+from icreckon.simulation.base.sampling import sample_times
+from icreckon.simulation.drives.recorded import read_recording
+from icreckon.simulation.drives.trajectories import make_trajectory
+from icreckon.simulation.scenario import Scenario, grid_rate
+from icreckon.simulation.sensing import perfect, sensed, truth_of
+from icreckon.simulation.truth.true_motion import TrueMotion
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ def simulate(
         recording: track speeds to drive, for the trajectory "recorded" without a trajectory_file.
 
     Returns:
-        The log; the first stamp is `simulation.sampling.EPOCH`.
+        The log; the first stamp is `simulation.base.sampling.EPOCH`.
 
     Raises:
         SimulationError: speeds beyond the robot's max_track_speed, a trajectory_file that cannot be

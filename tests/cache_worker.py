@@ -8,15 +8,15 @@ import sys
 
 import numpy as np
 
-from estimator.batch.replay import run_side_by_side
-from estimator.log import Log
-from estimator.robot import load_robot
-from estimator.run import run
-from simulation import study_batch
-from simulation.scenario import Scenario
-from simulation.simulate import simulate
-from simulation.study_cells import expand
-from simulation.study_plan import Study
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.running import batch_engine as study_batch
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.study.cells import expand
+from icreckon.simulation.study.plan import Study
 
 # Fixes that come between IMU samples, fixes at IMU samples, and none: other kernels for each.
 FIXES = {"between": 3.0, "at": 1.0, "none": 0.0}

@@ -11,9 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.log import Log
-from estimator.robot import Robot, load_robot
-from estimator.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth, TwistSeries
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import (
+    FixSeries,
+    ImuSeries,
+    PoseSeries,
+    TrackSpeedSeries,
+    Truth,
+    TwistSeries,
+)
+from icreckon.estimator.robot.robot_file import Robot, load_robot
 
 REPOSITORY = Path(__file__).parent.parent
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simulation.study_failures import RunScores
-from simulation.study_statistics import statistics
+from icreckon.simulation.study.failures import RunScores
+from icreckon.simulation.study.statistics import statistics
 
 # A file that is named here: the first worker that finds it takes it away, and dies.
 DEADLY = "STUDY_STUB_DEADLY"

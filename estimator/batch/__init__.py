@@ -1,1 +1,5 @@
-"""Many filters at once: the steps of the filter, compiled for vector registers, one filter a lane."""
+"""Many logs by one filter variant, or one log by many variants, in one pass.
+
+In: logs. Out: the same runs and scores as the streaming estimator's, to rounding. Below: `engine`,
+`streaming`.
+"""

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.array_types import NANOSECOND, Floats, Stamps
-from estimator.batch.filters import BatchFilter
-from estimator.batch.from_logs import has_absurd_readings, has_heading, measured_of
-from estimator.batch.runs import work_through_runs
-from estimator.batch.schedule import steps_of
-from estimator.errors import BatchError, EstimatorError
-from estimator.log import Log
-from estimator.robot import Robot, require_robot
-from estimator.settings import Settings
-from estimator.trajectory import Trajectory
-from estimator.variants import find_variant
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.batch.inputs import has_absurd_readings, has_heading, measured_of
+from icreckon.estimator.batch.runs import work_through_runs
+from icreckon.estimator.engine.filters import BatchFilter
+from icreckon.estimator.engine.schedule import steps_of
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.robot.robot_file import Robot, require_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
 
 
 def run_many(
@@ -99,7 +99,7 @@ def _kept_stamps(imu: Stamps, every: float) -> Stamps:
 
 
 def _trajectory(stamps: Stamps, estimates: Floats) -> Trajectory:
-    """Of estimates (n, 18), see `estimator.batch.work.ESTIMATE`."""
+    """Of estimates (n, 18), see `estimator.engine.work.ESTIMATE`."""
     return Trajectory(
         stamps,
         estimates[:, :3],

@@ -1,4 +1,4 @@
-"""Running several filter variants over one log in one pass: what `estimator.run` says, much sooner."""
+"""Run several filter variants over one log in one pass; the rows are those of the streaming filter."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from collections.abc import Callable, Sequence
 import msgspec
 import numpy as np
 
-from estimator import state as s
-from estimator.array_types import NANOSECOND, Floats, Stamps
-from estimator.batch.filters import BatchFilter, Lanes, aligned
-from estimator.batch.from_logs import NO_STAMPS, has_absurd_readings
-from estimator.batch.front_end import FrontEnd, Measured, front_settings
-from estimator.batch.layout import INPUTS, STEP_CONSTANTS
-from estimator.batch.log_steps import Bytes, LogSteps, steps_of_log
-from estimator.batch.replay_rows import TELLING, ReplayRows
-from estimator.batch.schedule import MOVE, MOVE_AND_UPDATE, UPDATE
-from estimator.batch.work import ESTIMATE
-from estimator.checks import three_numbers
-from estimator.ekf import REGRESSOR_SMOOTHING
-from estimator.engines import engine_of
-from estimator.errors import BatchError, EstimatorError
-from estimator.jit_kernel import entry
-from estimator.log import Log
-from estimator.measurements import TrackSpeeds
-from estimator.pose_estimator import Snapshot
-from estimator.propagation import fading, gauss_markov_noise
-from estimator.reckoning import Reckoning
-from estimator.recorded_run import Run
-from estimator.robot import Robot, require_robot
-from estimator.sensor_models import SensorModels
-from estimator.settings import Settings
-from estimator.sizes import WRONG_SIZE
-from estimator.track_speeds import smoothing_share
-from estimator.variants import find_variant
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.checks import three_numbers
+from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
+from icreckon.estimator.batch.replay_rows import TELLING, ReplayRows
+from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.front_end import FrontEnd, Measured, front_settings
+from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS
+from icreckon.estimator.engine.log_steps import Bytes, LogSteps, steps_of_log
+from icreckon.estimator.engine.schedule import MOVE, MOVE_AND_UPDATE, UPDATE
+from icreckon.estimator.engine.work import ESTIMATE
+from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
+from icreckon.estimator.filter.filter import Reckoning
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
+from icreckon.estimator.robot.robot_file import Robot, require_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.sensors.held_tracks import smoothing_share
+from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.streaming.engines import engine_of
+from icreckon.estimator.streaming.pose_estimator import Snapshot
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.tracing.jit_kernel import entry
 
 # Steps that are worked through by one filter before it is the next one's turn.
 PART = 1024
@@ -156,7 +156,7 @@ def _go(
 def fill_step_constants(
     table: Floats, starts: Stamps, ends: Stamps, intervals: Floats, tau: float
 ) -> None:
-    """What belongs to each step, see `estimator.batch.layout.STEP_CONSTANTS`; the IMU's interval last.
+    """What belongs to each step, see `estimator.engine.layout.STEP_CONSTANTS`; the IMU's interval last.
 
     Args:
         table: (n, k) written to.

@@ -10,22 +10,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import state as s
-from estimator.array_types import Floats, Stamps
-from estimator.batch.filters import BatchFilter, Lanes
-from estimator.batch.front_end import Measured
-from estimator.batch.log_steps import Bytes, LogSteps
-from estimator.batch.schedule import HEADING, POSITION, TICK, UPDATE, Steps
-from estimator.batch.work import ESTIMATE
-from estimator.gating import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
-from estimator.health import RECENT, Health, Judged
-from estimator.innovation_rows import COMPONENTS, INNOVATION_NAMES, Singles
-from estimator.motion import solve
-from estimator.pose_estimator import Snapshot
-from estimator.recorded_run import Run
-from estimator.robot import Robot
-from estimator.trajectory import Trajectory
-from estimator.variants import state_names
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.engine.filters import BatchFilter, Lanes
+from icreckon.estimator.engine.front_end import Measured
+from icreckon.estimator.engine.log_steps import Bytes, LogSteps
+from icreckon.estimator.engine.schedule import HEADING, POSITION, TICK, UPDATE, Steps
+from icreckon.estimator.engine.work import ESTIMATE
+from icreckon.estimator.filter.gate import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
+from icreckon.estimator.filter.health import RECENT, Health, Judged
+from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.motion.index_model import solve
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.variants import state_names
+from icreckon.estimator.streaming.innovation_rows import COMPONENTS, INNOVATION_NAMES, Singles
+from icreckon.estimator.streaming.pose_estimator import Snapshot
+from icreckon.estimator.streaming.recorded_run import Run
 
 # Of so many steps at the end what gates judge is told, row or not: of the mean over the recent ones,
 # which fades by a hundredth with each, less than 1e-13 is then older.

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.array_types import Floats
-from estimator.batch.filters import BatchFilter, Lanes, aligned
-from estimator.batch.front_end import FrontEnd, FrontSettings, Measured, front_settings
-from estimator.batch.layout import INPUTS
-from estimator.batch.schedule import TICK, Steps
-from estimator.batch.scoring import Scores, Segments, TrueTicks
-from estimator.batch.work import ESTIMATE
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.batch.scoring import Scores, Segments, TrueTicks
+from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.front_end import FrontEnd, FrontSettings, Measured, front_settings
+from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.engine.schedule import TICK, Steps
+from icreckon.estimator.engine.work import ESTIMATE
 
 # Steps that are worked through by one filter before it is the next one's turn: what they are told stays
 # in the processor's cache meanwhile.
@@ -26,7 +26,7 @@ class Worked(NamedTuple):
     Attributes:
         lanes: the filters, at the end.
         scores: what was added up of them; None where nothing was to be scored.
-        estimates: (ticks, rows, width) see `estimator.batch.work.ESTIMATE`; None unless asked for.
+        estimates: (ticks, rows, width) see `estimator.engine.work.ESTIMATE`; None unless asked for.
     """
 
     lanes: Lanes

@@ -1,6 +1,6 @@
 """Scores of filters side by side, added up as they go: nothing is kept but sums.
 
-Definitions are those of `estimator.scores`.
+Definitions are those of `estimator.log.scores`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.array_types import NANOSECOND, Floats, Stamps
-from estimator.frames import wrap_angle
-from estimator.jit_kernel import entry
-from estimator.lost import loss_kind
-from estimator.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
-from estimator.sizes import WRONG_SIZE
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.log.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
+from icreckon.estimator.streaming.lost import loss_kind
+from icreckon.estimator.tracing.jit_kernel import entry
 
-# Sums of each lane; and the kind of its first loss, see `estimator.lost`, and at which tick.
+# Sums of each lane; and the kind of its first loss, see `estimator.streaming.lost`, and at which tick.
 (
     COUNT,
     POSITION_SQUARE,
@@ -79,7 +79,7 @@ class Segments(NamedTuple):
 def segments_of(
     stamps: Stamps, horizons: Sequence[float], within: Sequence[list[tuple[int, int]] | None]
 ) -> Segments:
-    """The segments of `estimator.scores.drift` on a truth without holes.
+    """The segments of `estimator.log.scores.drift` on a truth without holes.
 
     Args:
         stamps: (n,) of the ticks [ns].
@@ -126,7 +126,7 @@ class Scores:
 
         Args:
             tick: the first.
-            estimates: (n, rows, lanes) see `estimator.batch.work.ESTIMATE`.
+            estimates: (n, rows, lanes) see `estimator.engine.work.ESTIMATE`.
         """
         truth, segments = self._truth, self._segments
         add_entry(
@@ -217,7 +217,7 @@ def add_ticks(
 
 
 def kind_at(now: Floats, lane: int) -> int:
-    """Kind of loss of the estimate of a lane, see `estimator.lost`."""
+    """Kind of loss of the estimate of a lane, see `estimator.streaming.lost`."""
     return loss_kind(
         now[0, lane],
         now[1, lane],

@@ -1,0 +1,260 @@
+"""The filter's model along a motion that is known: transition, noise, and what each sensor shows.
+
+Along a known motion the covariance of the best linear estimate follows from the model alone, without a
+measurement. `analysis.observability` and `analysis.cramer_rao` ask what it comes to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.filter.ekf import IMU_KEPT, IcrEkf
+from icreckon.estimator.filter.initial_state import assumptions
+from icreckon.estimator.log.measurements import STANDSTILL_SIGMA
+from icreckon.estimator.motion.motion_model import TwistModel
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import Variant
+from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The sensors beside the tracks, and how good those are of which no robot file knows.
+
+    Attributes:
+        gyro: whether there is one.
+        accelerometer: whether there is one.
+        position_sigma: of the coordinates of a position fix [m]; None for no fixes.
+        heading_sigma: of the yaw of a fix [rad]; None for fixes without heading.
+        velocity_sigma: of the components of a body velocity [m/s]; None for no such sensor.
+        fix_interval: time between fixes [s].
+        velocity_interval: time between body velocities [s].
+    """
+
+    gyro: bool = False
+    accelerometer: bool = False
+    position_sigma: float | None = None
+    heading_sigma: float | None = None
+    velocity_sigma: float | None = None
+    fix_interval: float = 1.0
+    velocity_interval: float = 0.1
+
+
+class Shown(NamedTuple):
+    """What one scalar measurement shows.
+
+    Attributes:
+        row: (SIZE,) derivative of the measurement by the state.
+        variance: of its noise.
+    """
+
+    row: Floats
+    variance: float
+
+
+class LinearisedStep(NamedTuple):
+    """One step of the model.
+
+    Attributes:
+        fast_slip: (3, 3) covariance of the fast slip that is drawn as the step begins.
+        during: what the IMU shows of the step.
+        transition: (SIZE, SIZE) derivative of the state after the step by that before; the fast slip
+            stays.
+        noise: (SIZE, SIZE) covariance of what disturbs the step, fast slip aside.
+        after: what fixes and body velocity show at its end.
+    """
+
+    fast_slip: Floats
+    during: list[Shown]
+    transition: Floats
+    noise: Floats
+    after: list[Shown]
+
+
+class LinearisedModel:
+    """The filter's model of one robot and variant, linearised step by step along a known motion.
+
+    Track speeds and IMU are in step, and a robot stands where both tracks are exactly zero. Steps must
+    be begun and asked for in order: sensors look at how the track speeds change, and a motion model may
+    remember how the robot has moved.
+
+    Args:
+        robot: the robot.
+        variant: the filter variant.
+        sensors: what there is beside the tracks.
+        dt: length of a step [s].
+        settings: of the pose estimator.
+        as_filter: whether derivatives by the parameters are smoothed in time, as those of the filter, or
+            are those of the moment.
+
+    Attributes:
+        start: (SIZE,) the state that the variant starts from.
+        sigmas: (SIZE,) its standard deviations at the start; zero where nothing is estimated.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no contact with the ground.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        variant: Variant,
+        sensors: Sensors,
+        dt: float,
+        settings: Settings | None = None,
+        *,
+        as_filter: bool = False,
+    ) -> None:
+        settings = settings or Settings()
+        self._as_filter = as_filter
+        model, self.start, self.sigmas, self._disturbances = assumptions(robot, variant, settings)
+        self._ekf = IcrEkf(model)
+        self._models = SensorModels(robot)
+        self._tracks = HeldTrackSpeeds(
+            settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
+        )
+        self._tracks.take(0, 0.0, 0.0)
+        self._sensors, self._dt, self._count = sensors, dt, 0
+
+    def begin(self, x: Floats, left: float, right: float) -> None:
+        """The next step begins.
+
+        Args:
+            x: (SIZE,) the true state as it begins.
+            left: speed of the left track as measured over it [m/s].
+            right: of the right track [m/s].
+        """
+        self._ekf.x = np.array(x, dtype=float)
+        self._ekf.begin_step(self._dt, left, right)
+        if self._as_filter:
+            self._ekf.smooth_regressors(self._dt, left, right)
+
+    def twist_model(self, x: Floats, left: float, right: float, share: float = 1.0) -> TwistModel:
+        """The body velocity and its derivatives at a state.
+
+        Args:
+            x: (SIZE,) the state.
+            left: speed of the left track as measured [m/s].
+            right: of the right track [m/s].
+            share: factor on the slip.
+        """
+        self._ekf.x = np.array(x, dtype=float)
+        return self._ekf.twist_model(left, right, share)
+
+    def step(
+        self, x: Floats, left: float, right: float, after: Floats | None = None
+    ) -> LinearisedStep:
+        """The step that was begun.
+
+        Args:
+            x: (SIZE,) the true state as it begins, with the fast slip of the step.
+            left: speed of the left track as measured over it [m/s].
+            right: of the right track [m/s].
+            after: (SIZE,) the true state at its end; None where it hardly differs.
+        """
+        tracks, dt = self._tracks, self._dt
+        start = round(self._count * dt / NANOSECOND)
+        self._count += 1
+        end = round(self._count * dt / NANOSECOND)
+        tracks.take(end, left, right)
+        model = self.twist_model(x, left, right)
+        eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
+        sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
+        density = self._disturbances.fast_slip_density(tracks, model.by_speeds, sigma, start, end)
+        noise = self._disturbances.of_step(tracks, sigma)
+        during = self._during(x, model, sigma[1], start)
+        self._ekf.x = np.array(x, dtype=float)
+        self._ekf.predict_motion(dt, left, right, noise)
+        F, Q = self._ekf.F, self._ekf.Q
+        return LinearisedStep(
+            density / dt,
+            during,
+            F,
+            Q,
+            self._after(x if after is None else after, left, right),
+        )
+
+    def _during(self, x: Floats, model: TwistModel, sideways: float, now: int) -> list[Shown]:
+        tracks, sensors = self._tracks, self._sensors
+        shown = []
+        if tracks.stopped and sensors.gyro:
+            shown += [Shown(model.jacobian[i], STANDSTILL_SIGMA[i] ** 2) for i in range(3)]
+        variance = self._disturbances.track_density(tracks) / tracks.interval
+        change = TrackChange(
+            tracks.acceleration, tracks.acceleration_window, variance, tracks.age(now)
+        )
+        if sensors.gyro:
+            reading = self._models.gyro(0.0, self._dt, model, x, change)
+            shown.append(Shown(reading.row, reading.variance))
+        if sensors.accelerometer and not tracks.stopped:
+            rough = self._disturbances.sideways_density((0.0, sideways, 0.0))
+            force = (0.0, 0.0, 0.0)
+            reading = self._models.accelerometer(force, self._dt, model, x, x, change, rough)
+            shown.append(Shown(reading.row, reading.variance))
+        return shown
+
+    def _after(self, x: Floats, left: float, right: float) -> list[Shown]:
+        sensors, shown = self._sensors, []
+        if self._is_due(sensors.fix_interval):
+            for state, sigma in (
+                (s.X, sensors.position_sigma),
+                (s.Y, sensors.position_sigma),
+                (s.YAW, sensors.heading_sigma),
+            ):
+                if sigma is not None:
+                    shown.append(Shown(np.eye(s.SIZE)[state], sigma**2))
+        if sensors.velocity_sigma is not None and self._is_due(sensors.velocity_interval):
+            rows = self.twist_model(x, left, right).jacobian
+            shown += [Shown(rows[axis], sensors.velocity_sigma**2) for axis in (0, 1)]
+        return shown
+
+    def _is_due(self, interval: float) -> bool:
+        return self._count % max(1, round(interval / self._dt)) == 0
+
+
+def renewed(P: Floats, fast_slip: Floats) -> Floats:
+    """The covariance (SIZE, SIZE) as a step begins, with a new fast slip of covariance (3, 3)."""
+    P = P.copy()
+    P[s.FAST_SLIP, :] = 0.0
+    P[:, s.FAST_SLIP] = 0.0
+    P[s.FAST_SLIP, s.FAST_SLIP] = fast_slip
+    return P
+
+
+def informed(P: Floats, shown: list[Shown], kept: tuple[int, ...] = ()) -> Floats:
+    """The covariance (SIZE, SIZE) after measurements, each used as well as can be.
+
+    Args:
+        P: (SIZE, SIZE) the covariance before.
+        shown: the measurements.
+        kept: states that they do not move (Schmidt-Kalman; Joseph form).
+    """
+    for row, variance in shown:
+        cross = P @ row
+        expected = row @ cross + variance
+        gain = cross / expected
+        gain[list(kept)] = 0.0
+        half = np.outer(gain, cross - 0.5 * expected * gain)
+        P = P - half - half.T
+    return P
+
+
+def stepped(P: Floats, step: LinearisedStep, *, as_filter: bool = False) -> Floats:
+    """The covariance (SIZE, SIZE) after one more step.
+
+    Args:
+        P: before it.
+        step: the step.
+        as_filter: whether the IMU moves neither pose nor track scale, as in the filter; otherwise
+            this is the best linear estimate.
+    """
+    kept = IMU_KEPT if as_filter else ()
+    P = informed(renewed(P, step.fast_slip), step.during, kept)
+    return informed(step.transition @ P @ step.transition.T + step.noise, step.after)

@@ -1,0 +1,299 @@
+"""A run that is drawn from the filter's own stochastic model, term by term.
+
+What a filter believes of its errors can only be tested where all it assumes is true. Here it is: slip
+and fast slip, random walks, parameters, biases, scales and sensors are drawn from the very distributions
+that the filter goes by, around track speeds that are given. Each of the filter's careful terms, which
+allow for what is wrong with real track speeds and no model of slip explains, can be left out of the
+truth to see how careful it is.
+
+This is no robot: nothing is in it that the filter does not expect. See `simulation.truth.by_name` for
+robots.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.frames import compose
+from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.initial_state import assumptions
+from icreckon.estimator.filter.process_noise import share_of_walk
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.robot.robot_file import Indices, Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import Variant
+from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.sampling import EPOCH
+from icreckon.simulation.truth.kinematic import has_single_motion
+from icreckon.simulation.truth.true_motion import exponential
+
+# How often to draw parameters that no vehicle has before giving up.
+DRAWS = 100
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Shares of the filter's careful terms that are in the truth: 1 as the filter has it, 0 not at all.
+
+    Attributes:
+        white_slip: white part of the slip of w.
+        lateness: error of gyro and accelerometer's predictions from track speeds that come late.
+        sideways: change of the sideways slip within a sample of the accelerometer.
+        track_noise: error of the track speeds.
+    """
+
+    white_slip: float = 1.0
+    lateness: float = 1.0
+    sideways: float = 1.0
+    track_noise: float = 1.0
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """Fixes and body velocities; None for none.
+
+    Attributes:
+        interval: between fixes [s].
+        position_sigma: of each coordinate [m].
+        heading_sigma: [rad].
+        velocity_interval: between body velocities [s].
+        velocity_sigma: of each component [m/s].
+    """
+
+    interval: float = 1.0
+    position_sigma: float | None = 0.05
+    heading_sigma: float | None = None
+    velocity_interval: float = 1.0
+    velocity_sigma: float | None = None
+
+
+@dataclass(frozen=True)
+class SampledRun:
+    """A run drawn from the model.
+
+    Attributes:
+        stamps: (n,) ends of the steps; the first is the start of the run [ns].
+        speeds: (n, 2) track speeds as measured, over the step that ends there [m/s].
+        states: (n, SIZE) the true state at the stamps, with the fast slip of the step that ends there.
+        begins: (n, SIZE) the true state as the step begins, with the same fast slip.
+        twists: (n, 3) the true twist at the stamps.
+        measurements: in the order in which they are to be fed.
+    """
+
+    stamps: Stamps
+    speeds: Floats
+    states: Floats
+    begins: Floats
+    twists: Floats
+    measurements: list[Measurement]
+
+
+class ModelSampler:
+    """Draws runs from the model of one robot and filter variant.
+
+    Args:
+        robot: the robot.
+        variant: the filter variant.
+        settings: of the pose estimator.
+        fixes: fixes and body velocities.
+        terms: which of the careful terms are true.
+        start_sigma: standard deviations of the pose at the start [m, m, rad].
+        share: of the initial standard deviations of parameters, biases and scales that the truth is
+            drawn with [-].
+
+    Raises:
+        EstimatorError: a friction variant's robot has no contact with the ground.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        variant: Variant,
+        settings: Settings,
+        fixes: Fixes | None = None,
+        terms: Terms | None = None,
+        start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        share: float = 1.0,
+    ) -> None:
+        self._robot, self._variant, self._settings = robot, variant, settings
+        self._fixes, self._terms = fixes or Fixes(), terms or Terms()
+        model, self._mean, sigmas, self._disturbances = assumptions(robot, variant, settings)
+        self._slip = self._disturbances.slip
+        self._spread = share * sigmas
+        self._spread[s.POSE] = start_sigma
+        self._ekf = IcrEkf(model)
+        self._models = SensorModels(robot)
+
+    def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:
+        """A run at given track speeds.
+
+        Args:
+            speeds: (n, 2) left, right as measured, over the step that ends there [m/s]; never zero
+                both, since the filter believes other things of a robot that may stand. The first are
+                those before the start.
+            dt: length of a step [s].
+            rng: draws everything.
+
+        Raises:
+            SimulationError: speeds that are not (n, 2), or resting tracks.
+        """
+        if speeds.ndim != 2 or speeds.shape[1] != 2:
+            raise SimulationError(f"speeds must have shape (n, 2), found {speeds.shape}")
+        if not np.abs(speeds).max(axis=1).all():
+            raise SimulationError("both tracks rest; the model is drawn for moving robots only")
+        count = len(speeds)
+        stamps = EPOCH + np.rint(np.arange(count) * dt * 1e9).astype(np.int64)
+        states, begins = np.zeros((count, s.SIZE)), np.zeros((count, s.SIZE))
+        twists = np.zeros((count, 3))
+        x = self._draw_start(rng)
+        states[0] = begins[0] = x
+        twists[0] = self._twist(x, *speeds[0].tolist())
+        tracks = HeldTrackSpeeds(
+            self._settings.hold,
+            self._settings.gap_acceleration,
+            self._robot.vehicle.max_track_speed,
+        )
+        tracks.take(int(stamps[0]), *speeds[0].tolist())
+        measurements: list[Measurement] = [TrackSpeeds(int(stamps[0]), *speeds[0].tolist())]
+        for k in range(1, count):
+            stamp, (left, right) = int(stamps[k]), speeds[k].tolist()
+            tracks.take(stamp, left, right)
+            eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
+            sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
+            begin = x.copy()
+            self._ekf.x = begin
+            self._ekf.begin_step(dt, left, right)
+            begin[s.FAST_SLIP] = self._draw_fast_slip(begin, left, right, sigma[2], dt, rng)
+            measurements.append(TrackSpeeds(stamp, left, right))
+            measurements.append(self._imu(begin, tracks, int(stamps[k - 1]), stamp, sigma, dt, rng))
+            turning = share_of_walk(*tracks.smooth)
+            x = self._stepped(begin, left, right, sigma, turning, dt, rng)
+            measurements += self._after(x, stamp, left, right, k, dt, rng)
+            begins[k], states[k] = begin, x
+            twists[k] = self._twist(x, left, right)
+        return SampledRun(stamps, speeds, states, begins, twists, measurements)
+
+    def _draw_start(self, rng: Generator) -> Floats:
+        for _ in range(DRAWS):
+            x = np.asarray(self._mean + self._spread * rng.standard_normal(s.SIZE))
+            if self._variant.model == "friction":
+                return x
+            if x[s.ETA0] < 1.0:
+                continue
+            indices = Indices(*x[s.PARAMETERS].tolist())
+            if self._variant.model != "inertia" or has_single_motion(indices, self._robot):
+                return x
+        raise SimulationError(f"no parameters that a vehicle can have in {DRAWS} draws")
+
+    def _twist(self, x: Floats, left: float, right: float, slip: Floats | None = None) -> Floats:
+        self._ekf.x = x if slip is None else x.copy()
+        if slip is not None:
+            self._ekf.x[s.SLIP] = slip
+        return self._ekf.twist_model(left, right).twist.copy()
+
+    def _draw_fast_slip(
+        self, x: Floats, left: float, right: float, sigma_w: float, dt: float, rng: Generator
+    ) -> Floats:
+        self._ekf.x = x
+        by_speeds = self._ekf.twist_model(left, right).by_speeds
+        error = self._terms.track_noise * self._robot.tracks.speed_noise_density
+        white = self._terms.white_slip * math.sqrt(2.0 * self._slip.white_time) * sigma_w
+        drawn = rng.standard_normal(3) / math.sqrt(dt)
+        fast = error * by_speeds @ drawn[:2]
+        fast[2] += white * drawn[2]
+        return np.asarray(fast)
+
+    def _stepped(
+        self,
+        x: Floats,
+        left: float,
+        right: float,
+        sigma: tuple[float, float, float],
+        turning: float,
+        dt: float,
+        rng: Generator,
+    ) -> Floats:
+        """The state after a step: slip and walks to their ends, the pose by the mean slip between."""
+        ratio = dt / self._slip.time_constant
+        draws = rng.standard_normal(s.SIZE)
+        after = x.copy()
+        after[s.SLIP] = (
+            math.exp(-ratio) * x[s.SLIP]
+            + np.array(sigma) * math.sqrt(-math.expm1(-2.0 * ratio)) * draws[s.SLIP]
+        )
+        twist = self._twist(x, left, right, 0.5 * (x[s.SLIP] + after[s.SLIP]))
+        after[s.POSE] = compose(x[s.POSE], exponential(twist[None] * dt)[0])
+        known = self._disturbances
+        after += math.sqrt(dt) * (known.bias_walk + turning * known.parameter_walk) * draws
+        return after
+
+    def _imu(
+        self,
+        x: Floats,
+        tracks: HeldTrackSpeeds,
+        begun: int,
+        stamp: int,
+        sigma: tuple[float, float, float],
+        dt: float,
+        rng: Generator,
+    ) -> ImuSample:
+        """A sample as the filter predicts it, with noise as large as it expects."""
+        self._ekf.x = x
+        model = self._ekf.twist_model(tracks.left, tracks.right)
+        density = self._robot.tracks.speed_noise_density
+        late = self._terms.lateness
+        a_left, a_right = tracks.acceleration
+        change = TrackChange(
+            (a_left, a_right), tracks.acceleration_window, density**2 / dt, tracks.age(begun)
+        )
+        calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
+        sideways = self._disturbances.sideways_density(sigma)
+        still = (0.0, 0.0, 0.0)
+        gyro = self._models.gyro(0.0, dt, model, x, change)
+        least = self._models.gyro(0.0, dt, model, x, calm).variance
+        rate = -gyro.residual + rng.standard_normal() * math.sqrt(
+            least + late * (gyro.variance - least)
+        )
+        force = self._models.accelerometer(still, dt, model, x, x, change, sideways)
+        least = self._models.accelerometer(still, dt, model, x, x, calm, 0.0).variance
+        slipped = sideways / dt
+        variance = least + self._terms.sideways * slipped
+        variance += late * (force.variance - least - slipped)
+        leftward = -force.residual + rng.standard_normal() * math.sqrt(variance)
+        rotation, scale = self._robot.imu_rotation, self._robot.imu.gyro_scale
+        rates = (np.array([0.0, 0.0, scale * rate]) @ rotation).tolist()
+        forces = (np.array([0.0, leftward, 0.0]) @ rotation).tolist()
+        return ImuSample(stamp, (rates[0], rates[1], rates[2]), (forces[0], forces[1], forces[2]))
+
+    def _after(
+        self, x: Floats, stamp: int, left: float, right: float, k: int, dt: float, rng: Generator
+    ) -> Iterator[Measurement]:
+        fixes = self._fixes
+        if k % max(1, round(fixes.interval / dt)) == 0:
+            if fixes.position_sigma is not None:
+                x_y = x[s.POSITION] + fixes.position_sigma * rng.standard_normal(2)
+                yield PositionFix(stamp, float(x_y[0]), float(x_y[1]), fixes.position_sigma**2)
+            if fixes.heading_sigma is not None:
+                yaw = x[s.YAW] + fixes.heading_sigma * rng.standard_normal()
+                yield HeadingFix(stamp, float(yaw), fixes.heading_sigma**2)
+        sigma = fixes.velocity_sigma
+        if sigma is not None and k % max(1, round(fixes.velocity_interval / dt)) == 0:
+            twist = self._twist(x, left, right)
+            v_x, v_y = (twist[:2] + sigma * rng.standard_normal(2)).tolist()
+            yield BodyVelocity(stamp, v_x, v_y, sigma**2)

@@ -1,0 +1,83 @@
+"""Configuration from TOML, checked: a misspelt key is refused with the nearest right one."""
+
+from __future__ import annotations
+
+import tomllib
+import types
+import typing
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from icreckon.estimator.base.errors import IcreckonError, nearest_hint
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Args:
+        path: the file.
+        error: the error class to raise.
+
+    Raises:
+        error: when the file is missing, unreadable or no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise error(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise error(f"{path}: cannot be read: {problem}") from None
+    except tomllib.TOMLDecodeError as problem:
+        raise error(f"{path}: not a valid TOML file: {problem}") from None
+
+
+def convert(data: dict[str, Any], kind: type[T], source: str, error: type[IcreckonError]) -> T:
+    """A checked structure from plain data.
+
+    Args:
+        data: nested dictionaries, as TOML gives them.
+        kind: the msgspec structure to make.
+        source: file name or option, for messages.
+        error: the error class to raise.
+
+    Raises:
+        error: on an unknown key (with the nearest right one), a wrong type or a bad value.
+    """
+    _refuse_unknown_keys(data, kind, source, "", error)
+    try:
+        return msgspec.convert(data, kind)
+    except msgspec.ValidationError as problem:
+        raise error(f"{source}: {problem}") from None
+
+
+def _refuse_unknown_keys(
+    data: dict[str, Any], kind: Any, source: str, table: str, error: type[IcreckonError]
+) -> None:
+    fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
+    for key, value in data.items():
+        if key not in fields:
+            where = f" in [{table}]" if table else ""
+            raise error(f"{source}: unknown key {key!r}{where}{nearest_hint(key, list(fields))}")
+        path = f"{table}.{key}" if table else key
+        for nested in _structs_in(fields[key]):
+            for item in value if isinstance(value, list) else [value]:
+                if isinstance(item, dict):
+                    _refuse_unknown_keys(item, nested, source, path, error)
+        if typing.get_origin(fields[key]) is dict and isinstance(value, dict):
+            for nested in _structs_in(typing.get_args(fields[key])[1]):
+                for name, item in value.items():
+                    if isinstance(item, dict):
+                        _refuse_unknown_keys(item, nested, source, f"{path}.{name}", error)
+
+
+def _structs_in(annotation: Any) -> list[Any]:
+    """The structures that a field of this type may hold, through unions and lists."""
+    if isinstance(annotation, type) and issubclass(annotation, msgspec.Struct):
+        return [annotation]
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType, list, tuple):
+        return [kind for part in typing.get_args(annotation) for kind in _structs_in(part)]
+    return []

@@ -1,0 +1,107 @@
+"""Planar rigid-body geometry, and the one place where the paper's axes meet REP-103.
+
+The paper's robot frame: X right, Y forward, Z up. REP-103 `base_link`: x forward, y left, z up.
+Angles are in radians, counter-clockwise about Z in both. The functions are plain arithmetic, so they
+take floats and arrays alike (and complex numbers, for complex-step differentiation).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.choices import select
+
+
+def paper_to_rep103(x_paper: Any, y_paper: Any) -> tuple[Any, Any]:
+    """Vector components from the paper's axes (right, forward) to REP-103 (forward, left)."""
+    return y_paper, -x_paper
+
+
+def rep103_to_paper(x: Any, y: Any) -> tuple[Any, Any]:
+    """Vector components from REP-103 (forward, left) to the paper's axes (right, forward)."""
+    return -y, x
+
+
+def wrap_angle(angle: Any) -> Any:
+    """The angle brought into [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def compose(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Pose `a` followed by pose `b`, in SE(2).
+
+    Args:
+        a: (..., 3) x, y [m], yaw [rad] of frame A in the world.
+        b: (..., 3) the same of frame B in A.
+
+    Returns:
+        (..., 3) frame B in the world; yaw is not wrapped.
+    """
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
+    x = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
+    y = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
+    return np.stack([x, y, a[..., 2] + b[..., 2]], axis=-1)
+
+
+def relative(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Pose `b` as seen from pose `a`, so that composing `a` with it gives `b` again.
+
+    Args:
+        a: (..., 3) x, y [m], yaw [rad] in the world.
+        b: (..., 3) the same.
+
+    Returns:
+        (..., 3) b in the frame of a; yaw wrapped to [-pi, pi).
+    """
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
+    dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
+    yaw = wrap_angle(b[..., 2] - a[..., 2])
+    return np.stack([cos * dx + sin * dy, -sin * dx + cos * dy, yaw], axis=-1)
+
+
+def arc_factors(angle: float) -> tuple[float, float]:
+    """sin(a)/a and (1 - cos(a))/a, with their limits at zero.
+
+    They turn a constant body velocity into the chord of the arc that it drives
+    (the exponential map of SE(2); Sola et al., A micro Lie theory, eq. 158).
+    """
+    is_small = abs(angle) < 1e-4
+    square = angle * angle
+    divisor = select(is_small, 1.0, angle)
+    return (
+        float(select(is_small, 1.0 - square / 6.0, math.sin(angle) / divisor)),
+        float(select(is_small, angle * (0.5 - square / 24.0), (1.0 - math.cos(angle)) / divisor)),
+    )
+
+
+def quaternion_to_yaw(quaternion: ArrayLike) -> Floats:
+    """Yaw [rad] of unit quaternions (..., 4) in ROS order x, y, z, w."""
+    x, y, z, w = np.moveaxis(np.asarray(quaternion, dtype=float), -1, 0)
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def yaw_to_quaternion(yaw: ArrayLike) -> Floats:
+    """Unit quaternions (..., 4) in ROS order x, y, z, w of a rotation by yaw [rad] about z."""
+    half = 0.5 * np.asarray(yaw, dtype=float)
+    zero = np.zeros_like(half)
+    return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
+
+
+def rpy_to_matrix(roll: float, pitch: float, yaw: float) -> Floats:
+    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw [rad], as in URDF and tf."""
+    cr, cp, cy = np.cos([roll, pitch, yaw])
+    sr, sp, sy = np.sin([roll, pitch, yaw])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

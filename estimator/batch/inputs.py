@@ -1,0 +1,116 @@
+"""Logs that were recorded at the same times, as filters side by side are told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.engine.front_end import Measured
+from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.sensors.sensor_models import SensorModels
+
+NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
+
+
+def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None = None) -> Measured:
+    """What some logs hold of track speeds, IMU and fixes, as a robot's filter takes it.
+
+    Args:
+        logs: with the same stamps, but for track speeds that some of them may lack.
+        robot: the mounting, axes and scale of its IMU count.
+        track_stamps: (n,) all stamps that track speeds may have [ns]; those that there are in any of
+            the logs where left out.
+
+    Raises:
+        BatchError: the stamps differ, there is no IMU or no force in it, or there are measurements that
+            filters side by side do not take.
+    """
+    for log in logs:
+        if log.others:
+            kinds = ", ".join(sorted({type(other).__name__ for other in log.others}))
+            raise BatchError(
+                f"the log {log.name!r} holds {kinds}, which filters side by side cannot take"
+            )
+    imus = [_imu(log) for log in logs]
+    imu_stamps, fix_stamps = imus[0].stamps, _fix_stamps(logs[0])
+    for log, imu in zip(logs, imus, strict=True):
+        if not np.array_equal(imu.stamps, imu_stamps):
+            raise BatchError(
+                f"the IMU samples of {log.name!r} have other stamps than the first log's"
+            )
+        if not np.array_equal(_fix_stamps(log), fix_stamps):
+            raise BatchError(f"the fixes of {log.name!r} have other stamps than the first log's")
+    if track_stamps is None:
+        track_stamps = logs[0].tracks.stamps
+        if not all(np.array_equal(log.tracks.stamps, track_stamps) for log in logs):
+            track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
+    tracks = np.full((len(logs), len(track_stamps), 2), np.nan)
+    for row, log in enumerate(logs):
+        stamps, speeds = log.tracks.stamps, log.tracks.speeds
+        if np.array_equal(stamps, track_stamps):
+            tracks[row] = speeds
+        elif np.isin(stamps, track_stamps).all():
+            tracks[row, np.searchsorted(track_stamps, stamps)] = speeds
+        else:
+            raise BatchError(f"track speeds of {log.name!r} have stamps that no track speeds have")
+    sensors = SensorModels(robot)
+    rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])
+    forces = np.stack([sensors.to_the_left_of(_forces(imu)) for imu in imus])
+    fixes = np.zeros((len(logs), len(fix_stamps), 5))
+    for row, log in enumerate(logs):
+        if log.fixes is not None and len(fix_stamps):
+            fixes[row, :, :3], fixes[row, :, 3:] = log.fixes.poses, log.fixes.variances
+    return Measured(track_stamps, tracks, imu_stamps, rates, forces, fix_stamps, fixes)
+
+
+def _imu(log: Log) -> ImuSeries:
+    if log.imu is None or log.imu.linear_acceleration is None:
+        raise BatchError(f"the log {log.name!r} holds no IMU with gyros and accelerometers")
+    return log.imu
+
+
+def _forces(imu: ImuSeries) -> Floats:
+    if imu.linear_acceleration is None:
+        raise BatchError("the IMU has no accelerometers")
+    return imu.linear_acceleration
+
+
+def _fix_stamps(log: Log) -> Stamps:
+    return NO_STAMPS if log.fixes is None else log.fixes.stamps
+
+
+def has_heading(fixes: Floats) -> bool:
+    """Whether fixes (..., 5) have a heading.
+
+    Raises:
+        BatchError: some have, and some have not.
+    """
+    known = np.isfinite(fixes[..., 2])
+    if known.any() and not known.all():
+        raise BatchError("some fixes have a heading and some have none")
+    return bool(known.any())
+
+
+def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
+    """Whether there is anything in a log that `PoseEstimator` refuses before it looks at it.
+
+    Args:
+        log: the log.
+        max_track_speed: of the robot, or of the slowest of several [m/s].
+    """
+    imu = log.imu
+    if imu is None:
+        raise BatchError(f"the log {log.name!r} holds no IMU")
+    readings = [
+        (log.tracks.speeds, ABSURD_SPEED * max_track_speed),
+        (imu.angular_velocity, ABSURD_RATE),
+    ]
+    if imu.linear_acceleration is not None:
+        readings.append((imu.linear_acceleration, ABSURD_FORCE))
+    return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

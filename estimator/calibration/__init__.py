@@ -1,0 +1,10 @@
+"""Calibration of a robot from logs with a truth: maximum likelihood over segments.
+
+In: logs and a robot file. Out: the robot with identified geometry, slip and scales, and how well each
+motion model predicts held-out segments. Below: `robot`, `motion`, `log`.
+"""
+
+from icreckon.estimator.calibration.calibrate import identify as identify
+from icreckon.estimator.calibration.result import Identification as Identification
+
+__all__ = ["Identification", "identify"]

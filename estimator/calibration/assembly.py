@@ -1,0 +1,532 @@
+"""What the fits say, put together: the robot, its parameters, and a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.calibration.fit import Fit
+from icreckon.estimator.calibration.residuals import ACROSS, ALONG, SLIP
+from icreckon.estimator.calibration.result import (
+    Comparison,
+    FoundParameter,
+    Identification,
+    OfLog,
+    Residuals,
+    Status,
+)
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import Robot
+
+Again = Callable[[str, Robot, dict[str, float], frozenset[str]], Fit]
+
+MOVED = 1e-3
+"""A centre of mass that moves by more than this [m] changes what the inertia-based parameters mean, and a
+scale that does so [-] what all of them are."""
+LEAST_LATENCY = 2e-3
+"""A latency of the track speeds that is less [s] is not worth a line in the robot file."""
+CALLED = {
+    "differential": "ideal differential drive",
+    "constant": "constant ICRs",
+    "inertia": "inertia-based ICRs",
+    "friction": "motion by friction",
+}
+PLURAL = ("constant", "inertia")
+
+
+def assembled(
+    robot: Robot,
+    fits: Mapping[str, Fit],
+    comparison: Comparison,
+    again: Again,
+    *,
+    speeds_by_radius: bool,
+) -> Identification:
+    """The whole from its parts.
+
+    Args:
+        robot: as its file describes it.
+        fits: of each model.
+        comparison: of the models.
+        again: fits a model anew: its name, the robot, values to start from, names that are held there.
+        speeds_by_radius: whether the scale of the track speeds goes into the sprocket radius.
+    """
+    main = fits[comparison.supported]
+    notes = []
+    new = _common(robot, main, _by_model(fits, main, comparison), speeds_by_radius)
+    if not speeds_by_radius and main.is_free("scale"):
+        notes.append(
+            f"the log's track speeds are speeds already: their scale, {main.value('scale'):.4f}, cannot "
+            "go into sprocket_radius; scale_sigma covers it, or correct the unit or the controller"
+        )
+    scaled = {"scale": main.value("scale")}
+    usable = dict(fits)
+    if "friction" in fits:
+        if _friction_holds(comparison):
+            usable["friction"] = _at_scale(fits["friction"], "friction", robot, scaled, again)
+            new = _put(usable["friction"], new)
+        else:
+            notes.append(
+                "motion by friction does not predict better than constant ICRs beyond doubt: contact, "
+                "centre of mass and [soil] of the robot file stay as they are"
+            )
+    moved = np.subtract(new.vehicle.centre_of_mass, robot.vehicle.centre_of_mass)
+    for name in ("constant", "inertia"):
+        if name not in fits:
+            continue
+        of = robot
+        if name == "inertia" and np.abs(moved[:2]).max() > MOVED:
+            vehicle = msgspec.structs.replace(
+                robot.vehicle, centre_of_mass=new.vehicle.centre_of_mass
+            )
+            of = msgspec.structs.replace(robot, vehicle=vehicle)
+        usable[name] = _at_scale(fits[name], name, of, scaled, again, of is not robot)
+        new = _put(usable[name], new)
+    parameters = _parameters(robot, new, fits, usable, main, speeds_by_radius)
+    names, correlations = _correlations(fits.get("inertia", fits["constant"]))
+    return Identification(
+        new,
+        parameters,
+        names,
+        correlations,
+        _logs(main),
+        comparison,
+        _verdict(comparison),
+        _residuals(fits["constant"], main),
+        tuple(notes),
+    )
+
+
+def as_found(robot: Robot, found: Fit) -> Robot:
+    """The robot with the model's parameters and the gyro's scale of a fit."""
+    imu = msgspec.structs.replace(robot.imu, gyro_scale=found.value("gyro_scale"))
+    return _put(found, msgspec.structs.replace(robot, imu=imu))
+
+
+def _friction_holds(comparison: Comparison) -> bool:
+    return comparison.difference("friction", "constant").drift_high < 0.0
+
+
+def _at_scale(
+    found: Fit,
+    name: str,
+    robot: Robot,
+    scaled: dict[str, float],
+    again: Again,
+    needed: bool = False,
+) -> Fit:
+    """A fit at the scale that goes into the robot file."""
+    if not needed and abs(found.value("scale") - scaled["scale"]) <= MOVED:
+        return found
+    start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | scaled
+    return again(name, robot, start, frozenset({"scale"}))
+
+
+def _put(found: Fit, robot: Robot) -> Robot:
+    own = len(found.problem.model.parameters)
+    return found.problem.model.put_into(robot, found.values[len(found.values) - own :])
+
+
+def _by_model(fits: Mapping[str, Fit], main: Fit, comparison: Comparison) -> float:
+    """How much the scale of the track speeds differs among the models that may be right."""
+    apart = []
+    for name, one in fits.items():
+        pair = {name, comparison.supported}
+        known = [one for one in comparison.differences if {one.model, one.than} == pair]
+        if all(one.drift_low <= 0.0 <= one.drift_high for one in known):
+            apart.append(one.value("scale") - main.value("scale"))
+    return float(np.sqrt(np.mean(np.square(apart))))
+
+
+def _common(robot: Robot, main: Fit, by_model: float, speeds_by_radius: bool) -> Robot:
+    """Radius, gyro, mounting, and the uncertainty of each."""
+    count = len(main.problem.recording.motions)
+    vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
+    scale, sigma = main.value("scale"), _finite(main.sigma("scale"))
+    spread = float(np.hypot(_spread(main, "scale", tracks.scale_sigma), by_model))
+    if speeds_by_radius:
+        radius = float(vehicle.sprocket_radius * scale)
+        vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
+        scale_sigma = float(np.hypot(sigma, spread))
+    else:
+        scale_sigma = float(np.sqrt(sigma**2 + spread**2 + (scale - 1.0) ** 2))
+    tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma)
+    biases = np.array([main.value(f"gyro_bias[{log}]") for log in range(count)])
+    errors = np.array([_finite(main.sigma(f"gyro_bias[{log}]")) for log in range(count)])
+    # The file's figure counts as one log more.
+    bias_sigma = np.sqrt((np.sum(biases**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0))
+    rotation, tilted = _mounting(robot, main)
+    gyro_scale = _righted_scale(robot, main, tilted)
+    x, y, z = imu.position
+    if "imu_forward" in main.problem.names and main.is_free("imu_forward"):
+        x = x + main.value("imu_forward")
+        y = y + main.value("imu_left") if main.is_free("imu_left") else y
+    imu = msgspec.structs.replace(
+        imu,
+        rotation_rpy_deg=rotation,
+        position=(float(x), float(y), z),
+        gyro_scale=float(gyro_scale),
+        gyro_scale_sigma=float(
+            np.hypot(
+                _finite(main.sigma("gyro_scale")),
+                _spread(main, "gyro_scale", imu.gyro_scale_sigma),
+            )
+        ),
+        gyro_bias_sigma=float(bias_sigma),
+    )
+    new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
+    return _with_latency(new, main)
+
+
+def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
+    """The gyro's scale with the mounting that was found: it says what is read of the vertical."""
+    if robot.imu.gyro_axes == "z":
+        return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
+    # How much more, or less, of the robot's turning the new vertical shows than the old one.
+    both = total = 0.0
+    for motion in main.problem.recording.motions:
+        if motion.log.imu is None:
+            continue
+        rates = motion.log.imu.angular_velocity
+        apart = rates - rates.mean(axis=0)
+        old, new = apart @ robot.imu_rotation[2], apart @ rotation[2]
+        both, total = both + float(new @ old), total + float(old @ old)
+    return main.value("gyro_scale") * both / total
+
+
+def _with_latency(robot: Robot, main: Fit) -> Robot:
+    """The robot whose mapping takes the tracks' latency out when logs are read, if it maps tracks."""
+    latency = main.value("track_latency")
+    if not main.is_free("track_latency") or abs(latency) < LEAST_LATENCY:
+        return robot
+    for path in (("tracks",), ("columns", "tracks")):
+        table: Any = robot.log
+        for key in path:
+            table = table.get(key) if isinstance(table, dict) else None
+        if not isinstance(table, dict):
+            continue
+        changed = table | {"latency": round(float(table.get("latency", 0.0)) + latency, 4)}
+        for key in reversed(path[1:]):
+            changed = {**robot.log[path[0]], key: changed}
+        return msgspec.structs.replace(robot, log={**robot.log, path[0]: changed})
+    return robot
+
+
+def _finite(sigma: float) -> float:
+    return sigma if np.isfinite(sigma) else 0.0
+
+
+def _spread(main: Fit, name: str, known: float) -> float:
+    """How much a parameter differs from log to log; the robot file's figure counts as one more log."""
+    recording = main.problem.recording
+    count, at = len(recording.motions), main.problem.place(name)
+    if count < 2 or not main.free[at]:
+        return known
+    owner = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
+    owner[recording.block] = recording.log
+    each = np.array([main.without(owner != log)[at] for log in range(count)])
+    apart = np.minimum(np.abs(each - main.values[at]), 0.1)
+    return float(np.sqrt((np.sum(apart**2) + known**2) / count))
+
+
+def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
+    """Roll, pitch, yaw [deg] with what was found, and the rotation."""
+    roll, pitch, yaw = (float(one[0]) for one in _turns(main))
+    turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
+    angles = np.degrees(
+        [
+            np.arctan2(turned[2, 1], turned[2, 2]),
+            np.arctan2(-turned[2, 0], np.hypot(turned[2, 1], turned[2, 2])),
+            np.arctan2(turned[1, 0], turned[0, 0]),
+        ]
+    )
+    return (float(angles[0]), float(angles[1]), float(angles[2])), turned
+
+
+def _turns(main: Fit) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Small turns about forward, left and up that right the IMU, with standard errors [rad]."""
+    problem = main.problem
+    count = len(problem.recording.motions)
+
+    def mean(name: str) -> tuple[float, float]:
+        free = [log for log in range(count) if main.is_free(f"{name}[{log}]")]
+        if not problem.force or not free:
+            return 0.0, np.inf
+        values = np.array([main.value(f"{name}[{log}]") for log in free])
+        sigmas = np.array([main.sigma(f"{name}[{log}]") for log in free])
+        spread = values.std(ddof=1) if len(free) > 1 else 0.0
+        error = max(float(np.sqrt((sigmas**2).sum())) / len(free), spread / np.sqrt(len(free)))
+        return float(values.mean()), error
+
+    forward, left = mean("offset_forward"), mean("offset_left")
+    yaw = (0.0, np.inf)
+    if problem.force and main.is_free("mounting_yaw"):
+        yaw = (main.value("mounting_yaw"), main.sigma("mounting_yaw"))
+    return (
+        (left[0] / GRAVITY, left[1] / GRAVITY),
+        (-forward[0] / GRAVITY, forward[1] / GRAVITY),
+        yaw,
+    )
+
+
+def _parameters(
+    robot: Robot,
+    new: Robot,
+    fits: Mapping[str, Fit],
+    usable: Mapping[str, Fit],
+    main: Fit,
+    speeds_by_radius: bool,
+) -> tuple[FoundParameter, ...]:
+    radius = robot.vehicle.sprocket_radius
+    found = [
+        _plain(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
+        if speeds_by_radius
+        else _plain(main, "scale", "track_scale", "-", before=1.0),
+        _plain(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale),
+    ]
+    found[-1] = replace(found[-1], value=new.imu.gyro_scale)
+    for name, turn, at in zip(("roll", "pitch", "yaw"), _turns(main), range(3), strict=True):
+        known = np.isfinite(turn[1])
+        found.append(
+            FoundParameter(
+                f"imu.{name}",
+                "deg",
+                new.imu.rotation_rpy_deg[at],
+                float(np.degrees(turn[1])) if known else None,
+                "shown" if known else "held",
+                robot.imu.rotation_rpy_deg[at],
+            )
+        )
+    found += [
+        _plain(main, name, name.replace("imu_", "imu."), "m", before=0.0)
+        for name in ("imu_forward", "imu_left")
+        if name in main.problem.names
+    ]
+    found += [
+        _plain(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")
+    ]
+    said = "beyond log.tracks.latency, which takes it in"
+    found.append(_plain(main, "track_latency", "track_latency", "s", note=said))
+    found += _constant(robot, usable["constant"], fits["constant"])
+    if "inertia" in usable:
+        found += _inertia(robot, usable["inertia"], fits["inertia"])
+    if "friction" in fits:
+        names = {
+            "rolling_resistance": "soil.rolling_resistance",
+            "half_contact_length": "half_contact_length",
+            "height": "centre_of_mass.up",
+            "forward": "centre_of_mass.forward",
+            "left": "centre_of_mass.left",
+        }
+        for parameter in fits["friction"].problem.model.parameters:
+            found.append(
+                _plain(
+                    usable["friction"],
+                    parameter.name,
+                    names[parameter.name],
+                    parameter.unit,
+                    before=parameter.start,
+                    sigmas=fits["friction"],
+                )
+            )
+    return tuple(found)
+
+
+def _status(found: Fit, name: str) -> Status:
+    at = found.problem.place(name)
+    if not found.free[at]:
+        return "held"
+    return "shown" if found.shown[at] else "conditional"
+
+
+def _plain(
+    found: Fit,
+    name: str,
+    called: str,
+    unit: str,
+    *,
+    factor: float = 1.0,
+    before: float | None = None,
+    note: str = "",
+    sigmas: Fit | None = None,
+) -> FoundParameter:
+    """A parameter of a fit; its standard error from where nothing else was held, if that is another."""
+    of = sigmas or found
+    free = of.is_free(name)
+    return FoundParameter(
+        called,
+        unit,
+        factor * found.value(name),
+        factor * of.sigma(name) if free else None,
+        _status(of, name),
+        before,
+        note,
+    )
+
+
+def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
+    """The ICRs of the constant model from its indices."""
+    gauge, before = robot.vehicle.track_gauge, robot.constant_indices
+    epsilon, eta = (free.problem.place(name) for name in ("epsilon0", "eta0"))
+    worst: Status = "held"
+    statuses = {_status(free, "epsilon0"), _status(free, "eta0")}
+    for status in ("held", "conditional", "shown"):
+        if status in statuses:
+            worst = status
+            break
+    if worst == "held" and free.is_free("eta0"):
+        worst = "conditional"
+    result = []
+    for name, side in (("x_ICRl", -0.5), ("x_ICRr", 0.5)):
+        gradient = np.zeros(len(free.values))
+        gradient[epsilon], gradient[eta] = 1.0, side * gauge
+        variance = float(gradient @ free.covariance @ gradient)
+        # What the jackknife adds to either goes in full.
+        extra = sum(
+            (slope * free.sigmas[at]) ** 2 - slope**2 * free.covariance[at, at]
+            for at, slope in ((epsilon, 1.0), (eta, side * gauge))
+            if free.free[at]
+        )
+        sigma = float(np.sqrt(max(variance, 0.0) + max(float(extra), 0.0)))
+        result.append(
+            FoundParameter(
+                f"constant_icr.{name}",
+                "m",
+                found.value("epsilon0") + side * gauge * found.value("eta0"),
+                None if worst == "held" else sigma,
+                worst,
+                before.epsilon0 + side * gauge * before.eta0,
+                ""
+                if free.is_free("epsilon0")
+                else "as far apart as shown, about the file's middle",
+            )
+        )
+    result.append(
+        _plain(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=free)
+    )
+    result.append(
+        FoundParameter(
+            "effective_track",
+            "m",
+            gauge * found.value("eta0"),
+            gauge * free.sigma("eta0") if free.is_free("eta0") else None,
+            _status(free, "eta0"),
+            gauge * before.eta0,
+            "eta0 of constant ICRs times the gauge",
+        )
+    )
+    return result
+
+
+def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
+    indices = robot.indices
+    x_CM = free.problem.model.vehicle[2]  # type: ignore[attr-defined]
+    gauge = robot.vehicle.track_gauge
+    half = 0.5 * gauge * found.value("eta0")
+    epsilon = found.value("epsilon0")
+    implied = (half - epsilon + x_CM) / (half + epsilon - x_CM)
+    result = [
+        FoundParameter(
+            "indices.H",
+            "-",
+            indices.H,
+            None,
+            "held",
+            indices.H,
+            f"acts in the literal form only; the ICRs found imply {implied:.3f}",
+        )
+    ]
+    result += [
+        _plain(
+            found,
+            parameter.name,
+            f"indices.{parameter.name}",
+            parameter.unit,
+            before=float(getattr(indices, parameter.name)),
+            sigmas=free,
+        )
+        for parameter in free.problem.model.parameters
+    ]
+    return result
+
+
+def _correlations(found: Fit) -> tuple[tuple[str, ...], Floats]:
+    at = np.flatnonzero(found.free)
+    covariance = found.covariance[np.ix_(at, at)]
+    sigma = np.sqrt(np.diag(covariance))
+    return tuple(found.problem.names[place] for place in at), covariance / np.outer(sigma, sigma)
+
+
+def _logs(main: Fit) -> tuple[OfLog, ...]:
+    recording = main.problem.recording
+    speeds = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
+    result = []
+    for log, motion in enumerate(recording.motions):
+        own = recording.log == log
+        result.append(
+            OfLog(
+                motion.log.name,
+                (main.value(f"gyro_bias[{log}]"), _finite(main.sigma(f"gyro_bias[{log}]"))),
+                (main.value(f"lag[{log}]"), _finite(main.sigma(f"lag[{log}]"))),
+                int((own & recording.moving).sum()),
+                int((own & ~recording.moving).sum()),
+                float(main.value("scale") * speeds[own & recording.moving].sum()),
+            )
+        )
+    return tuple(result)
+
+
+def _residuals(constant: Fit, main: Fit) -> Residuals:
+    """By the robot file's constant ICRs and its radius, and by the model that is supported."""
+    problem, recording = constant.problem, constant.problem.recording
+    values = constant.values.copy()
+    for parameter in problem.parameters:
+        # What belongs to truth and IMU is not the robot's fault.
+        if not parameter.name.startswith(("lever", "lag", "gyro", "offset", "mounting", "imu")):
+            values[problem.place(parameter.name)] = parameter.start
+    rows = [ALONG, ACROSS, SLIP]
+    moving = recording.moving
+    middle = recording.edges.mean(axis=1)
+    begin = np.zeros(len(recording.motions))
+    begin[1:] = np.cumsum([one.log.duration for one in recording.motions])[:-1]
+    return Residuals(
+        (middle + begin[recording.log])[moving],
+        (recording.turned[:, -1] - recording.turned[:, 0])[moving],
+        problem.rows(values)[moving][:, rows],
+        main.residuals[moving][:, rows],
+    )
+
+
+def _verdict(comparison: Comparison) -> str:
+    chosen = comparison.supported
+    score = comparison.score(chosen)
+    said = (
+        f"The data support {CALLED[chosen]}: held-out drift of dead reckoning by the tracks alone is "
+        f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})"
+    )
+    parts = []
+    names = [one.model for one in comparison.scores]
+    for name in names:
+        if name == chosen:
+            continue
+        other = comparison.score(name)
+        first, second = (
+            (chosen, name) if names.index(chosen) > names.index(name) else (name, chosen)
+        )
+        apart = comparison.difference(first, second)
+        low, high = apart.drift_low, apart.drift_high
+        if first == chosen:
+            low, high = -high, -low
+        sides = "worse" if other.drift_percent > score.drift_percent else "better"
+        word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {sides}"
+        parts.append(
+            f"{CALLED[name]} {'are' if name in PLURAL else 'is'} {word} "
+            f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
+        )
+    return f"{said}; {', '.join(parts)}." if parts else f"{said}."

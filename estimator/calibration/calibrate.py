@@ -1,0 +1,162 @@
+"""From logs to a calibrated robot: the whole of the identification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.calibration.assembly import as_found, assembled
+from icreckon.estimator.calibration.cross_validation import validate
+from icreckon.estimator.calibration.fit import Fit, fit
+from icreckon.estimator.calibration.models import MODELS, model_of
+from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
+from icreckon.estimator.calibration.result import Identification
+from icreckon.estimator.calibration.segments import Recording, motion_of, record
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, require_robot
+
+SEGMENT = 3.0
+"""Length of a segment [s]."""
+SHORTEST, LONGEST = 1.0, 20.0
+AGAINST = -0.3
+"""Correlation of turning by gyro and truth, or tracks, from which on something has the wrong sign."""
+
+
+def identify(
+    logs: Sequence[Log],
+    robot: Robot,
+    *,
+    segment: float = SEGMENT,
+    lever_arm: tuple[float, float] | None = None,
+    models: Sequence[str] = MODELS,
+    speeds_by_radius: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> Identification:
+    """Find a robot's parameters from logs with a pose truth, by maximum likelihood over segments.
+
+    The truth may be late, and that of another point of the robot than base_link. Where neither this
+    point nor the IMU's place is known (an IMU at the robot file's default [0, 0, 0] counts as unknown),
+    nothing tells where in the robot the turning centre lies: what places it (zeta0, epsilon0, the
+    centre of mass forward and left) is held, and the lever arm is relative to that.
+
+    Args:
+        logs: one or more of one robot, each with track speeds [m/s] made with the robot's sprocket
+            radius, IMU samples and a truth; slices of logs are logs.
+        robot: as its file describes it; what the logs do not show stays so.
+        segment: length of a segment [s].
+        lever_arm: the point that the truth follows, in base_link, forward and left [m], where known.
+        models: of `MODELS`, those to fit and compare; "constant" must be among them.
+        speeds_by_radius: whether the track speeds were made with the sprocket radius, so that their
+            scale goes into it; where not, it goes into `tracks.scale_sigma` and a note.
+        progress: called with the share done, 0 to 1.
+
+    Returns:
+        The robot with everything found put in, every parameter with its standard error, which
+        of them the logs show, and which model they support.
+
+    Raises:
+        EstimatorError: no log, a log without truth, IMU or tracks, too little driving or turning,
+            signs that contradict each other, or an option that makes no sense.
+    """
+    require_robot(robot)
+    chosen = _models(models)
+    if not logs:
+        raise EstimatorError("no log to identify from; give one or more")
+    if not SHORTEST <= segment <= LONGEST:
+        raise EstimatorError(
+            f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
+        )
+    told = progress or (lambda _: None)
+    motions = [motion_of(log, robot) for log in logs]
+    recording = record(motions, robot, segment)
+    imu_place_known = any(robot.imu.position)
+
+    def problem(name: str, recording: Recording, robot: Robot) -> Problem:
+        return problem_of(
+            recording,
+            model_of(name, robot),
+            robot,
+            lever_arm=lever_arm,
+            imu_place_known=imu_place_known,
+        )
+
+    # First with the lag as it seems; then truth is carried over to knots with the lag that was found.
+    first_problem = problem("constant", recording, robot)
+    _check_signs(first_problem)
+    first = fit(first_problem)
+    motions = [
+        replace(motion, lag=first.value(f"lag[{log}]"), bias=first.value(f"gyro_bias[{log}]"))
+        for log, motion in enumerate(motions)
+    ]
+    told(0.1)
+    scale = first.value("scale")
+    recording = record(motions, as_found(robot, first), segment, scale=scale)
+    fits: dict[str, Fit] = {}
+    initial = dict(zip(first.problem.names, first.values.tolist(), strict=True))
+    for number, name in enumerate(chosen):
+        start = initial if name != "friction" else _without_model(first)
+        fits[name] = fit(problem(name, recording, robot), initial=start)
+        told(0.1 + 0.6 * (number + 1) / len(chosen))
+    comparison = validate(fits)
+    told(0.9)
+
+    def again(name: str, robot: Robot, start: dict[str, float], held: frozenset[str]) -> Fit:
+        return fit(problem(name, recording, robot), initial=start, held=held)
+
+    found = assembled(robot, fits, comparison, again, speeds_by_radius=speeds_by_radius)
+    told(1.0)
+    return found
+
+
+def _models(wanted: Sequence[str]) -> list[str]:
+    for name in wanted:
+        if name not in MODELS:
+            raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
+    if "constant" not in wanted:
+        raise EstimatorError("the model 'constant' must be among those that are compared")
+    return [name for name in MODELS if name in wanted]
+
+
+def _without_model(found: Fit) -> dict[str, float]:
+    own = len(found.problem.model.parameters)
+    names, values = found.problem.names, found.values.tolist()
+    return dict(zip(names[: len(names) - own], values[: len(names) - own], strict=True))
+
+
+def _check_signs(problem: Problem) -> None:
+    """Refuse a gyro or tracks that turn against the truth.
+
+    Raises:
+        EstimatorError: see above.
+    """
+    recording = problem.recording
+    moving = recording.moving
+    _, _, yaw = recording.knots(np.array([one.lag for one in recording.motions]))
+    by_truth = (yaw[recording.ends] - yaw[recording.starts])[moving]
+    speeds = recording.speeds(0.0)[moving]
+    gyro = (recording.turned[:, -1] - recording.turned[:, 0])[moving]
+    difference = (speeds[..., 1] - speeds[..., 0]).sum(axis=1)
+    way = np.abs(speeds.mean(axis=-1)).sum(axis=1)
+    for what, values, hint in (
+        ("the gyro", gyro, "correct rotation_rpy_deg in [imu]: `icreckon inspect` proposes it"),
+        ("the tracks", difference, "left and right may be swapped in [log.tracks]"),
+    ):
+        if _correlation(values, by_truth) < AGAINST:
+            raise EstimatorError(f"{what} turned against the truth; {hint}")
+    residuals = problem.rows(problem.start)[moving][:, ALONG]
+    forward = speeds.mean(axis=-1).sum(axis=1) * recording.cell
+    if _correlation(residuals + forward, forward) < AGAINST and way.sum() > 0.0:
+        raise EstimatorError(
+            "the tracks drove against the truth; the sign of the track speeds, or the truth's yaw, is "
+            "reversed"
+        )
+
+
+def _correlation(a: Floats, b: Floats) -> float:
+    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return 0.0
+    return float((a @ b) / np.sqrt((a @ a) * (b @ b)))

@@ -1,0 +1,222 @@
+"""Which model the logs support: cross-validation over blocks of contiguous time.
+
+Each fold leaves some blocks out, the rest gives the parameters, and what was left out is predicted: the
+likelihood of its segments, and how far dead reckoning from the tracks alone goes wrong over windows of
+a few segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.calibration.fit import Fit, few_blocks
+from icreckon.estimator.calibration.noise import log_density
+from icreckon.estimator.calibration.result import Comparison, Difference, ModelScore
+from icreckon.estimator.calibration.segments import Recording
+
+FOLDS = 8
+WINDOW = 3
+"""Segments of a window, at most."""
+JUMPED = 0.15
+"""Weight of a truth's turning below which it is not one to predict: six standard deviations off."""
+DRAWS = 4000
+SEED = 1
+LEVELS = (2.5, 97.5)
+
+
+@dataclass(frozen=True)
+class _HeldOut:
+    """What one model made of all blocks, each left out once: (blocks,) sums."""
+
+    likelihood: Floats
+    error: Floats
+    error_with_gyro: Floats
+
+
+def validate(fits: Mapping[str, Fit]) -> Comparison:
+    """Compare models by what each makes of the blocks that its parameters do not come from.
+
+    Args:
+        fits: by name, in the order of `MODELS`; the same segments in all.
+    """
+    first = next(iter(fits.values()))
+    recording = first.problem.recording
+    windows = _windows(recording, recording.moving & ~_jumped(first))
+    ways = _ways(recording, first.value("scale"))
+    block = recording.block
+    blocks = int(block.max()) + 1
+    of_window = np.array([block[one[0]] for one in windows])
+    way = np.bincount(of_window, [ways[one].sum() for one in windows], minlength=blocks)
+    found = {name: _held_out(fit, windows, of_window) for name, fit in fits.items()}
+    segments = int(recording.moving.sum())
+    rng = np.random.default_rng(SEED)
+    drawn = rng.integers(0, blocks, (DRAWS, blocks))
+    distance = np.maximum(way[drawn].sum(axis=1), 1e-9)
+    wider = float(few_blocks(blocks))
+
+    def interval(sums: Floats) -> tuple[float, float]:
+        middle = 100.0 * sums.sum() / way.sum()
+        ends = np.percentile(100.0 * sums[drawn].sum(axis=1) / distance, LEVELS)
+        low, high = middle + wider * (ends - middle)
+        return float(low), float(high)
+
+    scores = []
+    for name, one in found.items():
+        low, high = interval(one.error)
+        scores.append(
+            ModelScore(
+                name,
+                _parameters_found(fits[name]),
+                100.0 * float(one.error.sum() / way.sum()),
+                max(low, 0.0),
+                high,
+                100.0 * float(one.error_with_gyro.sum() / way.sum()),
+                float(one.likelihood.sum() / segments),
+            )
+        )
+    differences = []
+    names = list(found)
+    for at, name in enumerate(names):
+        for other in names[:at]:
+            apart = found[name].error - found[other].error
+            low, high = interval(apart)
+            likelier = found[name].likelihood - found[other].likelihood
+            likelier_by = likelier.sum() / segments
+            bounds = np.percentile(likelier[drawn].sum(axis=1) / segments, LEVELS)
+            bounds = likelier_by + wider * (bounds - likelier_by)
+            differences.append(
+                Difference(
+                    name,
+                    other,
+                    100.0 * float(apart.sum() / way.sum()),
+                    low,
+                    high,
+                    float(likelier_by),
+                    float(bounds[0]),
+                    float(bounds[1]),
+                )
+            )
+    return Comparison(
+        tuple(scores),
+        tuple(differences),
+        blocks,
+        min(FOLDS, blocks),
+        float(way.sum()),
+        WINDOW * recording.length,
+        _supported(names, differences),
+    )
+
+
+def _parameters_found(fit: Fit) -> int:
+    own = len(fit.problem.model.parameters)
+    return int(fit.free[len(fit.free) - own :].sum())
+
+
+def _supported(names: list[str], differences: list[Difference]) -> str:
+    """The first model than which no later one is better beyond doubt."""
+    known = {(one.model, one.than): one for one in differences}
+    chosen = names[0]
+    for name in names[1:]:
+        if known[name, chosen].drift_high < 0.0:
+            chosen = name
+    return chosen
+
+
+def _jumped(fit: Fit) -> NDArray[np.bool_]:
+    """(n,) whether the truth turned so much otherwise than the gyro that it must have jumped.
+
+    No motion model has a part in that.
+    """
+    result = np.zeros(len(fit.problem.recording.log), dtype=bool)
+    for channel, weight in zip(fit.noise.channels, fit.noise.weights, strict=True):
+        if channel.name == "yaw":
+            result[channel.rows[:, 0]] = weight < JUMPED
+    return result
+
+
+def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Runs of up to `WINDOW` usable segments within a block, one after the other."""
+    windows: list[list[int]] = []
+    for place in range(len(recording.log)):
+        if not usable[place]:
+            continue
+        last = windows[-1] if windows else []
+        goes_on = (
+            bool(last)
+            and last[-1] == place - 1
+            and recording.follows[place]
+            and recording.block[place] == recording.block[place - 1]
+            and len(last) < WINDOW
+        )
+        if goes_on:
+            last.append(place)
+        else:
+            windows.append([place])
+    return [np.array(one) for one in windows]
+
+
+def _ways(recording: Recording, scale: float) -> Floats:
+    """(n,) way of each segment [m]."""
+    speeds = recording.speeds(0.0).mean(axis=-1)
+    return np.asarray(scale * np.abs(speeds).sum(axis=1) * recording.cell)
+
+
+def _held_out(fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.int64]) -> _HeldOut:
+    problem = fit.problem
+    block = problem.recording.block
+    blocks = int(block.max()) + 1
+    fold = np.arange(blocks) % min(FOLDS, blocks)
+    likelihood, error, with_gyro = np.zeros(blocks), np.zeros(blocks), np.zeros(blocks)
+    for number in np.unique(fold):
+        out = fold == number
+        values = fit.without(out)
+        residuals = problem.rows(values)
+        for channel, sizes in zip(fit.noise.channels, fit.noise.components, strict=True):
+            if channel.name not in ("position", "slip"):
+                continue
+            at = channel.rows[:, 0]
+            told = log_density(channel.of(residuals), channel.variances(sizes))
+            told = np.where(out[block[at]] & problem.recording.moving[at], told, 0.0)
+            np.add.at(likelihood, block[at], told)
+        wanted = [one for one, its in zip(windows, of_window, strict=True) if out[its]]
+        alone, aided = _window_errors(fit, values, wanted)
+        at = of_window[out[of_window]]
+        np.add.at(error, at, alone)
+        np.add.at(with_gyro, at, aided)
+    return _HeldOut(likelihood, error, with_gyro)
+
+
+def _window_errors(
+    fit: Fit, values: Floats, windows: list[NDArray[np.int64]]
+) -> tuple[Floats, Floats]:
+    """(w,) distance of the ends of windows by the model from those by the truth [m].
+
+    With headings from the tracks, and with those of the gyro.
+    """
+    problem, recording = fit.problem, fit.problem.recording
+    twist, cell = problem.twist(values), recording.cell
+    heading, _ = problem.heading(values)
+    place = problem.body_places(values)
+    alone: list[float] = []
+    aided: list[float] = []
+    for window in windows:
+        v_x, v_y, w = (twist[window, :, axis].ravel() for axis in range(3))
+        start = heading[window[0], 0]
+        turned = start + cell * (np.cumsum(w) - 0.5 * w)
+        gyro = np.diff(heading[window], axis=1)
+        by_gyro = start + np.cumsum(gyro.ravel()) - 0.5 * gyro.ravel()
+        true = place[recording.ends[window[-1]]] - place[recording.starts[window[0]]]
+        for angle, errors in ((turned, alone), (by_gyro, aided)):
+            went = cell * np.array(
+                [
+                    (np.cos(angle) * v_x - np.sin(angle) * v_y).sum(),
+                    (np.sin(angle) * v_x + np.cos(angle) * v_y).sum(),
+                ]
+            )
+            errors.append(float(np.hypot(*(went - true))))
+    return np.array(alone), np.array(aided)

@@ -1,0 +1,394 @@
+"""The motion models that are compared: their parameters, and the twist with its derivatives.
+
+Track speeds in, twist of base_link out (REP-103: v_x forward, v_y left). Parameters are in the units of
+the robot file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.motion.contact import ground
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.motion.index_model import linearise
+from icreckon.estimator.motion.steady_state import solve_steady
+from icreckon.estimator.robot.nominal_contact import presumed_contact
+from icreckon.estimator.robot.robot_file import Indices, Robot
+from icreckon.estimator.robot.variants import TYPICAL_FORCE
+
+MODELS = ("differential", "constant", "inertia", "friction")
+"""Names, from what assumes most to what takes most effort: a later one must be better to be chosen."""
+TELLING = 0.15
+"""An index, or a length as a share of the gauge, is shown where its standard error is below this [-]."""
+DIFFERENCE_STEP = 1e-2
+SPEED_STEP = 1e-3
+NEWTON_STEPS, TOLERANCE = 25, 1e-10
+"""Of the stationary motions that friction makes."""
+COARSE = 3
+"""Cells whose motion by friction is worked out at their mean speeds, and to first order about it."""
+SAME_PLACE = 1e-3
+"""A presumed centre of mass that is nearer to the robot file's than this [m] is that."""
+REST = 2e-3
+"""Tracks slower than this stand [m/s]."""
+
+
+class Parameter(NamedTuple):
+    """A parameter of a model.
+
+    Attributes:
+        name: as in the robot file.
+        unit: "m", "1/N", ...; "-" for none.
+        start: where to start from, the robot file's value.
+        telling: it is not shown where its standard error is larger.
+        rank: of parameters that stand in for each other, the highest is held first.
+    """
+
+    name: str
+    unit: str
+    start: float
+    telling: float
+    rank: int
+
+
+class TwistAt(NamedTuple):
+    """Twists and their derivatives for (...,) cells.
+
+    Attributes:
+        twist: (..., 3) v_x, v_y [m/s], w [rad/s].
+        by_parameters: (..., 3, p).
+        by_speeds: (..., 3, 2) by the left and right track speed.
+    """
+
+    twist: Floats
+    by_parameters: Floats
+    by_speeds: Floats
+
+
+class Model(Protocol):
+    """A motion model with free parameters."""
+
+    @property
+    def name(self) -> str:
+        """One of `MODELS`."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its parameters; of those of several models one name means one thing."""
+
+    def at(self, speeds: Floats, values: Floats) -> TwistAt:
+        """Twists for track speeds (..., 2) [m/s] at parameters (p,)."""
+
+    def twist(self, speeds: Floats, values: Floats) -> Floats:
+        """(..., 3) twists alone."""
+
+    def inside(self, values: Floats) -> Floats:
+        """The nearest parameters (p,) that make sense."""
+
+    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
+        """The same with other starts and telling errors; 0 is that of what is given."""
+
+    def put_into(self, robot: Robot, values: Floats) -> Robot:
+        """The robot with these parameters (p,) in its file."""
+
+
+@dataclass(frozen=True)
+class Differential:
+    """The ideal differential drive: no parameters."""
+
+    gauge: float
+    name: str = "differential"
+    parameters: tuple[Parameter, ...] = ()
+
+    def at(self, speeds: Floats, values: Floats) -> TwistAt:  # noqa: ARG002 - a `Model`
+        """See `Model`."""
+        indices = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+        found = _index_twist(speeds, indices, (self.gauge, 1.0, 0.0, 0.0))
+        return TwistAt(found.twist, found.by_parameters[..., :0], found.by_speeds)
+
+    def twist(self, speeds: Floats, values: Floats) -> Floats:
+        """See `Model`."""
+        return self.at(speeds, values).twist
+
+    def inside(self, values: Floats) -> Floats:
+        """See `Model`."""
+        return values
+
+    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
+        """See `Model`."""
+        return replace(self, parameters=parameters)
+
+    def put_into(self, robot: Robot, values: Floats) -> Robot:  # noqa: ARG002 - a `Model`
+        """See `Model`."""
+        return robot
+
+
+@dataclass(frozen=True)
+class IndexModel:
+    """Constant ICRs as indices, or the paper's inertia-based ones.
+
+    Attributes:
+        name: "constant" or "inertia".
+        parameters: three, or all but H.
+        vehicle: L, M, x_CM, y_CM.
+        places: where the parameters stand among the eight.
+        H: of the robot file.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    vehicle: tuple[float, float, float, float]
+    places: tuple[int, ...]
+    H: float
+
+    def at(self, speeds: Floats, values: Floats) -> TwistAt:
+        """See `Model`."""
+        found = _index_twist(speeds, self.eight(values), self.vehicle)
+        return TwistAt(found.twist, found.by_parameters[..., list(self.places)], found.by_speeds)
+
+    def twist(self, speeds: Floats, values: Floats) -> Floats:
+        """See `Model`."""
+        return self.at(speeds, values).twist
+
+    def inside(self, values: Floats) -> Floats:
+        """See `Model`."""
+        result = values.copy()
+        at = self.places.index(5)
+        result[at] = max(result[at], 1.0)
+        return result
+
+    def eight(self, values: Floats) -> Floats:
+        """(8,) in the order of `Indices`."""
+        result = np.array([self.H, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+        result[list(self.places)] = values
+        return result
+
+    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
+        """See `Model`."""
+        return replace(self, parameters=parameters)
+
+    def put_into(self, robot: Robot, values: Floats) -> Robot:
+        """See `Model`."""
+        from icreckon.estimator.robot.robot_file import ConstantIcr
+
+        indices = Indices(*(float(value) for value in self.eight(self.inside(values))))
+        if self.name == "inertia":
+            return msgspec.structs.replace(robot, indices=indices)
+        # A file's rounding must not bring the ICRs nearer to each other than the gauge.
+        half = 0.5 * self.vehicle[0] * max(indices.eta0, 1.0 + 1e-6)
+        try:
+            icr = ConstantIcr(indices.epsilon0 - half, indices.epsilon0 + half, indices.zeta0)
+        except ValueError as error:
+            raise EstimatorError(
+                f"the ICRs that fit best make no sense: {error}; check which track is left, the "
+                "IMU's mounting and the gauge"
+            ) from error
+        return msgspec.structs.replace(robot, constant_icr=icr)
+
+
+@dataclass(frozen=True)
+class FrictionModel:
+    """The stationary motions that friction at the contact points makes.
+
+    Attributes:
+        robot: with the soil and the contact to start from.
+        parameters: rolling resistance, half contact length, height, and place of the centre of mass.
+        nearby: motions to start the search from, by how many there are.
+    """
+
+    robot: Robot
+    parameters: tuple[Parameter, ...]
+    name: str = "friction"
+    nearby: dict[int, Floats] = field(default_factory=dict, repr=False, compare=False)
+
+    def at(self, speeds: Floats, values: Floats) -> TwistAt:
+        """See `Model`."""
+        return self._fine(speeds, values, self.parameters)
+
+    def twist(self, speeds: Floats, values: Floats) -> Floats:
+        """See `Model`."""
+        return self._fine(speeds, values, ()).twist
+
+    def _fine(self, speeds: Floats, values: Floats, by: tuple[Parameter, ...]) -> TwistAt:
+        """Twists of all cells (n, m, 2), with derivatives by some of the parameters."""
+        coarse, apart = _coarse(speeds)
+        every = coarse.reshape(-1, 2)
+        found = TwistAt(*(np.zeros((len(every), 3, *more)) for more in ((), (len(by),), (2,))))
+        # At rest friction holds the robot.
+        moving = np.abs(every).max(axis=1) > REST
+        for whole, part in zip(found, self._moving(every[moving], values, by), strict=True):
+            whole[moving] = part
+
+        def spread(of_coarse: Floats) -> Floats:
+            whole = of_coarse.reshape(*coarse.shape[:-1], *of_coarse.shape[1:])
+            return np.repeat(whole, speeds.shape[1] // coarse.shape[1], axis=1)
+
+        slopes = spread(found.by_speeds)
+        twist = spread(found.twist) + np.einsum("nmij,nmj->nmi", slopes, apart)
+        return TwistAt(twist, spread(found.by_parameters), slopes)
+
+    def inside(self, values: Floats) -> Floats:
+        """See `Model`."""
+        length = self.robot.vehicle.half_contact_length
+        half = 0.5 * self.robot.vehicle.track_gauge
+        low = np.array([0.0, 0.2 * length, 0.0, -0.7 * length, -0.7 * half])
+        high = np.array([0.5, 3.0 * length, 5.0 * length, 0.7 * length, 0.7 * half])
+        result = np.clip(values, low, high)
+        # The centre of mass stays over the contact.
+        result[3] = np.clip(result[3], -0.7 * result[1], 0.7 * result[1])
+        return np.asarray(result)
+
+    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
+        """See `Model`."""
+        return replace(self, parameters=parameters)
+
+    def put_into(self, robot: Robot, values: Floats) -> Robot:
+        """See `Model`."""
+        rolling, length, height, forward, left = (float(value) for value in self.inside(values))
+        vehicle = msgspec.structs.replace(
+            robot.vehicle, half_contact_length=length, centre_of_mass=(forward, left, height)
+        )
+        soil = self.robot.contact.soil
+        soil = msgspec.structs.replace(soil, rolling_resistance=rolling)
+        return msgspec.structs.replace(robot, vehicle=vehicle, soil=soil)
+
+    def _moving(self, flat: Floats, values: Floats, by: tuple[Parameter, ...]) -> TwistAt:
+        base = self._twist(flat, values, None)
+        columns = np.zeros((*base.shape, len(by)))
+        for place, parameter in enumerate(by):
+            if not parameter.telling:
+                continue
+            step = DIFFERENCE_STEP * max(parameter.telling, 1e-3)
+            other = values.copy()
+            # Away from the bounds.
+            other[place] += step
+            if not np.array_equal(self.inside(other), other):
+                other[place], step = values[place] - step, -step
+            columns[..., place] = (self._twist(flat, other, base) - base) / step
+        by_speeds = []
+        step = SPEED_STEP
+        for side in range(2):
+            other_speeds = flat.copy()
+            other_speeds[:, side] += step
+            by_speeds.append((self._twist(other_speeds, values, base) - base) / step)
+        return TwistAt(base, columns, np.stack(by_speeds, axis=-1))
+
+    def _twist(self, speeds: Floats, values: Floats, guess: Floats | None) -> Floats:
+        """(n, 3) in REP-103 axes; where Newton finds no stationary motion, as near as it came."""
+        from icreckon.estimator.motion.steady_kernel import newton_of_many
+
+        contact = self.put_into(self.robot, values).contact
+        if guess is None:
+            found = self.nearby.get(len(speeds))
+            guess = self._start(speeds) if found is None else found
+        twist = np.stack([-guess[:, 1], guess[:, 0], guess[:, 2]], axis=-1)
+        residual = np.full(len(speeds), np.inf)
+        newton_of_many(
+            ground(contact), np.ascontiguousarray(speeds), NEWTON_STEPS, TOLERANCE, twist, residual
+        )
+        return np.stack([twist[:, 1], -twist[:, 0], twist[:, 2]], axis=-1)
+
+    def _start(self, speeds: Floats) -> Floats:
+        """(n, 3) the motions that the robot file's contact makes."""
+        twist = solve_steady(speeds[:, 0], speeds[:, 1], self.robot.contact, strict=False).twist
+        found = np.stack([twist.v_y, -twist.v_x, twist.w], axis=-1)
+        self.nearby[len(speeds)] = found
+        return found
+
+
+def model_of(name: str, robot: Robot) -> Model:
+    """A model by its name, with the robot file's values to start from.
+
+    Args:
+        name: one of `MODELS`.
+        robot: the robot.
+
+    Raises:
+        EstimatorError: no model has that name, or (friction) the robot's contact makes no sense.
+    """
+    gauge = robot.vehicle.track_gauge
+    if name == "differential":
+        return Differential(gauge)
+    if name in ("constant", "inertia"):
+        start = robot.constant_indices if name == "constant" else robot.indices
+        eight = start.as_array()
+        names = Indices.__struct_fields__
+        force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
+        length = TELLING * gauge
+        eta = TELLING * max(1.0, eight[5])
+        first = (1.0, length, length / force, length, length / force)
+        telling = (*first, eta, eta / force, eta / force**2)
+        units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²")
+        ranks = (99, 20, 60, 21, 61, 0, 70, 80)
+        places = (1, 3, 5) if name == "constant" else (1, 2, 3, 4, 5, 6, 7)
+        parameters = tuple(
+            Parameter(names[at], units[at], float(eight[at]), telling[at], ranks[at])
+            for at in places
+        )
+        vehicle = robot.constants
+        return IndexModel(name, parameters, vehicle, places, robot.indices.H)
+    if name == "friction":
+        return _friction(robot)
+    raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
+
+
+def _friction(robot: Robot) -> FrictionModel:
+    contact = presumed_contact(robot)
+    length = contact.geometry.positions[-1]
+    place = np.array([contact.body.y_CM, -contact.body.x_CM])
+    known = np.array(robot.vehicle.centre_of_mass[:2])
+    x, y = (known if np.abs(place - known).max() < SAME_PLACE else place).tolist()
+    vehicle = msgspec.structs.replace(
+        robot.vehicle,
+        half_contact_length=float(length),
+        centre_of_mass=(x, y, contact.body.z_CM),
+    )
+    robot = msgspec.structs.replace(robot, vehicle=vehicle, soil=contact.soil)
+    forward, left, height = vehicle.centre_of_mass
+    half_gauge = 0.5 * vehicle.track_gauge
+    parameters = (
+        Parameter("rolling_resistance", "-", contact.soil.rolling_resistance, 0.05, 40),
+        Parameter("half_contact_length", "m", float(length), TELLING * float(length), 5),
+        Parameter("height", "m", height, 0.5 * float(length), 50),
+        Parameter("forward", "m", forward, TELLING * float(length), 20),
+        Parameter("left", "m", left, TELLING * half_gauge, 21),
+    )
+    return FrictionModel(robot, parameters)
+
+
+def _coarse(speeds: Floats) -> tuple[Floats, Floats]:
+    """Mean speeds of every few cells (n, m / COARSE, 2), and what each cell has beside (n, m, 2)."""
+    rows, cells, _ = speeds.shape
+    step = COARSE if cells % COARSE == 0 else 1
+    mean = speeds.reshape(rows, cells // step, step, 2).mean(axis=2)
+    return mean, speeds - np.repeat(mean, step, axis=1)
+
+
+def _index_twist(speeds: Floats, eight: Floats, vehicle: tuple[float, ...]) -> TwistAt:
+    from icreckon.estimator.motion.motion_model import VehicleConstants
+
+    zero = (0.0, 0.0, 0.0)
+    constants = VehicleConstants(*vehicle)
+    found, by = linearise(speeds[..., 0], speeds[..., 1], eight, zero, constants, False, False)
+    shape = speeds.shape[:-1]
+
+    def turned(rows: list[Floats]) -> Floats:
+        """From the paper's axes: forward, left, yaw."""
+        return np.stack([rows[1], -rows[0], rows[2]], axis=-1)
+
+    def columns(table: object) -> Floats:
+        stacked = [
+            [np.broadcast_to(np.asarray(cell, dtype=float), shape) for cell in row]
+            for row in table  # type: ignore[attr-defined]
+        ]
+        return np.stack(
+            [turned([row[at] for row in stacked]) for at in range(len(stacked[0]))], axis=-1
+        )
+
+    twist = [np.broadcast_to(np.asarray(part, dtype=float), shape) for part in found.twist]
+    return TwistAt(turned(twist), columns(by.by_parameters), columns(by.by_speeds))

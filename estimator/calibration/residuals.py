@@ -1,0 +1,306 @@
+"""Residuals of all segments and their derivatives by everything that is identified.
+
+Rows of a segment, in this order: how far it went by the truth less by model and gyro, along and across
+its middle heading [m]; how far it turned by the gyro less by the model [rad]; by the truth less by the
+gyro [rad]; then mean specific force less that of the model's motion, forward and left [m/s²], in each of
+`BINS` equal parts.
+
+The heading within a segment is the gyro's, laid over the truth's at both ends, so what the tracks say of
+turning does not spoil what they say of the way, and neither does noise of the truth's heading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.calibration.models import TELLING, Model, Parameter
+from icreckon.estimator.calibration.segments import Recording
+from icreckon.estimator.robot.robot_file import Robot
+
+ALONG, ACROSS, SLIP, YAW, FORCE = range(5)
+BINS = 6
+"""Parts of a segment whose mean specific force counts; forward ones first."""
+ROWS = FORCE + 2 * BINS
+ORIGIN = ("zeta0", "epsilon0", "forward", "left")
+"""Parameters of models that say where base_link is in the robot. Where nothing else does, neither the
+truth's lever arm nor the IMU's place, they cannot be told from the lever arm; they are held."""
+STEP = 1e-4
+"""Of the differences by lag, bias and gyro scale, in s, rad/s and 1."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be found, and from what.
+
+    Attributes:
+        recording: the segments.
+        model: the motion model.
+        parameters: everything that may be free: common ones, those of each log (named "name[log]"),
+            those of the model.
+        imu_position: of the IMU in base_link, forward and left [m].
+        force: whether the specific force is used.
+    """
+
+    recording: Recording
+    model: Model
+    parameters: tuple[Parameter, ...]
+    imu_position: tuple[float, float]
+    force: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def start(self) -> Floats:
+        """(p,) where to start."""
+        return np.array([parameter.start for parameter in self.parameters])
+
+    def place(self, name: str) -> int:
+        """Where a parameter stands."""
+        return self.names.index(name)
+
+    def inside(self, values: Floats) -> Floats:
+        """The nearest values (p,) that make sense."""
+        result = values.copy()
+        own = len(self.model.parameters)
+        if own:
+            result[-own:] = self.model.inside(values[-own:])
+        for name in ("scale", "gyro_scale"):
+            at = self.place(name)
+            result[at] = np.clip(result[at], 0.2, 5.0)
+        at = self.place("track_latency")
+        result[at] = np.clip(result[at], -0.5, 0.5)
+        return result
+
+    def rows(self, values: Floats) -> Floats:
+        """(n, ROWS) residuals."""
+        return self._assemble(values, self.twist(values)[..., None])[0]
+
+    def twist(self, values: Floats) -> Floats:
+        """(n, m, 3) of the model."""
+        return self.model.twist(self._speeds(values), self._own(values))
+
+    def linearised(self, values: Floats) -> tuple[Floats, Floats]:
+        """(n, ROWS) residuals and (n, ROWS, p) their derivatives."""
+        recording, own = self.recording, len(self.model.parameters)
+        scale, latency = values[self.place("scale")], values[self.place("track_latency")]
+        raw = recording.speeds(latency)
+        changing = (recording.speeds(latency + 0.01) - recording.speeds(latency - 0.01)) / 0.02
+        at = self.model.at(scale * raw, self._own(values))
+        by_scale = np.einsum("nmij,nmj->nmi", at.by_speeds, raw)
+        by_latency = np.einsum("nmij,nmj->nmi", at.by_speeds, scale * changing)
+        stacked = np.concatenate(
+            [at.twist[..., None], by_scale[..., None], by_latency[..., None], at.by_parameters], -1
+        )
+        rows, linear = self._assemble(values, stacked)
+        jacobian = np.zeros((*rows.shape, len(values)))
+        jacobian[..., self.place("scale")] = linear[..., 0]
+        jacobian[..., self.place("track_latency")] = linear[..., 1]
+        if own:
+            jacobian[..., -own:] = linear[..., 2:]
+        twist = at.twist[..., None]
+        shared = ["gyro_scale", "lever_arm_forward", "lever_arm_left", "mounting_yaw"]
+        shared += [name for name in ("imu_forward", "imu_left") if name in self.names]
+        for name in shared:
+            other = values.copy()
+            other[self.place(name)] += STEP
+            jacobian[..., self.place(name)] = (self._assemble(other, twist)[0] - rows) / STEP
+        for name in ("gyro_bias", "lag", "offset_forward", "offset_left"):
+            # What belongs to one log moves only that log's rows.
+            places = [self.place(f"{name}[{log}]") for log in range(len(recording.motions))]
+            other = values.copy()
+            other[places] += STEP
+            difference = (self._assemble(other, twist)[0] - rows) / STEP
+            for log, place in enumerate(places):
+                own_log = recording.log == log
+                jacobian[own_log, :, place] = difference[own_log]
+        return rows, jacobian
+
+    def heading(self, values: Floats) -> tuple[Floats, Floats]:
+        """(n, m + 1) heading by the gyro at the ends of cells, laid over the truth; (n,) its error.
+
+        The second is how much further the truth turned than the gyro [rad].
+        """
+        recording = self.recording
+        bias = self._of_log(values, "gyro_bias")
+        scale = values[self.place("gyro_scale")]
+        turned = (recording.turned - bias[:, None] * recording.edges) / scale
+        _, _, yaw = recording.knots(self._lags(values))
+        at_start, at_end = yaw[recording.starts], yaw[recording.ends]
+        apart = wrap_angle(at_end - at_start - (turned[:, -1] - turned[:, 0]))
+        offset = at_start - turned[:, 0] + 0.5 * apart
+        return turned + offset[:, None], np.asarray(apart)
+
+    def body_places(self, values: Floats) -> Floats:
+        """(k, 2) of base_link at the knots: the truth's point less the lever arm [m]."""
+        place, rotation, _ = self.recording.knots(self._lags(values))
+        lever = np.array([values[self.place(f"lever_arm_{one}")] for one in ("forward", "left")])
+        return np.asarray(place - np.einsum("kij,j->ki", rotation, lever))
+
+    def _assemble(self, values: Floats, twists: Floats) -> tuple[Floats, Floats]:
+        """Residuals (n, ROWS), and what further columns of twists (n, m, 3, 1 + c) make of them."""
+        recording = self.recording
+        cell = recording.cell
+        heading, apart = self.heading(values)
+        middle = 0.5 * (heading[:, 0] + heading[:, -1])
+        half = 0.5 * (heading[:, 1:] + heading[:, :-1]) - middle[:, None]
+        change = np.diff(heading, axis=1)
+        # The chord of the arc of a cell.
+        shorter = np.sinc(change / (2.0 * np.pi)) * cell
+        cos, sin = np.cos(half) * shorter, np.sin(half) * shorter
+        forward, left, yaw = twists[:, :, 0], twists[:, :, 1], twists[:, :, 2]
+        along = np.einsum("nm,nmc->nc", cos, forward) - np.einsum("nm,nmc->nc", sin, left)
+        across = np.einsum("nm,nmc->nc", sin, forward) + np.einsum("nm,nmc->nc", cos, left)
+        turned = cell * yaw.sum(axis=1)
+        rate = change / cell
+        marks = np.round(np.linspace(0, heading.shape[1] - 2, BINS + 1)).astype(np.int64)
+        force_x, force_y = _pushes(rate, forward, left, marks, cell)
+        plain = np.stack([along, across, turned, np.zeros_like(along)], axis=1)
+        linear = -np.concatenate([plain, force_x, force_y], axis=1)
+        rows = linear[..., 0].copy()
+        body = self.body_places(values)
+        step = body[recording.ends] - body[recording.starts]
+        cos_m, sin_m = np.cos(middle), np.sin(middle)
+        rows[:, ALONG] += cos_m * step[:, 0] + sin_m * step[:, 1]
+        rows[:, ACROSS] += -sin_m * step[:, 0] + cos_m * step[:, 1]
+        rows[:, SLIP] += heading[:, -1] - heading[:, 0]
+        rows[:, YAW] += apart
+        if self.force:
+            at_x, at_y = self._imu_place(values)
+            turn = values[self.place("mounting_yaw")]
+            x, y = np.moveaxis(recording.mean_force(marks), -1, 0)
+            # At the IMU's place: dw/dt x and minus w² x beside the acceleration of the origin.
+            here_x, here_y = _pushes(
+                rate, -at_y * rate[..., None], at_x * rate[..., None], marks, cell
+            )
+            offset_x, offset_y = (
+                self._of_log(values, f"offset_{one}") for one in ("forward", "left")
+            )
+            rows[:, FORCE : FORCE + BINS] += (
+                np.cos(turn) * x - np.sin(turn) * y - here_x[..., 0] - offset_x[:, None]
+            )
+            rows[:, FORCE + BINS :] += (
+                np.sin(turn) * x + np.cos(turn) * y - here_y[..., 0] - offset_y[:, None]
+            )
+        return rows, linear[..., 1:]
+
+    def _speeds(self, values: Floats) -> Floats:
+        latency = values[self.place("track_latency")]
+        return np.asarray(values[self.place("scale")] * self.recording.speeds(latency))
+
+    def _own(self, values: Floats) -> Floats:
+        own = len(self.model.parameters)
+        return values[len(values) - own :]
+
+    def _lags(self, values: Floats) -> Floats:
+        logs = range(len(self.recording.motions))
+        return np.array([values[self.place(f"lag[{log}]")] for log in logs])
+
+    def _of_log(self, values: Floats, name: str) -> Floats:
+        """(n,) value of what belongs to a log, by segment."""
+        logs = range(len(self.recording.motions))
+        each = np.array([values[self.place(f"{name}[{log}]")] for log in logs])
+        return np.asarray(each[self.recording.log])
+
+    def _imu_place(self, values: Floats) -> tuple[float, float]:
+        x, y = self.imu_position
+        if "imu_forward" in self.names:
+            x += float(values[self.place("imu_forward")])
+            y += float(values[self.place("imu_left")])
+        return x, y
+
+    def telling_rows(self) -> NDArray[np.bool_]:
+        """(n, ROWS) which rows count: those of standstill tell the gyro's bias and nothing else."""
+        recording = self.recording
+        result = np.repeat(recording.moving[:, None], ROWS, axis=1)
+        result[:, SLIP] = True
+        there = np.array([motion.pushed is not None for motion in recording.motions])
+        result[:, FORCE:] &= there[recording.log][:, None] & self.force
+        return result
+
+
+def _pushes(
+    rate: Floats, forward: Floats, left: Floats, marks: NDArray[np.int64], cell: float
+) -> tuple[Floats, Floats]:
+    """Mean accelerations forward and left between the middles of the marked cells.
+
+    Args:
+        rate: (n, m) yaw rate of each cell [rad/s].
+        forward: (n, m, c) velocities [m/s].
+        left: (n, m, c).
+        marks: (b + 1,) cells.
+        cell: length of a cell [s].
+
+    Returns:
+        (n, b, c) each [m/s²].
+    """
+    turn = rate[..., None]
+    spans = (np.diff(marks) * cell)[None, :, None]
+
+    def between(values: Floats) -> Floats:
+        steps = 0.5 * cell * (values[:, 1:] + values[:, :-1])
+        whole = np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+        return np.asarray(np.diff(whole[:, marks], axis=1))
+
+    x = np.diff(forward[:, marks], axis=1) - between(turn * left)
+    y = np.diff(left[:, marks], axis=1) + between(turn * forward)
+    return x / spans, y / spans
+
+
+def problem_of(
+    recording: Recording,
+    model: Model,
+    robot: Robot,
+    *,
+    lever_arm: tuple[float, float] | None,
+    imu_place_known: bool,
+) -> Problem:
+    """What is to be found with a model.
+
+    Args:
+        recording: the segments.
+        model: the motion model.
+        robot: as its file describes it.
+        lever_arm: of the truth in base_link, where it is known [m]; it is not free then.
+        imu_place_known: whether the robot file knows where the IMU is.
+    """
+    gauge = robot.vehicle.track_gauge
+    force = any(motion.pushed is not None for motion in recording.motions)
+    common = [
+        Parameter("scale", "-", 1.0, 0.05, 1),
+        Parameter("track_latency", "s", 0.0, 0.1, 90),
+        Parameter("gyro_scale", "-", robot.imu.gyro_scale, 0.05, 2),
+        Parameter("lever_arm_forward", "m", 0.0, TELLING * gauge, 10),
+        Parameter("lever_arm_left", "m", 0.0, TELLING * gauge, 11),
+        Parameter("mounting_yaw", "rad", 0.0, np.radians(5.0), 85),
+    ]
+    if lever_arm is not None:
+        common[3] = common[3]._replace(start=lever_arm[0], telling=0.0)
+        common[4] = common[4]._replace(start=lever_arm[1], telling=0.0)
+    if force and not imu_place_known:
+        common += [
+            Parameter("imu_forward", "m", 0.0, TELLING * gauge, 95),
+            Parameter("imu_left", "m", 0.0, TELLING * gauge, 96),
+        ]
+    for log, motion in enumerate(recording.motions):
+        common += [
+            Parameter(f"gyro_bias[{log}]", "rad/s", motion.bias, 0.01, 3),
+            Parameter(f"lag[{log}]", "s", motion.lag, 0.1, 4),
+            Parameter(f"offset_forward[{log}]", "m/s²", 0.0, 0.5, 86),
+            Parameter(f"offset_left[{log}]", "m/s²", 0.0, 0.5, 87),
+        ]
+    own = model.parameters
+    if lever_arm is None and not (force and imu_place_known):
+        own = tuple(
+            one._replace(telling=0.0) if one.name in ORIGIN else one for one in model.parameters
+        )
+        model = model.knowing(own)
+    x, y, _ = robot.imu.position
+    return Problem(recording, model, (*common, *own), (x, y), force)

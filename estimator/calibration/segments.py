@@ -1,0 +1,495 @@
+"""Logs cut into segments: what the tracks, the IMU and the truth say of each, ready for the fit.
+
+A segment is a few seconds in which no stream has a hole. Track speeds and gyro are integrated over cells
+of some 50 ms, the truth is averaged about the ends of segments (knots). Axes are those of REP-103.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import relative
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries
+from icreckon.estimator.robot.robot_file import Robot
+
+Indexes = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+CELL = 0.05
+"""About the length of a cell [s]."""
+LARGEST_GAP = 0.5
+"""Longer than this without track speeds or IMU samples ends a piece of the log [s]."""
+LARGEST_HOLE = 1.0
+"""The same of the truth [s]."""
+KNOT_WINDOW = 0.25
+"""Truth within this of a knot counts for it [s]."""
+FEWEST_FOR_LINE, ASIDE = 4, 0.03
+"""So many poses make a line, if the square of their mean is at most this share of their variance."""
+STILL = 0.005
+"""Speeds up to this share of the fastest are none [-]."""
+LAGS = np.arange(-0.5, 1.2001, 0.02)
+"""Lags of the truth that are tried [s]."""
+LAG_WINDOW = 1.0
+"""Turning is compared over this time to find the lag [s]."""
+LEAST_SEGMENTS = 10
+"""Fewer moving segments identify nothing."""
+LEAST_TURNING = 1.0
+"""The robot must have turned this much in all [rad]."""
+SMALLEST_BLOCK, LARGEST_BLOCK, BLOCKS = 3, 8, 10
+"""Segments of a block, which is what is left out or resampled together, and how many blocks there are to
+be at least, as long as they are not too small."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Continuous series of one log, as functions of the seconds since its start.
+
+    Attributes:
+        log: where they come from.
+        track_times: (k,) of the track speeds [s].
+        track_ways: (k, 2) way of each track since the start [m].
+        imu_times: (i,) of the IMU [s].
+        turned: (i,) integral of the gyro about the vertical, as it reads [rad].
+        pushed: (i, 2) integral of the specific force forward and left [m/s], or None.
+        truth_times: (t,) of the truth, as stamped [s].
+        truth: (t, 3) x, y [m], yaw [rad], unwrapped.
+        lag: how late the truth is, first estimate [s].
+        bias: of the gyro, first estimate [rad/s].
+    """
+
+    log: Log
+    track_times: Floats
+    track_ways: Floats
+    imu_times: Floats
+    turned: Floats
+    pushed: Floats | None
+    truth_times: Floats
+    truth: Floats
+    lag: float
+    bias: float
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Segments of all logs, one after the other.
+
+    Attributes:
+        motions: the logs.
+        length: of a segment [s].
+        log: (n,) which log each comes from.
+        edges: (n, m + 1) ends of its cells [s since the log's start].
+        turned: (n, m + 1) gyro's integral there [rad].
+        moving: (n,) whether it moves throughout nothing of it stands.
+        follows: (n,) whether it begins where the one before ends.
+        block: (n,) number of its block; blocks are contiguous.
+        starts: (n,) knot at which it begins.
+        ends: (n,) knot at which it ends.
+        knot_log: (k,) log of each knot.
+        knot_times: (k,) [s].
+        pair_knot: (p,) of each truth pose near a knot: that knot,
+        pair_pose: (p,) and the pose's place in its log's truth.
+        paths: reckoned poses of each log: times (q,) [s] and (q, 3), to carry truth over to knots.
+    """
+
+    motions: tuple[Motion, ...]
+    length: float
+    log: Indexes
+    edges: Floats
+    turned: Floats
+    moving: Mask
+    follows: Mask
+    block: Indexes
+    starts: Indexes
+    ends: Indexes
+    knot_log: Indexes
+    knot_times: Floats
+    pair_knot: Indexes
+    pair_pose: Indexes
+    paths: tuple[tuple[Floats, Floats], ...]
+
+    @property
+    def cell(self) -> float:
+        """Length of a cell [s]."""
+        return float(self.length / (self.edges.shape[1] - 1))
+
+    def speeds(self, latency: float) -> Floats:
+        """(n, m, 2) mean track speeds of each cell if their stamps are so late [m/s]."""
+        result = np.empty((*self.edges[:, 1:].shape, 2))
+        for number, motion in enumerate(self.motions):
+            own = self.log == number
+            times = self.edges[own] + latency
+            for side in range(2):
+                ways = np.interp(times, motion.track_times, motion.track_ways[:, side])
+                result[own, :, side] = np.diff(ways, axis=1) / self.cell
+        return result
+
+    def mean_force(self, marks: Indexes) -> Floats:
+        """(n, b, 2) mean specific force forward and left between the middles of marked cells [m/s²].
+
+        Zero where there is none.
+        """
+        result = np.zeros((len(self.log), len(marks) - 1, 2))
+        times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
+        spans = np.diff(times, axis=1)
+        for number, motion in enumerate(self.motions):
+            if motion.pushed is None:
+                continue
+            own = self.log == number
+            for axis in range(2):
+                at = np.interp(times[own], motion.imu_times, motion.pushed[:, axis])
+                result[own, :, axis] = np.diff(at, axis=1) / spans[own]
+        return result
+
+    def knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
+        """Truth at the knots if that of each log is so late.
+
+        Args:
+            lags: (logs,) [s].
+
+        Returns:
+            (k, 2) its position [m], (k, 2, 2) mean of the rotations by its yaw (by which a lever arm is
+            turned), (k,) its yaw [rad].
+        """
+        count = len(self.knot_times)
+        place, turn, yaw = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
+        for number, motion in enumerate(self.motions):
+            own = self.knot_log[self.pair_knot] == number
+            knot, pose = self.pair_knot[own], self.pair_pose[own]
+            times, path = self.paths[number]
+
+            def at(when: Floats, times: Floats = times, path: Floats = path) -> Floats:
+                return np.stack([np.interp(when, times, column) for column in path.T], axis=-1)
+
+            here = at(self.knot_times[knot])
+            body_times = motion.truth_times[pose] - lags[number]
+            step = relative(at(body_times), here)
+            # Which knots get a line must not depend on the lag that is being looked for.
+            first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
+            lines = _has_line(knot, first, count)
+            share = _shares(knot, body_times - self.knot_times[knot], lines)
+            true = motion.truth[pose]
+            cos, sin = np.cos(true[:, 2]), np.sin(true[:, 2])
+            moved_x = true[:, 0] + cos * step[:, 0] - sin * step[:, 1]
+            moved_y = true[:, 1] + sin * step[:, 0] + cos * step[:, 1]
+            for total, values in (
+                (place[:, 0], moved_x),
+                (place[:, 1], moved_y),
+                (turn[:, 0], cos),
+                (turn[:, 1], sin),
+                (yaw, true[:, 2] + step[:, 2]),
+            ):
+                np.add.at(total, knot, share * values)
+        c, s = turn.T
+        return place, np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1), yaw
+
+
+def _has_line(knot: Indexes, after: Floats, knots: int) -> Mask:
+    """(k,) whether poses lie on both sides of a knot, so that a line says what they are at it.
+
+    Args:
+        knot: (p,) knot of each pose.
+        after: (p,) how much later than the knot it is [s].
+        knots: how many there are.
+    """
+    many, mean, variance = _moments(knot, after, knots)
+    return np.asarray((many >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance))
+
+
+def _shares(knot: Indexes, after: Floats, lines: Mask) -> Floats:
+    """(p,) what each pose counts for its knot: the value at the knot of a line through all of them.
+
+    Were it their mean, poses that lie to one side would take along what the path says wrong of the
+    motion since. Where most lie to one side, it is their mean: a line would make their noise larger.
+
+    Args:
+        knot: (p,) knot of each pose.
+        after: (p,) how much later than the knot it is [s].
+        lines: (k,) whether there is a line.
+    """
+    many, mean, variance = _moments(knot, after, len(lines))
+    slope = np.where(lines, mean / np.where(lines, variance, 1.0), 0.0)
+    return np.asarray((1.0 - slope[knot] * (after - mean[knot])) / many[knot])
+
+
+def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
+    """(k,) number, mean and variance."""
+    many = np.maximum(np.bincount(knot, minlength=knots), 1).astype(float)
+    mean = np.bincount(knot, after, minlength=knots) / many
+    return many, mean, np.bincount(knot, (after - mean[knot]) ** 2, minlength=knots) / many
+
+
+def motion_of(log: Log, robot: Robot) -> Motion:
+    """The series of a log.
+
+    Raises:
+        EstimatorError: there is no truth, no IMU, or too little of a stream.
+    """
+    if log.truth is None or len(log.truth.poses.stamps) < 2:
+        raise EstimatorError(
+            f"log {log.name!r} holds no pose truth, so nothing to identify from; name its topic in "
+            "[log.truth] of the robot file"
+        )
+    if log.imu is None or len(log.imu.stamps) < 2:
+        raise EstimatorError(
+            f"log {log.name!r} holds no IMU samples; identification needs a gyro: name its topic in "
+            "[log.imu] of the robot file"
+        )
+    if len(log.tracks.stamps) < 2:
+        raise EstimatorError(
+            f"log {log.name!r} holds {len(log.tracks.stamps)} track speeds; name their topic in "
+            "[log.tracks] of the robot file"
+        )
+    poses = log.truth.poses
+    track_times, imu_times = (_seconds(one.stamps, log.start) for one in (log.tracks, log.imu))
+    truth = np.column_stack([poses.poses[:, :2], np.unwrap(poses.poses[:, 2])])
+    ways = _integral(track_times, log.tracks.speeds)
+    turned = _integral(imu_times, _vertical(log.imu, robot)[:, None])[:, 0]
+    truth_times = _seconds(poses.stamps, log.start)
+    lag, bias = _first_lag(truth_times, truth[:, 2], imu_times, turned, log.name)
+    return Motion(
+        log,
+        track_times,
+        ways,
+        imu_times,
+        turned,
+        _pushed(log.imu, imu_times, robot),
+        truth_times,
+        truth,
+        lag,
+        bias,
+    )
+
+
+def _seconds(stamps: Stamps, start: int) -> Floats:
+    return np.asarray((stamps - start) * NANOSECOND, dtype=float)
+
+
+def record(
+    motions: Sequence[Motion], robot: Robot, length: float, *, scale: float = 1.0
+) -> Recording:
+    """Cut logs into segments.
+
+    Args:
+        motions: the series of each log, with the lag to go by.
+        robot: for the path along which truth is carried over to knots.
+        length: of a segment [s].
+        scale: of the track speeds, for that path.
+
+    Raises:
+        EstimatorError: too few segments that move, or too little turning.
+    """
+    count = max(2, round(length / CELL))
+    logs, starts_at, follows = [], [], []
+    for number, motion in enumerate(motions):
+        for low, high in _pieces(motion):
+            several = int((high - low) // length)
+            begins = low + length * np.arange(several)
+            logs.append(np.full(several, number))
+            starts_at.append(begins)
+            follows.append(np.arange(several) > 0)
+    if not logs or not sum(map(len, logs)):
+        raise _too_short(motions, 0, length)
+    log, begin = np.concatenate(logs), np.concatenate(starts_at)
+    linked = np.concatenate(follows)
+    edges = begin[:, None] + length / count * np.arange(count + 1)
+    turned = np.empty_like(edges)
+    fastest = max(
+        float(np.abs(np.diff(one.track_ways, axis=0) / np.diff(one.track_times)[:, None]).max())
+        for one in motions
+    )
+    moving = np.empty(len(log), dtype=bool)
+    for number, motion in enumerate(motions):
+        own = log == number
+        turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
+        ways = np.stack(
+            [np.interp(edges[own], motion.track_times, side) for side in motion.track_ways.T], -1
+        )
+        speed = np.abs(np.diff(ways, axis=1)).max(axis=2) * count / length
+        moving[own] = speed.max(axis=1, initial=0.0) > STILL * fastest
+    moved = int(moving.sum())
+    if moved < LEAST_SEGMENTS:
+        raise _too_short(motions, moved, length)
+    if np.abs(np.diff(turned[moving], axis=1)).sum() < LEAST_TURNING:
+        raise EstimatorError(
+            f"the robot turned {np.abs(np.diff(turned[moving], axis=1)).sum():.2g} rad in all, which "
+            "shows no ICR; drive bends, circles and turns on the spot"
+        )
+    fresh = ~linked
+    knot_of_start = np.cumsum(np.where(fresh, 2, 1)) - 2
+    starts, ends = knot_of_start, knot_of_start + 1
+    knots = int(ends[-1]) + 1
+    knot_log, knot_times = np.empty(knots, dtype=np.int64), np.empty(knots)
+    knot_log[starts] = knot_log[ends] = log
+    knot_times[starts], knot_times[ends] = edges[:, 0], edges[:, -1]
+    pairs = [_near(motion, knot_log == number, knot_times) for number, motion in enumerate(motions)]
+    return Recording(
+        tuple(motions),
+        length,
+        log.astype(np.int64),
+        edges,
+        turned,
+        moving,
+        linked,
+        _blocks(log, moving),
+        starts,
+        ends,
+        knot_log,
+        knot_times,
+        np.concatenate([knot for knot, _ in pairs]),
+        np.concatenate([pose for _, pose in pairs]),
+        tuple(_path(motion, robot, scale) for motion in motions),
+    )
+
+
+def _too_short(motions: Sequence[Motion], found: int, length: float) -> EstimatorError:
+    names = ", ".join(repr(one.log.name) for one in motions)
+    return EstimatorError(
+        f"only {found} segments of {length:g} s in which the robot moves and tracks, IMU and truth "
+        f"have no holes, in {names}; at least {LEAST_SEGMENTS} are needed: drive longer, or choose "
+        "shorter segments"
+    )
+
+
+def _blocks(log: Indexes, moving: Mask) -> Indexes:
+    """Numbers of contiguous blocks of about as many moving segments each; logs do not share any."""
+    size = int(np.clip(moving.sum() // BLOCKS, SMALLEST_BLOCK, LARGEST_BLOCK))
+    result, number, held = np.zeros(len(log), dtype=np.int64), 0, 0
+    for place in range(len(log)):
+        if place and (log[place] != log[place - 1] or (held >= size and moving[place])):
+            number, held = number + 1, 0
+        held += int(moving[place])
+        result[place] = number
+    # A short rest at the end of a log goes with the block before.
+    for last in range(number, 0, -1):
+        own: Mask = np.asarray(result == last)
+        before: Mask = np.asarray(result == last - 1)
+        if moving[own].sum() < (size + 1) // 2 and log[own][0] == log[before][0]:
+            result[own] = last - 1
+    return np.asarray(np.unique(result, return_inverse=True)[1], dtype=np.int64)
+
+
+def _near(motion: Motion, own: Mask, knot_times: Floats) -> tuple[Indexes, Indexes]:
+    """Knots of a log, and its truth poses that count for them: at least the nearest."""
+    knots, poses = [], []
+    body_times = motion.truth_times - motion.lag
+    for knot in np.flatnonzero(own):
+        low, high = np.searchsorted(
+            body_times, [knot_times[knot] - KNOT_WINDOW, knot_times[knot] + KNOT_WINDOW]
+        )
+        if low == high:
+            before = max(low - 1, 0)
+            after = min(low, len(body_times) - 1)
+            gaps = np.abs(body_times[[before, after]] - knot_times[knot])
+            low = before if gaps[0] <= gaps[1] else after
+            high = low + 1
+        poses.append(np.arange(low, high))
+        knots.append(np.full(high - low, knot))
+    if not knots:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return np.concatenate(knots), np.concatenate(poses)
+
+
+def _pieces(motion: Motion) -> list[tuple[float, float]]:
+    """Intervals [s] in which no stream has a hole."""
+    body_times = motion.truth_times - motion.lag
+    streams = (
+        (motion.track_times, LARGEST_GAP),
+        (motion.imu_times, LARGEST_GAP),
+        (body_times, LARGEST_HOLE),
+    )
+    low = max(float(times[0]) for times, _ in streams) + KNOT_WINDOW
+    high = min(float(times[-1]) for times, _ in streams) - KNOT_WINDOW
+    holes = []
+    for times, largest in streams:
+        wide = np.flatnonzero(np.diff(times) > largest)
+        holes += [(float(times[place]), float(times[place + 1])) for place in wide]
+    pieces = []
+    for begin, end in sorted(holes):
+        if begin - KNOT_WINDOW > low:
+            pieces.append((low, min(begin - KNOT_WINDOW, high)))
+        low = max(low, end + KNOT_WINDOW)
+    if high > low:
+        pieces.append((low, high))
+    return pieces
+
+
+def _path(motion: Motion, robot: Robot, scale: float) -> tuple[Floats, Floats]:
+    """Times [s] and reckoned poses by gyro and the robot's constant ICRs."""
+    times = np.arange(motion.track_times[0], motion.track_times[-1], 0.02)
+    ways = np.stack([np.interp(times, motion.track_times, way) for way in motion.track_ways.T], -1)
+    rate = (np.interp(times, motion.imu_times, motion.turned) - motion.bias * times) / (
+        robot.imu.gyro_scale
+    )
+    indices = robot.constant_indices
+    turned = np.diff(rate)
+    forward = scale * np.diff(ways, axis=0).mean(axis=1) - turned * indices.epsilon0
+    left = -turned * indices.zeta0
+    middle = 0.5 * (rate[1:] + rate[:-1])
+    cos, sin = np.cos(middle), np.sin(middle)
+    steps = np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
+    places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    return times, np.column_stack([places, rate])
+
+
+def _vertical(imu: ImuSeries, robot: Robot) -> Floats:
+    upward = robot.imu_rotation[2]
+    if robot.imu.gyro_axes == "xyz":
+        return np.asarray(imu.angular_velocity @ upward)
+    return np.asarray(imu.angular_velocity[:, 2] / upward[2])
+
+
+def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
+    """(i, 2) integral of the levelled specific force [m/s], or None where too little was read."""
+    read = imu.linear_acceleration
+    if read is None:
+        return None
+    there: Mask = np.asarray(np.isfinite(read).all(axis=1))
+    if there.sum() < 0.9 * len(there):
+        return None
+    levelled = read[there] @ robot.imu_rotation[:2].T
+    whole = np.stack([np.interp(times, times[there], axis) for axis in levelled.T], axis=-1)
+    return _integral(times, whole)
+
+
+def _integral(times: Floats, values: Floats) -> Floats:
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def _first_lag(
+    truth_times: Floats, yaw: Floats, imu_times: Floats, turned: Floats, name: str
+) -> tuple[float, float]:
+    """Lag [s] and gyro bias [rad/s] at which turning by truth and gyro agree best."""
+    low = max(truth_times[0], imu_times[0] + LAGS[-1])
+    high = min(truth_times[-1], imu_times[-1] + LAGS[0]) - LAG_WINDOW
+    starts = np.arange(low, high, 0.25)
+    if len(starts) < 8:
+        raise EstimatorError(
+            f"truth and IMU of log {name!r} share only {max(0.0, high + LAG_WINDOW - low):.1f} s; "
+            "nothing can be identified from that"
+        )
+    between = np.searchsorted(truth_times, starts + LAG_WINDOW) - np.searchsorted(
+        truth_times, starts
+    )
+    starts = starts[between >= 2] if (between >= 2).sum() >= 8 else starts
+    by_truth = np.interp(starts + LAG_WINDOW, truth_times, yaw) - np.interp(
+        starts, truth_times, yaw
+    )
+    best = (np.inf, 0.0, 0.0)
+    for lag in LAGS:
+        by_gyro = np.interp(starts + LAG_WINDOW - lag, imu_times, turned) - np.interp(
+            starts - lag, imu_times, turned
+        )
+        apart = by_gyro - by_truth
+        bias = float(np.median(apart)) / LAG_WINDOW
+        cost = float(np.mean(np.abs(apart - bias * LAG_WINDOW)))
+        if cost < best[0]:
+            best = (cost, float(lag), bias)
+    return best[1], best[2]

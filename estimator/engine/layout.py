@@ -1,0 +1,155 @@
+"""What stands where in the workspace of a group of lanes, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from icreckon.estimator.base import state as s
+
+# What a step is told: of each lane, and of all lanes alike.
+STEP_INPUTS = (
+    "smooth_left",
+    "smooth_right",
+    "left",
+    "right",
+    "mean_left",
+    "mean_right",
+    "left_density",
+    "right_density",
+    "gap_density",
+    "acceleration_left",
+    "acceleration_right",
+    "window",
+    "speed_variance",
+    "age",
+    "slow",
+    "quiet_mean",
+    "rate",
+    "force",
+    "now_left",
+    "now_right",
+)
+FIX_INPUTS = ("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "how")
+STEP_CONSTANTS = ("dt", "share", "decay", "mean", "integral", "cross", "final")
+CONSTANTS = (
+    "gauge",
+    "mass",
+    "x_CM",
+    "y_CM",
+    "turning_x",
+    "turning_y",
+    "turning_w",
+    "driving_x",
+    "driving_y",
+    "driving_w",
+    "time_constant",
+    "white_time",
+    "gyro_density",
+    "accelerometer_density",
+    "imu_x",
+    "imu_y",
+    "threshold",
+    "patience",
+    "interval",
+    "bias_margin",
+    "position_threshold",
+)
+# Of each gate: rejections in a row; and what is counted.
+GATES = ("gyro", "accelerometer", "position", "heading")
+COUNTS = (
+    *(
+        f"{gate}_{count}"
+        for gate in GATES
+        for count in ("row", "used", "rejected", "nis", "judged")
+    ),
+    "standstill",
+)
+# Of the step before: track speeds and force of inertia at its end, and whether the robot stood; and where
+# the filter thought to be at the newest fix.
+BEFORE = ("V_l", "V_r", "u", "stood", "believed_x", "believed_y")
+TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
+
+# Of each gate what it judged last, where a step is told: residual, and the covariance that this should
+# have; 0 where the gate was not asked.
+JUDGED = (
+    *(f"{gate}_{part}" for gate in ("gyro", "accelerometer", "heading") for part in ("r", "rr")),
+    *(f"position_{part}" for part in ("x", "y", "xx", "xy", "yy")),
+)
+
+
+class Names:
+    """Names in an order, each with its place."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.names = tuple(names)
+        self._places = {name: place for place, name in enumerate(self.names)}
+
+    def __getitem__(self, name: str) -> int:
+        return self._places[name]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+INPUTS = Names((*STEP_INPUTS, *FIX_INPUTS))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The rows of the workspace for a filter with some of the states.
+
+    Attributes:
+        states: indices of the states that are uncertain, ascending, without the fast slip.
+    """
+
+    states: tuple[int, ...]
+
+    @property
+    def parameters(self) -> tuple[int, ...]:
+        """Those of the states that are parameters."""
+        return tuple(i for i in self.states if s.PARAMETERS.start <= i < s.PARAMETERS.stop)
+
+    @property
+    def rows(self) -> Names:
+        """Names of the rows: states, covariances, regressors, counts, twist; what is told only last."""
+        states, fast = self.states, range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
+        all_states = (*states, *fast)
+        return Names(
+            (
+                *(f"x{i}" for i in states),
+                *(covariance_name(i, j) for n, i in enumerate(states) for j in states[n:]),
+                *(f"r{axis}_{i}" for axis in range(3) for i in self.parameters),
+                *COUNTS,
+                *TWIST,
+                *BEFORE,
+                *(f"x{i}" for i in fast),
+                *(covariance_name(i, j) for j in fast for i in all_states if i <= j),
+                *JUDGED,
+            )
+        )
+
+    @property
+    def constants(self) -> Names:
+        """Names of the numbers that all lanes share."""
+        return Names(
+            (
+                *STEP_CONSTANTS,
+                *CONSTANTS,
+                *(f"fixed{i}" for i in range(s.SIZE)),
+                *(f"walk{i}" for i in range(s.SIZE)),
+            )
+        )
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the rows that tell the rest of an estimate: states, variances, what gates judged."""
+        fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
+        states = [i for i in (*self.states, *fast) if i >= s.POSE.stop]
+        values = (*(f"x{i}" for i in states), *(covariance_name(i, i) for i in states))
+        return (*values, *JUDGED)
+
+
+def covariance_name(a: int, b: int) -> str:
+    """Of a pair of states."""
+    return f"P{min(a, b)}_{max(a, b)}"

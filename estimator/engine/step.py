@@ -1,0 +1,386 @@
+"""The filter's step in traced numbers: `estimator.scalar_engine.imu_kernel` for many filters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.engine import model
+from icreckon.estimator.engine.covariance import Covariance, Vector, dot
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
+from icreckon.estimator.filter.ekf import IMU_KEPT
+from icreckon.estimator.scalar_engine.imu_kernel import SlipNumbers
+from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
+from icreckon.estimator.tracing import trace
+from icreckon.estimator.tracing.emit import Kernel
+from icreckon.estimator.tracing.trace import maximum, select
+
+# Parameters and biases.
+WALKING = range(s.PARAMETERS.start, s.TRACK_SCALE)
+
+
+class StepKind(NamedTuple):
+    """What happens in a step.
+
+    Attributes:
+        moves: whether time passes.
+        stands: whether a lane may be found standing at its end.
+        imu: whether there is an IMU sample at its end.
+        accelerometer: whether that has a specific force which is used.
+        tells: whether the body velocity at its end is wanted.
+    """
+
+    moves: bool = True
+    stands: bool = False
+    imu: bool = True
+    accelerometer: bool = True
+    tells: bool = False
+
+
+class Foretold(NamedTuple):
+    """What the pose should be, see `estimator.filter.look_ahead.Foretold`.
+
+    Attributes:
+        values: (3,).
+        rows: (3,) their derivatives by the states.
+        covariance: (3, 3) of what the state does not tell of them.
+    """
+
+    values: Sequence[Any]
+    rows: Sequence[Vector]
+    covariance: Sequence[Sequence[Any]]
+
+
+def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
+    """The step with an IMU sample at its end; see `estimator.scalar_engine.imu_kernel.imu_step`.
+
+    Args:
+        name: of the kernel.
+        shape: of the filter.
+        kind: what happens in the step.
+    """
+    lane = Lane(shape, tells=kind.tells)
+    step = Step(lane, kind)
+    if kind.moves:
+        step.draw_fast_slip()
+    if kind.imu:
+        if kind.stands:
+            step.take_standstill()
+        step.take_gyro()
+        if kind.accelerometer:
+            step.take_accelerometer()
+        lane.keep_inside_bounds()
+    if kind.moves:
+        step.move()
+    if kind.tells:
+        step.tell_twist()
+    return lane.kernel(name, with_fast_slip=kind.tells and kind.moves)
+
+
+class Step:
+    """What the parts of a step share."""
+
+    def __init__(self, lane: Lane, kind: StepKind) -> None:
+        self.lane, self.kind = lane, kind
+        told: Any = lane.told
+        constant: Any = lane.constant
+        self.slip = SlipNumbers(*(constant(name) for name in SlipNumbers._fields))
+        self.imu = ImuConstants(
+            *(constant(n) for n in ("gyro_density", "accelerometer_density", "imu_x", "imu_y"))
+        )
+        self.smooth = told("smooth_left"), told("smooth_right")
+        self.change = TrackChange(
+            (told("acceleration_left"), told("acceleration_right")),
+            told("window"),
+            told("speed_variance"),
+            told("age"),
+        )
+        self.stands: Any = trace.lift_truth(False)
+        self.regressors: tuple[Vector, ...] = ({}, {}, {})
+        slow = told("slow") > 0.5
+        if kind.stands:
+            bias_sigma = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS) ** 0.5
+            margin = maximum(constant("bias_margin"), 4.0 * bias_sigma)
+            # Where the readings were not quiet, their mean is not a number.
+            self.stands = abs(told("quiet_mean") - lane.x[s.GYRO_BIAS]) <= margin
+            slow = slow & ~self.stands
+        elif not kind.imu:
+            slow = slow & (lane.row("stood") < 0.5)
+        else:
+            lane.stores["stood"] = 0.0
+        self.pushed = slow
+        left, right = told("left"), told("right")
+        scale = 1.0 + lane.x[s.TRACK_SCALE]
+        same = (left * scale == lane.row("V_l")) & (right * scale == lane.row("V_r"))
+        self.model = self.lane.twist_model(1.0, left, right, select(same, lane.row("u"), 0.0))
+
+    def _sigma(self) -> Any:
+        lane = self.lane
+        eta = lane.x[s.ETA0]
+        gauge = lane.constant("gauge")
+        return model.slip_at(*self.smooth, self.slip, gauge, eta, self.pushed)
+
+    def draw_fast_slip(self) -> None:
+        """A new one, which is independent of all that was known; and smooth the derivatives."""
+        lane, now = self.lane, self.model
+        share = lane.constant("share")
+        for axis, row in enumerate(now.rows):
+            for i in lane.layout.parameters:
+                if i in row:
+                    before = lane.row(f"r{axis}_{i}")
+                    row[i] = lane.stores[f"r{axis}_{i}"] = before + share * (row[i] - before)
+        density = self._density(now)
+        per_dt = 1.0 / lane.constant("dt")
+        entries = {
+            (FAST[i], FAST[j]): density[i][j] * per_dt for i in range(3) for j in range(i, 3)
+        }
+        for pair, value in entries.items():
+            lane.P.add(*pair, value)
+        lane.P.states = sorted({*lane.P.states, *FAST})
+        self.regressors = tuple(
+            {i: row[i] for i in lane.layout.parameters if i in row} for row in now.rows
+        )
+
+    def _shared(self, axis: int) -> Vector:
+        """The part of a row of derivatives that is the same all through the step."""
+        return self.regressors[axis]
+
+    def foretell_pose(self) -> Foretold:
+        """The pose a step later, with no more than is known now; see `estimator.filter.look_ahead`."""
+        lane = self.lane
+        dt, now = lane.constant("dt"), lane.with_kept_derivatives(self.model)
+        density = self._density(now)
+        step, by_yaw, M = model.step_on_se2(lane.x[s.YAW], [part * dt for part in now.twist])
+        yaws = (by_yaw[0], by_yaw[1], 0.0)
+        rows: list[Vector] = []
+        for i in range(3):
+            row: Vector = {i: trace.lift(1.0)}
+            row[s.YAW] = row.get(s.YAW, 0.0) + yaws[i]
+            for k in range(3):
+                for j, value in now.rows[k].items():
+                    if j not in FAST:
+                        row[j] = row.get(j, 0.0) + M[i][k] * value * dt
+            rows.append(row)
+        covariance = [
+            [
+                sum(M[i][a] * density[a][b] * M[j][b] for a in range(3) for b in range(3)) * dt
+                for j in range(3)
+            ]
+            for i in range(3)
+        ]
+        return Foretold([lane.x[i] + step[i] for i in range(3)], rows, covariance)
+
+    def _density(self, now: model.TracedTwist) -> Any:
+        """(3, 3) of the fast slip."""
+        lane = self.lane
+        return model.fast_slip_density(
+            now.by_speeds,
+            lane.told("left_density"),
+            lane.told("right_density"),
+            self.slip.white_time,
+            self._sigma()[2],
+            lane.told("gap_density"),
+        )
+
+    def _with_smooth_derivatives(self, now: model.TracedTwist) -> model.TracedTwist:
+        if self.kind.moves:
+            for axis, row in enumerate(now.rows):
+                row.update(self.regressors[axis])
+        return now
+
+    def take_standstill(self) -> None:
+        """A standing robot's twist is zero."""
+        lane, now = self.lane, self.model
+        before = lane.x.copy()
+        for axis, variance in enumerate(STANDSTILL_VARIANCE):
+            row = now.rows[axis]
+            residual = -now.twist[axis] - shift_of(row, lane.x, before)
+            shared = (1.0, self._shared(axis))
+            lane.update(residual, row, variance, shared, kept=IMU_KEPT, only=self.stands)
+        more = trace.truth_as_number(self.stands)
+        lane.stores["standstill"] = lane.row("standstill") + more
+        lane.stores["stood"] = more
+        speeds = lane.told("left"), lane.told("right")
+        now = self.lane.twist_model(1.0, *speeds, now.u)
+        self.model = self._with_smooth_derivatives(now)
+
+    def take_gyro(self) -> None:
+        """Yaw rate times scale, plus bias."""
+        lane, now = self.lane, self.model
+        self.linearised_at = lane.x.copy()
+        scale = 1.0 + lane.x[s.GYRO_SCALE]
+        row = {i: scale * value for i, value in now.rows[2].items()}
+        for state, more in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, now.twist[2])):
+            if state in lane.P.states:
+                row[state] = row.get(state, 0.0) + more
+        residual = lane.told("rate") - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
+        interval = lane.constant("interval")
+        variance = model.gyro_variance(self.imu, interval, now.by_speeds[2], self.change)
+        shared = (scale, self._shared(2))
+        lane.gated("gyro", residual, row, variance, shared, reopen=s.SLIP_W, kept=IMU_KEPT)
+
+    def take_accelerometer(self) -> None:
+        """Specific force to the left."""
+        lane, now = self.lane, self.model
+        rough = model.sideways_density(self._sigma()[1], self.slip.time_constant)
+        forecast = model.accelerometer_forecast(
+            self.imu, lane.constant("interval"), now.twist, now.by_speeds, self.change, rough
+        )
+        row: Vector = {}
+        for factor, part in ((forecast.by_w, now.rows[2]), (forecast.by_v_x, now.rows[0])):
+            for i, value in part.items():
+                row[i] = row.get(i, 0.0) + factor * value
+        bias = s.ACCELEROMETER_BIAS
+        if bias in lane.P.states:
+            row[bias] = row.get(bias, 0.0) + 1.0
+        predicted = forecast.predicted + self.linearised_at[bias]
+        residual = lane.told("force") - predicted - shift_of(row, lane.x, self.linearised_at)
+        lane.gated(
+            "accelerometer",
+            residual,
+            row,
+            forecast.variance,
+            (forecast.by_w, self._shared(2)),
+            (forecast.by_v_x, self._shared(0)),
+            reopen=bias,
+            kept=IMU_KEPT,
+            only=~self.stands if self.kind.stands else True,
+        )
+
+    def move(self) -> None:
+        """Propagate to the end of the step; see `estimator.scalar_engine.ekf_kernel.move`."""
+        lane = self.lane
+        x, P, constant = lane.x, lane.P, lane.constant
+        dt, decay = constant("dt"), constant("decay")
+        sigma = self._sigma()
+        turning = model.share_of_walk(*self.smooth)
+        left, right = lane.told("mean_left"), lane.told("mean_right")
+        now = self.lane.twist_model(constant("mean"), left, right, self.model.u)
+        scale = 1.0 + x[s.TRACK_SCALE]
+        if now.u is not None:
+            lane.stores.update(V_l=left * scale, V_r=right * scale, u=now.u)
+        now = self._with_smooth_derivatives(now)
+        step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])
+        states = lane.shape.states
+        walk = self._walks(turning)
+        with_rows = [
+            P.times({i: value for i, value in row.items() if i not in shared}, (1.0, shared))
+            for row, shared in zip(now.rows, self.regressors, strict=True)
+        ]
+        spread = np.empty((3, 3), dtype=object)
+        for k in range(3):
+            for m in range(k, 3):
+                spread[k, m] = spread[m, k] = dot(with_rows[k], now.rows[m])
+        M_dt = [[part * dt for part in row] for row in M]
+        yaws = (by_yaw[0], by_yaw[1], 0.0)
+        carried: dict[tuple[int, int], Any] = {}
+        for i in range(3):
+            for j in lane.P.states:
+                moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(3)), start=0.0)
+                carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
+        with_pose = _noise_of_pose(now.rows, M, walk, sigma, lane)
+        after: dict[tuple[int, int], Any] = {}
+        for i in range(3):
+            # The carried row times the derivatives of the twist.
+            times = [
+                with_rows[m][i]
+                + yaws[i] * with_rows[m][s.YAW]
+                + sum((M_dt[i][k] * spread[k][m] for k in range(3)), start=0.0)
+                for m in range(3)
+            ]
+            for k in range(i, 3):
+                moved = sum((M_dt[k][m] * times[m] for m in range(3)), start=0.0)
+                after[i, k] = carried[i, k] + yaws[k] * carried[i, s.YAW] + moved
+                after[i, k] = after[i, k] + with_pose[i, k]
+            for j in states:
+                if j >= s.POSE.stop:
+                    fading = decay if _is_slip(j) else 1.0
+                    after[i, j] = carried[i, j] * fading + with_pose.get((i, j), 0.0)
+        for n, i in enumerate(states):
+            for j in states[n:]:
+                if i >= s.POSE.stop:
+                    fading = (decay if _is_slip(i) else 1.0) * (decay if _is_slip(j) else 1.0)
+                    after[i, j] = P.entry(i, j) * fading
+            after[i, i] = after[i, i] + walk.get(i, 0.0) * dt
+            if _is_slip(i):
+                axis = i - s.SLIP.start
+                after[i, i] = after[i, i] + sigma[axis] * sigma[axis] * constant("final")
+        if self.kind.tells:
+            for j in FAST:
+                for i in lane.P.states:
+                    if i < s.POSE.stop:
+                        after[i, j] = carried[i, j]
+                    elif i <= j:
+                        after[i, j] = P.entry(i, j) * (decay if _is_slip(i) else 1.0)
+        lane.P = Covariance(after)
+        for i in range(3):
+            x[i] = x[i] + step[i]
+            x[s.SLIP.start + i] = x[s.SLIP.start + i] * decay
+        self.model = now
+
+    def _walks(self, turning: Any) -> Vector:
+        """Densities of the random walks of the states that have one, squared."""
+        lane = self.lane
+        walks: Vector = {}
+        for i in lane.shape.states:
+            if i in WALKING:
+                rate = lane.constant(f"walk{i}")
+                if i in lane.layout.parameters:
+                    rate = rate * turning
+                walks[i] = rate * rate
+        return walks
+
+    def tell_twist(self) -> None:
+        """Body velocity at the end, and its covariance."""
+        lane = self.lane
+        speeds = lane.told("now_left"), lane.told("now_right")
+        now = self._with_smooth_derivatives(lane.twist_model(1.0, *speeds, self.model.u))
+        if not self.kind.moves:
+            # Nothing was smoothed yet: they stand as they are.
+            for axis, row in enumerate(now.rows):
+                for i in lane.layout.parameters:
+                    if i in row:
+                        lane.stores[f"r{axis}_{i}"] = row[i]
+        lane.tell_twist(now)
+
+
+def _noise_of_pose(
+    rows: tuple[Vector, Vector, Vector], M: Any, walk: Vector, sigma: Any, lane: Lane
+) -> dict[tuple[int, int], Any]:
+    """What walks and slip add to the pose's covariances over a step."""
+    dt = lane.constant("dt")
+    half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
+    found: dict[tuple[int, int], Any] = {}
+    by_state = [
+        {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in walk}
+        for i in range(3)
+    ]
+    squares = [part * part for part in sigma]
+    for i in range(3):
+        for j in walk:
+            found[i, j] = by_state[i][j] * walk[j] * half
+        for axis in range(3):
+            slipped = M[i][axis] * squares[axis] * lane.constant("cross")
+            found[i, s.SLIP.start + axis] = slipped
+        for k in range(i, 3):
+            walked = sum((by_state[i][j] * by_state[k][j] * walk[j] for j in walk), start=0.0)
+            slipped = sum((M[i][a] * M[k][a] * squares[a] for a in range(3)), start=0.0)
+            found[i, k] = walked * third + slipped * lane.constant("integral")
+    return found
+
+
+def _is_slip(state: int) -> bool:
+    return s.SLIP.start <= state < s.SLIP.stop
+
+
+def shift_of(row: Vector, x: Any, since: Any) -> Any:
+    """How far a prediction has moved with the state since an earlier one."""
+    total: Any = 0.0
+    for i, share in row.items():
+        moved = x[i] - since[i]
+        if not model.is_zero(moved):
+            total = total + share * moved
+    return total

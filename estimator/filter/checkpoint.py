@@ -1,0 +1,86 @@
+"""What the filter knows between two measurements: enough to go on from there exactly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.filter.clones import Marks
+from icreckon.estimator.filter.health import Health
+from icreckon.estimator.filter.reacquisition import RefusedFix
+from icreckon.estimator.motion.motion_model import NO_MEMORY
+from icreckon.estimator.sensors.held_tracks import TrackMemory
+from icreckon.estimator.sensors.standstill import StandstillMemory
+
+
+class FilterMemory(msgspec.Struct, frozen=True):
+    """The state of a `Reckoning`; nothing in it is changed by going on.
+
+    Attributes:
+        stamp: time of the estimate [ns], or None before the first.
+        state: (SIZE,) see `estimator.base.state`.
+        covariance: (SIZE, SIZE).
+        step_under_way: whether the fast slip of the next step is drawn already.
+        stands: whether the robot was found standing.
+        tracks: the newest track speeds.
+        standstill: what the standstill detection goes by.
+        imu_stamp: of the newest IMU sample [ns], or None.
+        imu_interval: time between the newest two IMU samples [s].
+        rejected_in_a_row: of each gate.
+        health: counts.
+        marks: the motion since each mark, None where there is none.
+        model: (m,) what the motion model remembers, see `estimator.motion.motion_model.MotionModel`.
+        refused_fixes: position fixes that were refused since one was used.
+        stood_at: stamp of the newest zero velocity that was used [ns], or None.
+        regressors: (3, 8) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
+    """
+
+    stamp: int | None
+    state: np.ndarray[Any, Any]
+    covariance: np.ndarray[Any, Any]
+    step_under_way: bool
+    stands: bool
+    tracks: TrackMemory
+    standstill: StandstillMemory
+    imu_stamp: int | None
+    imu_interval: float
+    rejected_in_a_row: dict[str, int]
+    health: Health
+    marks: Marks | None = None
+    model: np.ndarray[Any, Any] = NO_MEMORY
+    regressors: np.ndarray[Any, Any] | None = None
+    refused_fixes: tuple[RefusedFix, ...] = ()
+    stood_at: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):
+            raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")
+        if self.regressors is not None and self.regressors.shape != (3, 8):
+            raise ValueError("three rows of eight derivatives by the parameters are needed")
+
+    def shifted(self, by: int) -> FilterMemory:
+        """The same by a clock that shows `by` more [ns]; marks keep the stamps that they are known by."""
+
+        def later(stamp: int | None) -> int | None:
+            return None if stamp is None else stamp + by
+
+        tracks, standstill = self.tracks, self.standstill
+        repeating = tracks.repeating and tuple(
+            replace(track, since=track.since + by, newest=track.newest + by)
+            for track in tracks.repeating
+        )
+        return replace(
+            self,
+            stamp=later(self.stamp),
+            tracks=replace(tracks, stamp=later(tracks.stamp), repeating=repeating),
+            standstill=StandstillMemory(
+                later(standstill.stopped_since),
+                tuple((stamp + by, reading) for stamp, reading in standstill.readings),
+            ),
+            imu_stamp=later(self.imu_stamp),
+            stood_at=later(self.stood_at),
+        )

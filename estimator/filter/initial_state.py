@@ -1,0 +1,87 @@
+"""What a filter of one robot and variant takes for granted: its motion model, start and disturbances."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import SettingError, nearest_hint
+from icreckon.estimator.filter.process_noise import Disturbances
+from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import (
+    DEFAULT_ADAPTATION,
+    Variant,
+    initial_parameters,
+    motion_model,
+    parameter_sigmas,
+    parameter_walks,
+    slip_of,
+    state_names,
+)
+
+
+class Assumptions(NamedTuple):
+    """What there is before the first measurement.
+
+    Attributes:
+        model: the motion model, new.
+        state: (SIZE,) the state at the start, at the origin.
+        sigmas: (SIZE,) its standard deviations; zero where nothing is estimated, and for the pose.
+        disturbances: the process noise.
+    """
+
+    model: MotionModel
+    state: Floats
+    sigmas: Floats
+    disturbances: Disturbances
+
+
+def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptions:
+    """What the filter of a robot and variant assumes.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no contact with the ground, or
+            `Settings.considered` has a name that the variant has not.
+    """
+    adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
+    model = motion_model(
+        robot,
+        variant,
+        settings.form,
+        slip_in_inertia=settings.inertia == "imu",
+        adaptation=adaptation,
+    )
+    state, sigmas = np.zeros(s.SIZE), np.zeros(s.SIZE)
+    state[s.PARAMETERS] = initial_parameters(robot, variant)
+    sigmas[s.PARAMETERS] = parameter_sigmas(robot, variant, adaptation)
+    sigmas[s.GYRO_BIAS] = robot.imu.gyro_bias_sigma
+    sigmas[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_sigma
+    sigmas[s.TRACK_SCALE] = robot.tracks.scale_sigma
+    sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
+    slip = settings.slip or slip_of(robot, variant)
+    walks = parameter_walks(robot, variant, adaptation)
+    disturbances = Disturbances(robot, slip, walks)
+    for index in considered_states(variant, settings):
+        disturbances.bias_walk[index] = disturbances.parameter_walk[index] = 0.0
+    return Assumptions(model, state, sigmas, disturbances)
+
+
+def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
+    """Which states `Settings.considered` names.
+
+    Raises:
+        EstimatorError: there is no such parameter, bias or scale; the message names the nearest.
+    """
+    names = state_names(variant)
+    allowed = [name for name in names[s.LEARNT] if not name.startswith("unused")]
+    for name in settings.considered:
+        if name not in allowed:
+            raise SettingError(
+                f"Settings.considered cannot hold {name!r}{nearest_hint(name, allowed)}"
+            )
+    return tuple(sorted({names.index(name) for name in settings.considered}))

@@ -1,0 +1,189 @@
+"""What disturbs the motion: slip, errors of the track speeds, and random walks.
+
+The functions are written for plain Python and for numba (`estimator.tracing.jit_kernel`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.choices import select
+from icreckon.estimator.filter.ekf import ProcessNoise
+from icreckon.estimator.log.measurements import Vector3
+from icreckon.estimator.robot.robot_file import Robot, Slip
+from icreckon.estimator.robot.slip import slip_components
+from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+
+# How fast a robot may turn whose tracks are at rest, unless it is known to stand [rad/s].
+PUSHED_W = 0.3
+# The random walk of the parameters runs at its full rate from this difference of track speeds on [m/s].
+FULL_TURNING = 0.1
+# How fast the robot may begin to move sideways in a gap, as a share of how fast forward.
+SIDEWAYS_IN_GAP = 0.1
+
+
+class Disturbances:
+    """The process noise of one robot and filter variant.
+
+    Args:
+        robot: the robot.
+        slip: of the variant.
+        parameter_walk: (8,) random walk of the parameters at its full rate, per √s.
+    """
+
+    def __init__(self, robot: Robot, slip: Slip, parameter_walk: Floats) -> None:
+        self._slip = slip
+        self._track_gauge = robot.vehicle.track_gauge
+        self._track_density = robot.tracks.speed_noise_density**2
+        self._bias_walk = np.zeros(s.SIZE)
+        self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
+        self._bias_walk[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_walk
+        self._parameter_walk = np.zeros(s.SIZE)
+        self._parameter_walk[s.PARAMETERS] = parameter_walk
+
+    @property
+    def slip(self) -> Slip:
+        """Of the variant."""
+        return self._slip
+
+    @property
+    def bias_walk(self) -> Floats:
+        """(SIZE,) random walk of the biases, zero elsewhere, per √s."""
+        return self._bias_walk
+
+    @property
+    def parameter_walk(self) -> Floats:
+        """(SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s."""
+        return self._parameter_walk
+
+    def slip_sigma(self, tracks: HeldTrackSpeeds, eta: float, *, pushed: bool) -> Vector3:
+        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
+
+        It goes by smoothed speeds, as the random walk of the parameters does: were it large where noise
+        makes a turn look faster, those samples would count less that say more of the parameters.
+
+        Args:
+            tracks: the track speeds.
+            eta: typical steering efficiency index [-].
+            pushed: whether the robot may be turning with its tracks at rest.
+        """
+        left, right = tracks.smooth
+        return self.slip_of(left, right, eta, pushed=pushed)
+
+    def slip_of(self, left: float, right: float, eta: float, *, pushed: bool = False) -> Vector3:
+        """The same at given track speeds [m/s]."""
+        return slip_at(left, right, self._slip, self._track_gauge, eta, pushed)
+
+    def sideways_density(self, sigma: Vector3) -> float:
+        """Density of the change of the sideways slip [m²/s³] at a `slip_sigma`."""
+        return sideways_density(sigma[1], self._slip.time_constant)
+
+    def track_density(self, tracks: HeldTrackSpeeds) -> float:
+        """Density of the error of each track's speed, from the noise of its sensor [m²/s]."""
+        return 0.0 if tracks.stopped else self._track_density
+
+    def track_densities(self, tracks: HeldTrackSpeeds, start: int, end: int) -> tuple[float, float]:
+        """Density of the error of the left and of the right track's speed over a step [m²/s].
+
+        Args:
+            tracks: the track speeds.
+            start: stamp of the step's start [ns].
+            end: of its end [ns].
+        """
+        noise, (left, right) = self.track_density(tracks), tracks.stuck_densities(start, end)
+        return noise + left, noise + right
+
+    def fast_slip_density(
+        self, tracks: HeldTrackSpeeds, by_speeds: Floats, sigma: Vector3, start: int, end: int
+    ) -> Floats:
+        """(3, 3) density of the fast slip between two stamps [ns].
+
+        It is the error of the track speeds, the white part of the slip, and what the track speeds may
+        have changed by while they are too old to be trusted.
+
+        Args:
+            tracks: the track speeds.
+            by_speeds: (3, 2) derivative of the twist by them.
+            sigma: of the slip, see `slip_sigma`.
+            start: of the step.
+            end: of the step.
+        """
+        density = fast_slip_density(
+            by_speeds.tolist(),
+            *self.track_densities(tracks, start, end),
+            self._slip.white_time,
+            sigma[2],
+            tracks.gap_density(start, end),
+        )
+        return np.array(density)
+
+    def of_step(self, tracks: HeldTrackSpeeds, sigma: Vector3) -> ProcessNoise:
+        """The noise of a step at a `slip_sigma`.
+
+        Parameters wander only as far as the motion can show them, from not at all (straight, standing)
+        to their full rate.
+        """
+        walk = self._bias_walk + self._parameter_walk * share_of_walk(*tracks.smooth)
+        return ProcessNoise(np.array(sigma), self._slip.time_constant, walk)
+
+
+def slip_at(
+    left: float, right: float, slip: Any, gauge: float, eta: float, pushed: bool
+) -> Vector3:
+    """Standard deviation of the slip [m/s, m/s, rad/s].
+
+    Args:
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+        slip: what has the numbers of a `Slip`.
+        gauge: L [m].
+        eta: typical steering efficiency index [-].
+        pushed: whether the robot may be turning with its tracks at rest.
+    """
+    forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
+    return forward, sideways, select(pushed, PUSHED_W, turning)
+
+
+def sideways_density(sigma_y: float, time_constant: float) -> float:
+    """Density of the change of a slip of this standard deviation [m²/s³]."""
+    return 2.0 * (sigma_y * sigma_y) / time_constant
+
+
+def fast_slip_density(
+    by_speeds: Any,
+    left_density: float,
+    right_density: float,
+    white_time: float,
+    sigma_w: float,
+    gap_density: float,
+) -> tuple[Vector3, Vector3, Vector3]:
+    """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
+
+    Args:
+        by_speeds: (3, 2) derivative of the twist by the track speeds.
+        left_density: of the error of the left track's speed [m²/s].
+        right_density: of the right.
+        white_time: of the slip, see `Slip` [s].
+        sigma_w: standard deviation of the slip of w [rad/s].
+        gap_density: of what their mean may have changed by in a gap, and their half difference [m²/s].
+    """
+    x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
+    xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
+    xw = left_density * x[0] * w[0] + right_density * x[1] * w[1]
+    yw = left_density * y[0] * w[0] + right_density * y[1] * w[1]
+    xx = left_density * (x[0] * x[0]) + right_density * (x[1] * x[1]) + gap_density
+    yy = left_density * (y[0] * y[0]) + right_density * (y[1] * y[1])
+    yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP)
+    ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
+    ww += 2.0 * white_time * (sigma_w * sigma_w)
+    ww += 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
+    return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
+
+
+def share_of_walk(left: float, right: float) -> float:
+    """How much of their full rate the parameters wander at, at these track speeds [m/s]."""
+    return min(1.0, abs(right - left) / FULL_TURNING)

@@ -1,0 +1,103 @@
+"""A log of measurements that are at hand one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.log.input_checks import STREAMS, Admission, Key, as_plain, key_of
+from icreckon.estimator.log.measurements import (
+    HeadingFix,
+    ImuSample,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+
+# No stamp and no speed is refused for being far from others here.
+NO_LIMIT = 1e300
+
+
+class Gathered(NamedTuple):
+    """Measurements by sensor.
+
+    Attributes:
+        tracks: track speeds.
+        imu: IMU samples; None without any.
+        fixes: position fixes, with the headings at their stamps; None without any.
+        dropped: reason -> number of measurements that were dropped for it.
+        others: measurements that no series has a place for, in order.
+    """
+
+    tracks: TrackSpeedSeries
+    imu: ImuSeries | None
+    fixes: FixSeries | None
+    dropped: dict[str, int]
+    others: tuple[Measurement, ...]
+
+
+def gathered(measurements: Iterable[Measurement]) -> Gathered:
+    """Sort measurements into series; see `Log.from_measurements`."""
+    admission, dropped = Admission(0.0, NO_LIMIT), dict[str, int]()
+    kept: dict[Key, Measurement] = {}
+    for measurement in map(as_plain, measurements):
+        key = key_of(measurement)
+        reason = admission.objection(measurement)
+        if reason is None and key in kept:
+            reason = "duplicate stamp"
+        if reason is None:
+            kept[key] = measurement
+        else:
+            counted = f"{STREAMS[type(measurement)]}: {reason}"
+            dropped[counted] = dropped.get(counted, 0) + 1
+    ordered = [kept[key] for key in sorted(kept)]
+    tracks = [m for m in ordered if isinstance(m, TrackSpeeds)]
+    samples = [m for m in ordered if isinstance(m, ImuSample)]
+    positions = [m for m in ordered if isinstance(m, PositionFix)]
+    at_positions = {m.stamp for m in positions}
+    headings = {
+        m.stamp: m for m in ordered if isinstance(m, HeadingFix) and m.stamp in at_positions
+    }
+    others = [
+        m
+        for m in ordered
+        if not isinstance(m, TrackSpeeds | ImuSample | PositionFix)
+        and not (isinstance(m, HeadingFix) and m.stamp in at_positions)
+    ]
+    return Gathered(
+        TrackSpeedSeries(_stamps(tracks), _array([(m.left, m.right) for m in tracks], 2)),
+        _imu(samples) if samples else None,
+        _fixes(positions, headings) if positions else None,
+        dropped,
+        tuple(others),
+    )
+
+
+def _imu(samples: list[ImuSample]) -> ImuSeries:
+    forces: Floats | None = None
+    if any(m.linear_acceleration is not None for m in samples):
+        none = (np.nan, np.nan, np.nan)
+        forces = _array([m.linear_acceleration or none for m in samples], 3)
+    return ImuSeries(_stamps(samples), _array([m.angular_velocity for m in samples], 3), forces)
+
+
+def _fixes(positions: list[PositionFix], headings: dict[int, HeadingFix]) -> FixSeries:
+    nothing = HeadingFix(0, np.nan, np.nan)
+    both = [(m, headings.get(m.stamp, nothing)) for m in positions]
+    return FixSeries(
+        _stamps(positions),
+        _array([(m.x, m.y, heading.yaw) for m, heading in both], 3),
+        _array([(m.variance, heading.variance) for m, heading in both], 2),
+    )
+
+
+def _stamps(measurements: list[Any]) -> Stamps:
+    return np.array([m.stamp for m in measurements], dtype=np.int64)
+
+
+def _array(rows: list[Any], width: int) -> Floats:
+    return np.array(rows, dtype=float).reshape(-1, width)

@@ -1,0 +1,297 @@
+"""The in-memory log: every stream as arrays, screened once, in REP-103 axes.
+
+A log is what `simulation` makes, what `replay` reads from and writes to bags, and what the filter is
+run over. Streams are screened when they are made (`screen`): what cannot be right is dropped and
+counted, never repaired.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Stamps
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.log.gather import gathered
+from icreckon.estimator.log.measurements import (
+    HeadingFix,
+    ImuSample,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.log.series import (
+    FixSeries,
+    ImuSeries,
+    PoseSeries,
+    TrackSpeedSeries,
+    Truth,
+    TwistSeries,
+)
+
+AT_A_TIME = 8192
+"""So many measurements of a log are made at once."""
+
+_Maker = Callable[[NDArray[np.int64]], list[Measurement]]
+"""The measurements of a stream at some places, in the order of these."""
+
+
+_Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSeries, FixSeries)
+
+
+@dataclass(frozen=True)
+class Log:
+    """One run: measurements of all sensors and, where known, the truth.
+
+    Attributes:
+        name: what to call it in tables and figures.
+        tracks: track speeds.
+        imu: IMU samples, or None.
+        fixes: position or pose fixes, or None.
+        truth: the truth, or None.
+        dropped: how many samples were dropped, as "stream: reason" -> count.
+        notes: what a reader found worth telling the user.
+        others: measurements for which there is no series (body velocities, pose fixes, zero velocities,
+            headings without a position), in the order of their stamps; files have no place for them.
+    """
+
+    name: str
+    tracks: TrackSpeedSeries
+    imu: ImuSeries | None = None
+    fixes: FixSeries | None = None
+    truth: Truth | None = None
+    dropped: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    others: tuple[Measurement, ...] = ()
+
+    @classmethod
+    def from_measurements(
+        cls, measurements: Iterable[Measurement], name: str = "measurements"
+    ) -> Log:
+        """A log of measurements in any order, to `run` a filter over or to `smooth`.
+
+        What cannot be right by itself is dropped and counted, and of two of one kind with one stamp all
+        but the first.
+
+        Args:
+            measurements: as an estimator is fed them.
+            name: what to call it in tables and figures.
+
+        Raises:
+            EstimatorError: something is no measurement.
+        """
+        found = gathered(measurements)
+        return cls(
+            name,
+            found.tracks,
+            found.imu,
+            found.fixes,
+            dropped=found.dropped,
+            others=found.others,
+        )
+
+    @property
+    def start(self) -> int:
+        """Stamp of the earliest track speeds or IMU sample [ns]."""
+        return int(min(stamps[0] for stamps in self._stamps()))
+
+    @property
+    def end(self) -> int:
+        """Stamp of the latest track speeds or IMU sample [ns]."""
+        return int(max(stamps[-1] for stamps in self._stamps()))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+        return (self.end - self.start) * NANOSECOND
+
+    def _stamps(self) -> list[Stamps]:
+        stamps = [self.tracks.stamps] + ([] if self.imu is None else [self.imu.stamps])
+        filled = [one for one in stamps if len(one)]
+        if not filled:
+            raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
+        return filled
+
+    def between(self, start: int, end: int) -> Log:
+        """The same log from one stamp to another, both included [ns]; its counts and notes stay."""
+
+        def cut(series: _Series, *columns: str) -> _Series:
+            inside = (series.stamps >= start) & (series.stamps <= end)
+            values = {name: getattr(series, name) for name in ("stamps", *columns)}
+            kept: dict[str, Any] = {
+                name: None if old is None else old[inside] for name, old in values.items()
+            }
+            return replace(series, **kept)
+
+        truth = self.truth
+        if truth is not None:
+            truth = replace(
+                truth,
+                poses=cut(truth.poses, "poses"),
+                twists=truth.twists and cut(truth.twists, "twists"),
+                tracks=truth.tracks and cut(truth.tracks, "speeds"),
+            )
+        return replace(
+            self,
+            tracks=cut(self.tracks, "speeds"),
+            imu=self.imu and cut(self.imu, "angular_velocity", "linear_acceleration"),
+            fixes=self.fixes and cut(self.fixes, "poses", "variances"),
+            truth=truth,
+            others=tuple(one for one in self.others if start <= one.stamp <= end),
+        )
+
+    def measurements(self) -> Iterator[Measurement]:
+        """All measurements in the order of their stamps; at equal stamps tracks, IMU, fixes, others."""
+        streams: list[tuple[Stamps, _Maker]] = [(self.tracks.stamps, _tracks_of(self.tracks))]
+        if self.imu is not None:
+            streams.append((self.imu.stamps, _imu_samples_of(self.imu)))
+        if self.fixes is not None:
+            streams += _fixes_of(self.fixes)
+        stamps_of_others = np.array([one.stamp for one in self.others], dtype=np.int64)
+        streams.append((stamps_of_others, lambda which: [self.others[k] for k in which.tolist()]))
+        stamps = np.concatenate([stream[0] for stream in streams])
+        ends = np.cumsum([len(stream[0]) for stream in streams])
+        order = np.argsort(stamps, kind="stable")
+        # Some at a time: all measurements of a long log at once would fill the memory.
+        for start in range(0, len(order), AT_A_TIME):
+            wanted = order[start : start + AT_A_TIME]
+            stream_of = np.searchsorted(ends, wanted, side="right")
+            made = []
+            for number, (own, make) in enumerate(streams):
+                which = wanted[stream_of == number] - (ends[number] - len(own))
+                made.append(iter(make(which)))
+            for number in stream_of.tolist():
+                yield next(made[number])
+
+
+def screen(
+    stream: str, stamps: ArrayLike, *values: ArrayLike, positive: ArrayLike | None = None
+) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    """Which samples of a stream to keep, and how many are dropped for what reason.
+
+    A sample is dropped when a value is NaN or infinite, when a variance is not positive, or when its
+    stamp does not fit among the others: of the stamps in order of arrival the longest strictly rising
+    sequence is kept, so that one wrong stamp, ahead or behind, costs that one sample.
+
+    Args:
+        stream: name used in the reasons.
+        stamps: (n,) stamps [ns] in order of arrival.
+        values: arrays of n rows whose every element must be finite.
+        positive: array of n rows whose every element must be finite and positive, or None.
+
+    Returns:
+        (n,) mask of what to keep, and "stream: reason" -> count for each reason that occurred.
+    """
+    stamps = np.asarray(stamps, dtype=np.int64)
+    count = len(stamps)
+    keep = np.ones(count, dtype=bool)
+    reasons: dict[str, int] = {}
+    if count == 0:
+        return keep, reasons
+
+    def drop(bad: NDArray[np.bool_], reason: str) -> None:
+        bad = bad & keep
+        if bad.any():
+            key = f"{stream}: {reason}"
+            reasons[key] = reasons.get(key, 0) + int(bad.sum())
+            keep[bad] = False
+
+    for value in values:
+        finite = np.isfinite(np.asarray(value, dtype=float)).reshape(count, -1).all(axis=1)
+        drop(~finite, "not finite")
+    if positive is not None:
+        variance = np.asarray(positive, dtype=float).reshape(count, -1)
+        drop(~(np.isfinite(variance) & (variance > 0)).all(axis=1), "variance not positive")
+    rising = _longest_rising(stamps, keep)
+    kept = np.flatnonzero(rising)
+    if len(kept):
+        # The samples kept before and after each one.
+        place = np.searchsorted(kept, np.arange(count))
+        before = kept[np.maximum(place - 1, 0)]
+        after = kept[np.minimum(place, len(kept) - 1)]
+        drop(~rising & (stamps == stamps[before]), "duplicate stamp")
+        drop(~rising & (stamps >= stamps[after]) & (stamps > stamps[before]), "stamp jumps ahead")
+        drop(~rising, "stamp goes backward")
+    return keep, reasons
+
+
+def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask of the longest strictly rising subsequence of the allowed stamps (patience sorting)."""
+    chosen = np.zeros(len(stamps), dtype=bool)
+    places = np.flatnonzero(allowed)
+    values = stamps[places]
+    if (np.diff(values) > 0).all():
+        chosen[places] = True
+        return chosen
+    tails: list[int] = []  # Smallest last stamp of a rising sequence of each length,
+    ends: list[int] = []  # its place,
+    before = np.full(len(values), -1)  # and for each place the one before it in its sequence.
+    for place, value in enumerate(values.tolist()):
+        length = bisect_left(tails, value)
+        if length == len(tails):
+            tails.append(value)
+            ends.append(place)
+        elif value < tails[length]:
+            tails[length], ends[length] = value, place
+        before[place] = ends[length - 1] if length else -1
+    place = ends[-1]
+    while place >= 0:
+        chosen[places[place]] = True
+        place = int(before[place])
+    return chosen
+
+
+def _tracks_of(tracks: TrackSpeedSeries) -> _Maker:
+    def make(which: NDArray[np.int64]) -> list[Measurement]:
+        rows = zip(tracks.stamps[which].tolist(), tracks.speeds[which].tolist(), strict=True)
+        return [TrackSpeeds(stamp, left, right) for stamp, (left, right) in rows]
+
+    return make
+
+
+def _imu_samples_of(imu: ImuSeries) -> _Maker:
+    def make(which: NDArray[np.int64]) -> list[Measurement]:
+        rates = [tuple(row) for row in imu.angular_velocity[which].tolist()]
+        forces: list[Any] = [None] * len(rates)
+        if imu.linear_acceleration is not None:
+            read = imu.linear_acceleration[which]
+            absent = np.asarray(np.isnan(read).all(axis=1)).tolist()
+            rows = zip(read.tolist(), absent, strict=True)
+            forces = [None if none else tuple(row) for row, none in rows]
+        return [
+            ImuSample(stamp, rate, force)
+            for stamp, rate, force in zip(imu.stamps[which].tolist(), rates, forces, strict=True)
+        ]
+
+    return make
+
+
+def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
+    """Positions, then headings of the fixes that have one."""
+    told = np.flatnonzero(np.isfinite(fixes.poses[:, 2]))
+
+    def positions(which: NDArray[np.int64]) -> list[Measurement]:
+        rows = zip(
+            fixes.stamps[which].tolist(),
+            fixes.poses[which].tolist(),
+            fixes.variances[which, 0].tolist(),
+            strict=True,
+        )
+        return [PositionFix(stamp, x, y, variance) for stamp, (x, y, _), variance in rows]
+
+    def headings(which: NDArray[np.int64]) -> list[Measurement]:
+        place = told[which]
+        rows = zip(
+            fixes.stamps[place].tolist(),
+            fixes.poses[place, 2].tolist(),
+            fixes.variances[place, 1].tolist(),
+            strict=True,
+        )
+        return [HeadingFix(stamp, yaw, variance) for stamp, yaw, variance in rows]
+
+    return [(fixes.stamps, positions), (fixes.stamps[told], headings)]

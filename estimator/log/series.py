@@ -1,0 +1,101 @@
+"""Time series of each sensor, and the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.errors import EstimatorError
+
+
+@dataclass(frozen=True)
+class TrackSpeedSeries:
+    """Track speeds: `stamps` (n,) [ns]; `speeds` (n, 2) left, right [m/s], forward positive."""
+
+    stamps: Stamps
+    speeds: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("speeds", self.stamps, self.speeds, (2,))
+
+
+@dataclass(frozen=True)
+class ImuSeries:
+    """IMU samples in the IMU's own axes.
+
+    `stamps` (n,) [ns]; `angular_velocity` (n, 3) [rad/s]; `linear_acceleration` (n, 3) [m/s²],
+    specific force, a row NaN where a sample has none, or None where the IMU has no accelerometer.
+    """
+
+    stamps: Stamps
+    angular_velocity: Floats
+    linear_acceleration: Floats | None = None
+
+    def __post_init__(self) -> None:
+        _check_shape("angular_velocity", self.stamps, self.angular_velocity, (3,))
+        if self.linear_acceleration is not None:
+            _check_shape("linear_acceleration", self.stamps, self.linear_acceleration, (3,))
+
+
+@dataclass(frozen=True)
+class PoseSeries:
+    """Planar poses: `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not)."""
+
+    stamps: Stamps
+    poses: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("poses", self.stamps, self.poses, (3,))
+
+
+@dataclass(frozen=True)
+class TwistSeries:
+    """Body velocities of `base_link`: `stamps` (n,) [ns]; `twists` (n, 3) v_x, v_y [m/s], w [rad/s]."""
+
+    stamps: Stamps
+    twists: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("twists", self.stamps, self.twists, (3,))
+
+
+@dataclass(frozen=True)
+class FixSeries:
+    """Position or pose fixes in `odom`.
+
+    `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad], yaw NaN where a fix has no heading;
+    `variances` (n, 2): of each coordinate [m²] and of yaw [rad²] (ignored where yaw is NaN).
+    """
+
+    stamps: Stamps
+    poses: Floats
+    variances: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("poses", self.stamps, self.poses, (3,))
+        _check_shape("variances", self.stamps, self.variances, (2,))
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened, as far as it is known.
+
+    Attributes:
+        poses: the pose of the robot.
+        twists: its body velocity, or None.
+        tracks: its track speeds without sensor error, or None.
+        source: where the truth comes from ("kinematic", "lidar map", ...).
+    """
+
+    poses: PoseSeries
+    twists: TwistSeries | None = None
+    tracks: TrackSpeedSeries | None = None
+    source: str = "unknown"
+
+
+def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:
+    if values.shape != (len(stamps), *width):
+        raise EstimatorError(
+            f"{name} must have shape {(len(stamps), *width)} to go with {len(stamps)} stamps, "
+            f"found {values.shape}"
+        )

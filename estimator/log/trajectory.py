@@ -1,0 +1,40 @@
+"""The estimated motion over a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.series import PoseSeries, TwistSeries
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """What a filter estimated, sampled at `stamps`, in REP-103 axes.
+
+    Attributes:
+        stamps: (n,) [ns].
+        poses: (n, 3) x, y [m], yaw [rad] of base_link in odom.
+        pose_covariances: (n, 3, 3) in the axes of odom.
+        twists: (n, 3) v_x, v_y [m/s], w [rad/s] of base_link in its own axes.
+        twist_covariances: (n, 3, 3).
+    """
+
+    stamps: NDArray[np.int64]
+    poses: Floats
+    pose_covariances: Floats
+    twists: Floats
+    twist_covariances: Floats
+
+    @property
+    def pose_series(self) -> PoseSeries:
+        """The poses alone."""
+        return PoseSeries(self.stamps, self.poses)
+
+    @property
+    def twist_series(self) -> TwistSeries:
+        """The twists alone."""
+        return TwistSeries(self.stamps, self.twists)

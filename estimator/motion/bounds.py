@@ -1,0 +1,45 @@
+"""Where index parameters can be: eta0 >= 1 and x_ICRl < 0 < x_ICRr.
+
+Bounds of parameters p are rows of a (8,) and b in a p >= b.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+
+# How much of x_ICRl and x_ICRr is kept away from zero [m].
+BOUND_MARGIN = 1e-3
+# Moving to one bound may cross another; a few rounds settle it.
+BOUND_ROUNDS = 50
+ROUNDING = 1e-12
+ETA0, EPSILON0 = s.ETA0 - s.PARAMETERS.start, s.EPSILON0 - s.PARAMETERS.start
+
+
+def index_bounds(gauge: float) -> Floats:
+    """(3, 9) the bounds.
+
+    Args:
+        gauge: L [m].
+    """
+    return np.array(bound_rows(gauge))
+
+
+def bound_rows(gauge: Any) -> tuple[tuple[Any, ...], ...]:
+    """The same as tuples; the gauge may be any kind of number."""
+    half = 0.5 * gauge
+    return (
+        _row(1.0, 0.0, 1.0),
+        _row(half, 1.0, BOUND_MARGIN),
+        _row(half, -1.0, BOUND_MARGIN),
+    )
+
+
+def _row(eta0: Any, epsilon0: float, least: float) -> tuple[Any, ...]:
+    row: list[Any] = [0.0] * 9
+    row[ETA0], row[EPSILON0], row[8] = eta0, epsilon0, least
+    return tuple(row)

@@ -1,0 +1,408 @@
+"""The contact of two tracks with hard ground: vertical loads and horizontal forces at contact points.
+
+Symbols and axes are the paper's: X right, Y forward, Z up, origin at the centre of the tracks' contact
+area; the twist is (v_x, v_y, w) of the origin, moments are about the origin, counter-clockwise positive.
+
+A contact point at (x, y) on a track of speed V slips over the ground with
+
+    s = (v_x - w y,  v_y + w x - V).
+
+Its friction is, with u = (mu_x s_x, mu_y s_y), the load p of the point and a small regularising speed d,
+
+    f = -p h (mu_x u_x, mu_y u_y) / q,     q^2 = u_x^2 + u_y^2 + mu_x mu_y d^2,
+
+which for mu_x = mu_y = mu is Coulomb's -p mu s / |s|, and otherwise the friction of greatest dissipation
+within the ellipse (f_x / mu_x)^2 + (f_y / mu_y)^2 = p^2 (Goyal, Ruina and Papadopoulos, Planar sliding
+with dry friction, Wear 143, 1991). h = 1 - exp(-j / K) is the share of the friction that the shear
+displacement j has built up (Wong and Chiang, A general theory for skid steering of tracked vehicles on
+firm ground, Proc. IMechE D 215, 2001); without a shear modulus h = 1.
+
+Each track also carries its rolling resistance along its centreline, -f_r N v / sqrt(v^2 + d^2), where N
+is the track's load and v the speed of that centreline over the ground.
+
+Vertical loads are planar: p = weight (a + b x + c y), with a, b, c from the sum of the loads and the two
+moments about the ground of the vehicle's weight and of a horizontal force at the centre of mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.icr import GRAVITY, PaperTwist, inertial_force
+
+if TYPE_CHECKING:
+    from icreckon.estimator.motion.contact_forces import Ground
+
+
+class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the ground does to a track.
+
+    Attributes:
+        friction: coefficient of friction mu, across the track, and along it unless
+            `longitudinal_friction` says otherwise [-].
+        longitudinal_friction: coefficient along the track; None for isotropic friction [-].
+        rolling_resistance: resistance of a track as a share of its load [-].
+        shear_modulus: shear deformation modulus K; 0 for full friction at any slip [m].
+        regularising_speed: slip and travel below which friction and rolling resistance fade to
+            zero instead of jumping [m/s].
+        resistance_opposes: "travel", the motion of the track's centreline over the ground, or
+            "track", the motion of the track around its rollers.
+    """
+
+    friction: float = 0.9
+    longitudinal_friction: float | None = None
+    rolling_resistance: float = 0.0
+    shear_modulus: float = 0.0
+    regularising_speed: float = 1e-4
+    resistance_opposes: Literal["travel", "track"] = "travel"
+
+    def __post_init__(self) -> None:
+        _require_positive("friction", self.friction)
+        if self.longitudinal_friction is not None:
+            _require_positive("longitudinal_friction", self.longitudinal_friction)
+        _require_positive("regularising_speed", self.regularising_speed)
+        for name in ("rolling_resistance", "shear_modulus"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name} must be zero or a positive number, found {value!r}")
+
+    @property
+    def coefficients(self) -> tuple[float, float]:
+        """Coefficients of friction (right, forward) [-]."""
+        along = self.longitudinal_friction
+        return self.friction, self.friction if along is None else along
+
+
+class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the tracks touch the ground; both tracks alike.
+
+    Attributes:
+        gauge: distance L between the track centrelines [m].
+        positions: forward coordinates of the contact points of a track, rising [m].
+        weights: share of the load that each of them takes where the ground presses evenly, any
+            common scale; () for equal shares.
+        across: outward offsets from the centreline at which each position touches [m]; more than one
+            spreads it evenly over the tread's width.
+    """
+
+    gauge: float
+    positions: tuple[float, ...]
+    weights: tuple[float, ...] = ()
+    across: tuple[float, ...] = (0.0,)
+
+    def __post_init__(self) -> None:
+        _require_positive("gauge", self.gauge)
+        if len(self.positions) < 2 or not np.all(np.diff(self.positions) > 0.0):
+            raise ValueError(f"positions must be two or more, rising, found {self.positions!r}")
+        if self.weights and len(self.weights) != len(self.positions):
+            raise ValueError(
+                f"weights must be as many as positions ({len(self.positions)}), "
+                f"found {len(self.weights)}"
+            )
+        for weight in self.weights:
+            _require_positive("weights", weight)
+        if not self.across or not np.all(np.abs(self.across) < 0.5 * self.gauge):
+            raise ValueError(
+                f"across must be one or more offsets of less than half the gauge, "
+                f"found {self.across!r}"
+            )
+
+
+class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The rigid vehicle on its tracks.
+
+    Attributes:
+        mass: M [kg].
+        x_CM: centre of mass, right of the origin [m].
+        y_CM: forward of it [m].
+        z_CM: above the ground [m].
+    """
+
+    mass: float
+    x_CM: float = 0.0
+    y_CM: float = 0.0
+    z_CM: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_positive("mass", self.mass)
+        if not np.all(np.isfinite([self.x_CM, self.y_CM, self.z_CM])) or self.z_CM < 0.0:
+            raise ValueError(
+                "the centre of mass must be finite and not below the ground, found "
+                f"{(self.x_CM, self.y_CM, self.z_CM)!r}"
+            )
+
+    @property
+    def weight(self) -> float:
+        """Weight M g [N]."""
+        return self.mass * GRAVITY
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Everything that the forces of the tracks depend on, besides the motion.
+
+    Attributes:
+        soil: friction, rolling resistance, shear.
+        geometry: the contact points.
+        body: mass and centre of mass, which must lie over the contact.
+
+    Raises:
+        ValueError: the centre of mass lies outside the contact's outline.
+    """
+
+    soil: Soil
+    geometry: ContactGeometry
+    body: Body
+
+    def __post_init__(self) -> None:
+        half, rear, front = _outline(self.geometry)
+        if not (abs(self.body.x_CM) < half and rear < self.body.y_CM < front):
+            raise ValueError(
+                f"the centre of mass ({self.body.x_CM!r}, {self.body.y_CM!r}) m lies outside the "
+                f"contact, {-half!r} to {half!r} m right and {rear!r} to {front!r} m forward"
+            )
+
+
+class Loads(NamedTuple):
+    """Vertical loads of m contact points (left track first) for n motions.
+
+    Attributes:
+        values: (m, n) [N], never negative.
+        by_right: (m, n) derivative by the force at the centre of mass to the right [N/N].
+        by_forward: the same by the force forward.
+        tipping: (n,) whether the weight and the force point outside the contact: no loads balance
+            their moment, and `values` are those with the centre of pressure held at the edge.
+    """
+
+    values: Any
+    by_right: Any
+    by_forward: Any
+    tipping: NDArray[np.bool_]
+
+
+class Wrench(NamedTuple):
+    """Planar force and moment, with derivatives.
+
+    Attributes:
+        values: (3, n) force right, forward [N], moment about the origin [N m].
+        jacobian: (3, 3, n), row the component, column v_x, v_y [N s/m], w [N s/rad].
+    """
+
+    values: Any
+    jacobian: Any
+
+
+class ContactPoints(NamedTuple):
+    """Coordinates (right, forward) [m] and weights [-] of the m contact points, left track first."""
+
+    x: Floats
+    y: Floats
+    weight: Floats
+
+
+def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeometry:
+    """Contact points at even distances from end to end of each track.
+
+    Args:
+        gauge: distance L between the track centrelines [m].
+        half_length: half the length of a track's contact with the ground [m].
+        count: contact points per track, at least 2.
+    """
+    positions = np.linspace(-half_length, half_length, count)
+    return ContactGeometry(gauge, tuple(float(position) for position in positions))
+
+
+@lru_cache(maxsize=64)
+def contact_points(geometry: ContactGeometry) -> ContactPoints:
+    """The contact points of both tracks; weights sum to 1 over both."""
+    across = np.tile(geometry.across, len(geometry.positions))
+    along = np.repeat(geometry.positions, len(geometry.across))
+    weights = np.array(geometry.weights or (1.0,) * len(geometry.positions))
+    weights = np.repeat(weights, len(geometry.across))
+    right = 0.5 * geometry.gauge + across
+    points = ContactPoints(
+        np.concatenate([-right, right]),
+        np.concatenate([along, along]),
+        np.concatenate([weights, weights]) / (2.0 * weights.sum()),
+    )
+    for values in points:
+        values.setflags(write=False)
+    return points
+
+
+def vertical_loads(
+    contact: Contact, right: Any = 0.0, forward: Any = 0.0, *, weight: float | None = None
+) -> Loads:
+    """Loads of the contact points under the weight and a horizontal force at the centre of mass.
+
+    Loads are planar over the points that touch and zero at those that lift off:
+    p = weight max(0, a + b x + c y). They solve a convex problem, the least of
+    sum(p^2 / weight) under the balance of force and moments and p >= 0, which is unique while the
+    weight and the force together point inside the contact. It is solved by Newton's iteration over
+    the set of touching points, with a line search on the dual function, which ends at the exact set.
+
+    Args:
+        contact: geometry and centre of mass.
+        right: (n,) force at the centre of mass [N]: inertia, and gravity's part along a slope.
+        forward: (n,) the same, forward [N].
+        weight: force that presses on the ground [N]; the vehicle's weight where left out.
+    """
+    from icreckon.estimator.motion import contact_forces as contact_kernel
+
+    packed = ground(contact, weight=weight)
+    right, forward = _columns(right, forward).T
+    count = len(packed.x)
+    loads = np.empty((len(right), count), dtype=right.dtype)
+    by_right, by_forward = np.empty((2, len(right), count))
+    tipping = np.empty(len(right), dtype=bool)
+    contact_kernel.loads_of_many(packed, right, forward, loads, by_right, by_forward, tipping)
+    return Loads(loads.T, by_right.T, by_forward.T, tipping)
+
+
+def track_forces(
+    twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact, loads: Loads
+) -> tuple[Wrench, Any, Any]:
+    """Force and moment of the ground on both tracks at given loads.
+
+    Args:
+        twist: velocity of the origin, (n,) each.
+        V_l: (n,) speed of the left track [m/s].
+        V_r: (n,) speed of the right track [m/s].
+        contact: soil, geometry, body.
+        loads: from `vertical_loads`.
+
+    Returns:
+        The wrench with its Jacobian by the twist at these loads, and the derivatives (3, n) of its
+        values by the force at the centre of mass to the right and forward, through the loads.
+    """
+    from icreckon.estimator.motion import contact_forces as contact_kernel
+
+    motion = _columns(*twist, V_l, V_r)
+    values, jacobian = _zeros(motion)
+    of_points = (len(motion), len(loads.values))
+    pressed, by_right, by_forward = (
+        np.ascontiguousarray(np.broadcast_to(values.T, of_points)) for values in loads[:3]
+    )
+    contact_kernel.track_forces_of_many(
+        ground(contact),
+        np.ascontiguousarray(motion[:, :3]),
+        np.ascontiguousarray(motion[:, 3:]),
+        pressed,
+        by_right,
+        by_forward,
+        values,
+        jacobian,
+    )
+    slopes = np.moveaxis(jacobian, 0, -1)
+    return Wrench(values.T, slopes[:, :3]), slopes[:, 5], slopes[:, 6]
+
+
+def steady_inertia(twist: PaperTwist, body: Body) -> Any:
+    """Force of inertia in steady motion, (4) and (10), and its moment about the origin.
+
+    Args:
+        twist: velocity of the origin, (n,) each.
+        body: mass and centre of mass, where the force acts.
+
+    Returns:
+        (3, n) force right, forward [N], moment [N m].
+    """
+    right, forward = inertial_force(twist, body.mass, body.x_CM, body.y_CM)
+    return np.stack([right, forward, body.x_CM * forward - body.y_CM * right])
+
+
+def steady_balance(twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact) -> Wrench:
+    """What is left of all forces and moments in steady motion; zero at a stationary twist.
+
+    Friction and rolling resistance at the loads that the force of inertia gives, plus that force.
+
+    Args:
+        twist: velocity of the origin, (n,) each.
+        V_l: (n,) speed of the left track [m/s].
+        V_r: (n,) speed of the right track [m/s].
+        contact: soil, geometry, body.
+    """
+    from icreckon.estimator.motion import contact_forces as contact_kernel
+
+    motion = _columns(*twist, V_l, V_r)
+    values, jacobian = _zeros(motion)
+    contact_kernel.balances_of_many(
+        ground(contact),
+        np.ascontiguousarray(motion[:, :3]),
+        np.ascontiguousarray(motion[:, 3:]),
+        values,
+        jacobian,
+    )
+    return Wrench(values.T, np.moveaxis(jacobian, 0, -1)[:, :3])
+
+
+def ground(contact: Contact, *, weight: float | None = None) -> Ground:
+    """A contact as the compiled equations take it.
+
+    Args:
+        contact: soil, geometry, body.
+        weight: force that presses on the ground [N]; the vehicle's weight where left out.
+    """
+    from icreckon.estimator.motion.contact_forces import Ground
+
+    soil, body = contact.soil, contact.body
+    points = contact_points(contact.geometry)
+    return Ground(
+        points.x,
+        points.y,
+        points.weight,
+        _even_loads(contact.geometry),
+        0.5 * contact.geometry.gauge,
+        _outline(contact.geometry),
+        np.array([soil.coefficients, soil.coefficients]),
+        np.full(2, soil.rolling_resistance),
+        soil.shear_modulus,
+        soil.regularising_speed,
+        soil.resistance_opposes == "travel",
+        body.mass,
+        body.weight if weight is None else float(weight),
+        (body.x_CM, body.y_CM, body.z_CM),
+    )
+
+
+def _columns(*parts: Any) -> Any:
+    """Broadcast parts as the columns of a matrix of floats or complex numbers."""
+    columns = np.broadcast_arrays(*(np.atleast_1d(part) for part in parts))
+    matrix = np.stack(columns, axis=-1)
+    return matrix if np.iscomplexobj(matrix) else matrix.astype(float)
+
+
+def _zeros(motion: Any) -> tuple[Any, Any]:
+    """Zero balances (n, 3) and derivatives (n, 3, COLUMNS) of the same type as the motion."""
+    from icreckon.estimator.motion.contact_forces import COLUMNS
+
+    return (
+        np.zeros((len(motion), 3), dtype=motion.dtype),
+        np.zeros((len(motion), 3, COLUMNS), dtype=motion.dtype),
+    )
+
+
+@lru_cache(maxsize=64)
+def _even_loads(geometry: ContactGeometry) -> Floats:
+    """Inverse (3, 3) of the moments of 1, x, y at the contact points."""
+    points = contact_points(geometry)
+    basis = np.stack([np.ones_like(points.x), points.x, points.y])
+    return np.asarray(np.linalg.inv((points.weight * basis) @ basis.T), dtype=float)
+
+
+def _outline(geometry: ContactGeometry) -> tuple[float, float, float]:
+    """Half width, rear and front end [m] of the rectangle around all contact points."""
+    half = 0.5 * geometry.gauge + max(geometry.across)
+    return half, geometry.positions[0], geometry.positions[-1]
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} must be a positive number, found {value!r}")

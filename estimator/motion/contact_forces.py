@@ -1,0 +1,493 @@
+"""The equations of `estimator.motion.contact`, one motion at a time, compiled.
+
+This is the only place where loads, friction and rolling resistance are written down; `contact`, the
+stationary solver and the transient dynamics all call it. Import it inside functions only: numba takes
+half a second to load. Every function takes floats, or complex numbers for complex-step differentiation
+(comparisons look at the real part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y,
+w, V_l, V_r and by the force at the centre of mass to the right and forward.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.tracing.jit_kernel import compiled
+
+COLUMNS = 7
+# How far inside the contact's edge the centre of pressure of a tipping vehicle is kept, as a share of
+# half the contact's extent; on the edge itself the planar loads are not unique.
+TIPPING_MARGIN = 1e-6
+ACTIVE_SET_ITERATIONS = 100
+LINE_SEARCH_HALVINGS = 40
+ARMIJO = 1e-4
+# Below this share of the mean load, a load is zero to rounding.
+NO_LOAD = 1e-13
+# Points that touch lie on one line where their moments' determinant, made dimensionless, is below this;
+# the same share, added to the moments, keeps the step of the active-set iteration finite there.
+RIDGE = 1e-12
+
+
+class Ground(NamedTuple):
+    """A contact as plain numbers; the fields are those of `estimator.motion.contact`.
+
+    Attributes:
+        x: (m,) contact points, left track first, right of the origin [m].
+        y: (m,) forward of it [m].
+        share: (m,) of the load where the ground presses evenly, sum 1 [-].
+        even: (3, 3) inverse of all points' moments of 1, x, y.
+        half_gauge: L / 2 [m].
+        outline: half width, rear and front end of the rectangle around all points [m].
+        friction: (2, 2) of the left and the right track, coefficient across and along it [-].
+        rolling_resistance: (2,) of the left and the right track [-].
+        shear_modulus: K [m], 0 for full friction at any slip.
+        small: regularising speed [m/s].
+        opposes_travel: whether rolling resistance opposes the travel of the centreline.
+        mass: M [kg].
+        weight: the force that presses on the ground [N].
+        centre: x_CM, y_CM, z_CM [m].
+    """
+
+    x: Floats
+    y: Floats
+    share: Floats
+    even: Floats
+    half_gauge: float
+    outline: tuple[float, float, float]
+    friction: Floats
+    rolling_resistance: Floats
+    shear_modulus: float
+    small: float
+    opposes_travel: bool
+    mass: float
+    weight: float
+    centre: tuple[float, float, float]
+
+
+@compiled
+def point_loads(
+    ground: Ground, right: Any, forward: Any, loads: Any, by_right: Floats, by_forward: Floats
+) -> bool:
+    """Loads (m,) [N] under the weight and a force at the centre of mass, and their slopes by it.
+
+    See `estimator.motion.contact.vertical_loads`. Returns whether the vehicle tips.
+    """
+    x_CM, y_CM, z_CM = ground.centre
+    half, rear, front = ground.outline
+    arm = z_CM / ground.weight
+    inside = 1.0 - TIPPING_MARGIN
+    middle, reach = 0.5 * (rear + front), 0.5 * (front - rear) * inside
+    x, y = x_CM + arm * right, y_CM + arm * forward
+    x_free = y_free = 1.0
+    if abs(x.real) >= half * inside:
+        x = 0.0 * x + (half * inside if x.real > 0.0 else -half * inside)
+        x_free = 0.0
+    if abs(y.real - middle) >= reach:
+        y = 0.0 * y + (middle + reach if y.real > middle else middle - reach)
+        y_free = 0.0
+    inverse = ground.even
+    p_a = ground.weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
+    p_b = ground.weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
+    p_c = ground.weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+    lifts = False
+    for i in range(len(ground.x)):
+        pressed = p_a + p_b * ground.x[i] + p_c * ground.y[i]
+        lifts |= pressed.real < 0.0
+    if lifts:
+        plane = np.array([p_a.real, p_b.real, p_c.real]) / ground.weight
+        inverse = _inverse_of_touching(ground, x.real, y.real, plane)
+        p_a = ground.weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
+        p_b = ground.weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
+        p_c = ground.weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+    for i in range(len(ground.x)):
+        X, Y, share = ground.x[i], ground.y[i], ground.share[i]
+        pressed = share * (p_a + p_b * X + p_c * Y)
+        # A point whose load is zero to rounding touches or not: it makes no difference.
+        if pressed.real <= NO_LOAD * ground.weight * share:
+            pressed, share = 0.0 * pressed, 0.0
+        loads[i] = pressed
+        by_x = inverse[0, 1] + inverse[1, 1] * X + inverse[2, 1] * Y
+        by_y = inverse[0, 2] + inverse[1, 2] * X + inverse[2, 2] * Y
+        by_right[i] = x_free * z_CM * share * by_x
+        by_forward[i] = y_free * z_CM * share * by_y
+    return x_free * y_free == 0.0
+
+
+@compiled
+def add_track_forces(
+    ground: Ground,
+    v_x: Any,
+    v_y: Any,
+    w: Any,
+    V_l: Any,
+    V_r: Any,
+    loads: Any,
+    by_right: Floats,
+    by_forward: Floats,
+    values: Any,
+    jacobian: Any,
+) -> None:
+    """Add force and moment (3,) of the ground on both tracks, and their derivatives (3, COLUMNS)."""
+    count = len(ground.x) // 2
+    small = ground.small
+    sheared = ground.shear_modulus > 0.0
+    for track in range(2):
+        V = V_r if track else V_l
+        mu_x, mu_y = ground.friction[track]
+        of_V = 3 + track
+        zero = 0.0 * V
+        load, f_x, f_y, moment = zero, zero, zero, zero
+        xx, xx_y, xx_yy, yy, yy_x, yy_xx = zero, zero, zero, zero, zero, zero
+        xy, xy_x, xy_y, xy_xy = zero, zero, zero, zero
+        right_load, right_x, right_y, right_moment = zero, zero, zero, zero
+        forward_load, forward_x, forward_y, forward_moment = zero, zero, zero, zero
+        for i in range(track * count, (track + 1) * count):
+            x, y, p = ground.x[i], ground.y[i], loads[i]
+            u_x, u_y = mu_x * (v_x - y * w), mu_y * (v_y + x * w - V)
+            scale = 1.0 / np.sqrt(u_x * u_x + u_y * u_y + mu_x * mu_y * small * small)
+            e_x, e_y = u_x * scale, u_y * scale
+            t_x, t_y = mu_x * e_x, mu_y * e_y
+            pressed = p * scale
+            if sheared:
+                built_up, h_x, h_y, h_w, h_V = _built_up(ground, x, y, v_x, v_y, w, V)
+                # The product rule's other half: what a change of the shear displacement does.
+                for column, slope in ((0, h_x), (1, h_y), (2, h_w), (of_V, h_V)):
+                    jacobian[0, column] -= p * t_x * slope
+                    jacobian[1, column] -= p * t_y * slope
+                    jacobian[2, column] -= p * (x * t_y - y * t_x) * slope
+                t_x, t_y, pressed = t_x * built_up, t_y * built_up, pressed * built_up
+            turning = x * t_y - y * t_x
+            load += p
+            f_x += p * t_x
+            f_y += p * t_y
+            moment += p * turning
+            right_load += by_right[i]
+            right_x += by_right[i] * t_x
+            right_y += by_right[i] * t_y
+            right_moment += by_right[i] * turning
+            forward_load += by_forward[i]
+            forward_x += by_forward[i] * t_x
+            forward_y += by_forward[i] * t_y
+            forward_moment += by_forward[i] * turning
+            k_xx = mu_x * mu_x * pressed * (1.0 - e_x * e_x)
+            k_xy = -mu_x * mu_y * pressed * e_x * e_y
+            k_yy = mu_y * mu_y * pressed * (1.0 - e_y * e_y)
+            xx += k_xx
+            xx_y += k_xx * y
+            xx_yy += k_xx * y * y
+            xy += k_xy
+            xy_x += k_xy * x
+            xy_y += k_xy * y
+            xy_xy += k_xy * x * y
+            yy += k_yy
+            yy_x += k_yy * x
+            yy_xx += k_yy * x * x
+        values[0] -= f_x
+        values[1] -= f_y
+        values[2] -= moment
+        jacobian[0, 0] -= xx
+        jacobian[1, 0] -= xy
+        jacobian[2, 0] -= xy_x - xx_y
+        jacobian[0, 1] -= xy
+        jacobian[1, 1] -= yy
+        jacobian[2, 1] -= yy_x - xy_y
+        jacobian[0, 2] -= xy_x - xx_y
+        jacobian[1, 2] -= yy_x - xy_y
+        jacobian[2, 2] -= xx_yy - 2.0 * xy_xy + yy_xx
+        jacobian[0, of_V] += xy
+        jacobian[1, of_V] += yy
+        jacobian[2, of_V] += yy_x - xy_y
+        jacobian[0, 5] -= right_x
+        jacobian[1, 5] -= right_y
+        jacobian[2, 5] -= right_moment
+        jacobian[0, 6] -= forward_x
+        jacobian[1, 6] -= forward_y
+        jacobian[2, 6] -= forward_moment
+        resistance = ground.rolling_resistance[track]
+        if resistance > 0.0:
+            X = ground.half_gauge if track else -ground.half_gauge
+            speed = v_y + X * w if ground.opposes_travel else V
+            scale = 1.0 / np.sqrt(speed * speed + small * small)
+            unit = -resistance * speed * scale
+            slope = -resistance * load * scale * scale * scale * small * small
+            for row, lever in ((1, 1.0), (2, X)):
+                values[row] += lever * load * unit
+                jacobian[row, 5] += lever * right_load * unit
+                jacobian[row, 6] += lever * forward_load * unit
+                if ground.opposes_travel:
+                    jacobian[row, 1] += lever * slope
+                    jacobian[row, 2] += lever * X * slope
+                else:
+                    jacobian[row, of_V] += lever * slope
+
+
+@compiled
+def add_steady_balance(
+    ground: Ground,
+    v_x: Any,
+    v_y: Any,
+    w: Any,
+    V_l: Any,
+    V_r: Any,
+    loads: Any,
+    by_right: Floats,
+    by_forward: Floats,
+    values: Any,
+    jacobian: Any,
+) -> None:
+    """Add to zeros the balance (3,) of steady motion and its derivatives (3, COLUMNS).
+
+    The force at the centre of mass is that of inertia, (4) and (10). Loads and their slopes (m,) are
+    overwritten.
+    """
+    M = ground.mass
+    x, y, _ = ground.centre
+    right, forward = M * w * (v_y + x * w), M * w * (y * w - v_x)
+    point_loads(ground, right, forward, loads, by_right, by_forward)
+    add_track_forces(ground, v_x, v_y, w, V_l, V_r, loads, by_right, by_forward, values, jacobian)
+    values[0] += right
+    values[1] += forward
+    values[2] += x * forward - y * right
+    for column, of_right, of_forward in (
+        (0, 0.0 * w, -M * w),
+        (1, M * w, 0.0 * w),
+        (2, M * (v_y + 2.0 * x * w), M * (2.0 * y * w - v_x)),
+    ):
+        for row, of_inertia in (
+            (0, of_right),
+            (1, of_forward),
+            (2, x * of_forward - y * of_right),
+        ):
+            jacobian[row, column] += (
+                of_inertia + jacobian[row, 5] * of_right + jacobian[row, 6] * of_forward
+            )
+
+
+@compiled
+def loads_of_many(
+    ground: Ground,
+    right: Any,
+    forward: Any,
+    loads: Any,
+    by_right: Floats,
+    by_forward: Floats,
+    tipping: NDArray[np.bool_],
+) -> None:
+    """`point_loads` of n motions; arrays (n, m) and (n,)."""
+    each = (len(right), len(ground.x))
+    sizes_fit = loads.shape == by_right.shape == by_forward.shape == each
+    if not sizes_fit or len(forward) != len(right) or len(tipping) != len(right):
+        raise ValueError(WRONG_SIZE)
+    for k in range(len(right)):
+        tipping[k] = point_loads(ground, right[k], forward[k], loads[k], by_right[k], by_forward[k])
+
+
+@compiled
+def track_forces_of_many(
+    ground: Ground,
+    twist: Any,
+    V: Any,
+    loads: Any,
+    by_right: Floats,
+    by_forward: Floats,
+    values: Any,
+    jacobian: Any,
+) -> None:
+    """`add_track_forces` of n motions; twist (n, 3), V (n, 2), loads (n, m), values (n, 3)."""
+    n, points = len(twist), len(ground.x)
+    sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
+    sizes_fit &= loads.shape == by_right.shape == by_forward.shape == (n, points)
+    if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
+        raise ValueError(WRONG_SIZE)
+    for k in range(len(twist)):
+        v_x, v_y, w = twist[k]
+        add_track_forces(
+            ground,
+            v_x,
+            v_y,
+            w,
+            V[k, 0],
+            V[k, 1],
+            loads[k],
+            by_right[k],
+            by_forward[k],
+            values[k],
+            jacobian[k],
+        )
+
+
+@compiled
+def balances_of_many(ground: Ground, twist: Any, V: Any, values: Any, jacobian: Any) -> None:
+    """`add_steady_balance` of n motions; twist (n, 3), V (n, 2), values (n, 3), jacobian (n, 3, 7)."""
+    n = len(twist)
+    sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
+    if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
+        raise ValueError(WRONG_SIZE)
+    loads = np.empty_like(twist[0, :1] + np.zeros(len(ground.x)))
+    by_right, by_forward = np.empty(len(ground.x)), np.empty(len(ground.x))
+    for k in range(len(twist)):
+        v_x, v_y, w = twist[k]
+        add_steady_balance(
+            ground,
+            v_x,
+            v_y,
+            w,
+            V[k, 0],
+            V[k, 1],
+            loads,
+            by_right,
+            by_forward,
+            values[k],
+            jacobian[k],
+        )
+
+
+@compiled
+def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Floats:
+    """Mass matrix (3, 3) about the origin of v_x, v_y, w.
+
+    Args:
+        mass: M [kg].
+        x_CM: centre of mass, right of the origin [m].
+        y_CM: forward of it [m].
+        yaw_inertia: about the vertical through the centre of mass [kg m²].
+    """
+    matrix = np.zeros((3, 3))
+    matrix[0, 0] = matrix[1, 1] = mass
+    matrix[0, 2] = matrix[2, 0] = -mass * y_CM
+    matrix[1, 2] = matrix[2, 1] = mass * x_CM
+    matrix[2, 2] = yaw_inertia + mass * (x_CM * x_CM + y_CM * y_CM)
+    return matrix
+
+
+@compiled
+def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
+    """Solve a 3 by 3 system by cofactors; zero and False where it is singular."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
+    g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    x, y, z = right_hand_side[0], right_hand_side[1], right_hand_side[2]
+    first, second, third = e * i - f * h, f * g - d * i, d * h - e * g
+    determinant = a * first + b * second + c * third
+    if determinant == 0.0:
+        solution[:] = 0.0
+        return False
+    solution[0] = (first * x + (c * h - b * i) * y + (b * f - c * e) * z) / determinant
+    solution[1] = (second * x + (a * i - c * g) * y + (c * d - a * f) * z) / determinant
+    solution[2] = (third * x + (b * g - a * h) * y + (a * e - b * d) * z) / determinant
+    return True
+
+
+@compiled
+def _built_up(
+    ground: Ground, x: float, y: float, v_x: Any, v_y: Any, w: Any, V: Any
+) -> tuple[Any, Any, Any, Any, Any]:
+    """Wong and Chiang's share h of the friction at a contact point, and h by v_x, v_y, w, V.
+
+    A point of the track enters the contact at the end toward which the track drives, and reaches y
+    after the time |y - y_entry| / |V|; its shear displacement is the slip summed over that time in
+    the vehicle's axes (the vehicle's turn meanwhile is neglected). A track at rest has been dragged
+    for ever: no end counts as the entry, and all its points are built up.
+    """
+    _, rear, front = ground.outline
+    entry, passage = y, front - rear
+    if V.real > 0.0:
+        entry, passage = front, abs(y - front)
+    elif V.real < 0.0:
+        entry, passage = rear, abs(y - rear)
+    small, K = ground.small, ground.shear_modulus
+    time = passage / np.sqrt(V * V + small * small)
+    time_V = -time * V / (V * V + small * small)
+    middle = 0.5 * (y + entry)
+    m_x, m_y = v_x - middle * w, v_y + x * w - V
+    speed = np.sqrt(m_x * m_x + m_y * m_y + small * small)
+    missing = np.exp(-time * speed / K)
+    slope = missing * time / (K * speed)
+    by_V = -slope * m_y + missing / K * speed * time_V
+    return 1.0 - missing, slope * m_x, slope * m_y, slope * (x * m_y - middle * m_x), by_V
+
+
+@compiled
+def _invert_moments(ground: Ground, active: NDArray[np.bool_], inverse: Floats) -> None:
+    """Inverse (3, 3) of the active points' moments of 1, x, y, with a ridge against collinear ones."""
+    n = s_x = s_y = xx = xy = yy = 0.0
+    for i in range(len(active)):
+        if active[i]:
+            share, x, y = ground.share[i], ground.x[i], ground.y[i]
+            n += share
+            s_x += share * x
+            s_y += share * y
+            xx += share * x * x
+            xy += share * x * y
+            yy += share * y * y
+    half, rear, front = ground.outline
+    reach = 0.5 * (front - rear)
+    c_00, c_01, c_02 = xx * yy - xy * xy, xy * s_y - s_x * yy, s_x * xy - xx * s_y
+    determinant = n * c_00 + s_x * c_01 + s_y * c_02
+    if determinant < RIDGE * half * half * reach * reach:
+        n += RIDGE
+        xx += RIDGE * half * half
+        yy += RIDGE * reach * reach
+        c_00, c_01, c_02 = xx * yy - xy * xy, xy * s_y - s_x * yy, s_x * xy - xx * s_y
+        determinant = n * c_00 + s_x * c_01 + s_y * c_02
+    inverse[0, 0] = c_00 / determinant
+    inverse[0, 1] = inverse[1, 0] = c_01 / determinant
+    inverse[0, 2] = inverse[2, 0] = c_02 / determinant
+    inverse[1, 1] = (n * yy - s_y * s_y) / determinant
+    inverse[1, 2] = inverse[2, 1] = (s_x * s_y - n * xy) / determinant
+    inverse[2, 2] = (n * xx - s_x * s_x) / determinant
+
+
+@compiled
+def _inverse_of_touching(ground: Ground, x: float, y: float, plane: Floats) -> Floats:
+    """Inverse (3, 3) of the moments of the points that touch under a unit weight at (x, y) [m].
+
+    Newton's iteration on the dual function, from the plane (3,) that presses and pulls.
+    """
+    inverse, step = np.empty((3, 3)), np.empty(3)
+    active = np.empty(len(ground.x), dtype=np.bool_)
+    gradient, moments = np.empty(3), np.array([1.0, x, y])
+    before = _dual(ground, plane, moments, gradient, active)
+    for _ in range(ACTIVE_SET_ITERATIONS):
+        _invert_moments(ground, active, inverse)
+        if np.abs(gradient).max() <= NO_LOAD:
+            break
+        descent = 0.0
+        for row in range(3):
+            step[row] = 0.0
+            for column in range(3):
+                step[row] -= inverse[row, column] * gradient[column]
+            descent += step[row] * gradient[row]
+        size = 1.0
+        for _ in range(LINE_SEARCH_HALVINGS):
+            trial = plane + size * step
+            found = _dual(ground, trial, moments, gradient, active)
+            if found <= before + ARMIJO * size * descent + 1e-15:
+                break
+            size *= 0.5
+        plane, before = trial, found
+    return inverse
+
+
+@compiled
+def _dual(
+    ground: Ground, plane: Floats, moments: Floats, gradient: Floats, active: NDArray[np.bool_]
+) -> float:
+    """The dual function of the loads at a plane; overwrites its gradient and which points touch."""
+    value = 0.0
+    for k in range(3):
+        value -= moments[k] * plane[k]
+        gradient[k] = -moments[k]
+    for i in range(len(active)):
+        pressure = plane[0] + plane[1] * ground.x[i] + plane[2] * ground.y[i]
+        active[i] = pressure > 0.0
+        if active[i]:
+            value += 0.5 * ground.share[i] * pressure * pressure
+            gradient[0] += ground.share[i] * pressure
+            gradient[1] += ground.share[i] * pressure * ground.x[i]
+            gradient[2] += ground.share[i] * pressure * ground.y[i]
+    return value

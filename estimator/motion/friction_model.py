@@ -1,0 +1,228 @@
+"""The friction motion model: what the forces of the ground do to the vehicle, integrated in time.
+
+    twist = v + dv/dp (p - p') + dv/dV (V - V') + slip
+
+where v is the twist that `estimator.motion.friction_step` has integrated up to the end of the present
+step, with the parameters p' as they were known when it began, at its track speeds V'. The derivatives are
+integrated beside it, so that a filter which learns the parameters on the way sees what they would have
+made of the motion so far. What is learnt within a step acts linearly on it, and is taken up with the
+next.
+
+The parameters are what is uncertain of the vehicle on its ground, in physical units: friction and rolling
+resistance [-], half the contact's length and the three coordinates of the centre of mass [m]; two of the
+eight places stay empty. The model goes by no indices; those that it shows are of the newest turns,
+averaged a little.
+
+Friction is that of `estimator.motion.contact`, but slip below `REGULARISING_SPEED` fades it: track
+speeds are not known so well that the kink in Coulomb's law would be seen at less.
+
+Symbols and axes are the paper's (see `kinematics`). `linearise` takes floats, and complex numbers for
+complex-step differentiation, and numba compiles it, see `estimator.motion.motion_model`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.contact import Contact, ground
+from icreckon.estimator.motion.friction_layout import (
+    AT_PARAMETERS,
+    AT_SPEEDS,
+    FRICTION,
+    LENGTH,
+    MEMORY,
+    OF_SENSITIVITIES,
+    OF_SPEEDS,
+    PARAMETERS,
+    REGULARISING_SPEED,
+    ROLLING,
+    TURN,
+    X_CM,
+    Y_CM,
+    Z_CM,
+)
+from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist, signed_inertia
+from icreckon.estimator.motion.motion_model import (
+    Motion,
+    TwistDerivatives,
+    VehicleConstants,
+    at_or_above,
+    sign,
+)
+
+# Where the parameters can be: friction, rolling resistance and the height of the centre of mass, which
+# divides [m], are at least so much, the contact's length is this share of what it is taken for, and the
+# centre of mass stands within these shares of half the gauge and of half the contact's length.
+LEAST_FRICTION, LEAST_ROLLING, LEAST_HEIGHT = 0.05, 0.0, 1e-3
+# Friction is at least this share of the robot file's, and so many times the rolling resistance.
+LEAST_OF_NOMINAL, LEAST_TRACTION = 0.2, 2.0
+LEAST_LENGTH = 0.1
+WITHIN_GAUGE, WITHIN_LENGTH = 0.8, 0.8
+
+
+class FrictionMotion:
+    """The friction motion model of one vehicle on its ground; see `MotionModel`.
+
+    Args:
+        vehicle: L, M and the centre of mass.
+        contact: the vehicle on its ground, as it is taken to be.
+        yaw_inertia: about the vertical through the centre of mass [kg m²].
+        load_lag: how fast the loads follow the force that transfers them [s].
+        eta: steering efficiency index that is typical of it [-].
+        estimated: (6,) which parameters are learnt; nothing is differentiated by the others.
+    """
+
+    def __init__(
+        self,
+        vehicle: VehicleConstants,
+        contact: Contact,
+        yaw_inertia: float,
+        load_lag: float,
+        eta: float,
+        estimated: Floats,
+    ) -> None:
+        self.vehicle = vehicle
+        self.eta = eta
+        self._yaw_inertia, self._load_lag = yaw_inertia, load_lag
+        at = ground(contact)
+        self._ground = at._replace(small=max(REGULARISING_SPEED, at.small))
+        self._estimated = np.array(estimated, dtype=float)
+        self.nominal = nominal_parameters(contact)
+        self._memory: Floats = np.zeros(MEMORY)
+        self._memory[AT_PARAMETERS] = self.nominal
+        self._memory[TURN] = 0.0, 0.0, eta
+
+    @property
+    def bounds(self) -> Floats:
+        """See `MotionModel`."""
+        half_gauge = 0.5 * self.vehicle.gauge
+        rows = np.zeros((9, 9))
+        for row, (place, least) in enumerate(
+            (
+                (FRICTION, max(LEAST_FRICTION, LEAST_OF_NOMINAL * self.nominal[FRICTION])),
+                (ROLLING, LEAST_ROLLING),
+                (Z_CM, LEAST_HEIGHT),
+                (LENGTH, LEAST_LENGTH * self.nominal[LENGTH]),
+            )
+        ):
+            rows[row, [place, 8]] = 1.0, least
+        for row, side in ((4, 1.0), (5, -1.0)):
+            rows[row, [X_CM, 8]] = side, -WITHIN_GAUGE * half_gauge
+            rows[row + 2, [Y_CM, LENGTH]] = side, WITHIN_LENGTH
+        # Tracks that cannot overcome the rolling resistance would move nothing.
+        rows[8, [FRICTION, ROLLING]] = 1.0, -LEAST_TRACTION
+        return rows
+
+    @property
+    def memory(self) -> Floats:
+        """(MEMORY,)."""
+        return self._memory
+
+    def recall(self, memory: Floats) -> None:
+        """See `MotionModel`."""
+        if memory.shape != (MEMORY,):
+            raise ValueError(
+                f"the friction model remembers {MEMORY} numbers, not {len(memory)}: they are another's"
+            )
+        self._memory = memory
+
+    def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
+        """See `MotionModel`."""
+        from icreckon.estimator.motion.friction_step import step_motion
+
+        memory = self._memory.copy()
+        step_motion(
+            self._ground,
+            self.nominal,
+            self._yaw_inertia,
+            self._load_lag,
+            self._estimated,
+            np.array(parameters[:PARAMETERS]),
+            V_l,
+            V_r,
+            dt,
+            memory,
+        )
+        self._memory = memory
+
+    def steering_efficiency(self, parameters: Any) -> float:  # noqa: ARG002 - it hardly depends
+        """See `MotionModel`."""
+        return self.eta
+
+    def linearise(
+        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+    ) -> tuple[Motion, TwistDerivatives]:
+        """See `MotionModel`; `u` is the smooth signed inertia of the twist."""
+        return linearise(V_l, V_r, parameters, slip, self.vehicle, self._memory)
+
+
+def nominal_parameters(contact: Contact) -> Floats:
+    """The parameters (6,) of a contact."""
+    soil, body = contact.soil, contact.body
+    return np.array(
+        [
+            soil.friction,
+            soil.rolling_resistance,
+            contact.geometry.positions[-1],
+            body.x_CM,
+            body.y_CM,
+            max(body.z_CM, LEAST_HEIGHT),
+        ]
+    )
+
+
+def linearise(
+    V_l: Number,
+    V_r: Number,
+    parameters: Any,
+    slip: tuple[Number, Number, Number],
+    vehicle: VehicleConstants,
+    memory: Floats,
+) -> tuple[Motion, TwistDerivatives]:
+    """See `FrictionMotion.linearise`; `memory` as laid out above."""
+    left, right = V_l - memory[AT_SPEEDS.start], V_r - memory[AT_SPEEDS.start + 1]
+    v_x = _component(memory, 0, parameters, left, right) + slip[0]
+    v_y = _component(memory, 1, parameters, left, right) + slip[1]
+    w = _component(memory, 2, parameters, left, right) + slip[2]
+    twist = PaperTwist(v_x, v_y, w)
+    indices = IndexValues(memory[TURN.start], memory[TURN.start + 1], memory[TURN.start + 2])
+    u, _ = signed_inertia(twist, vehicle.mass, vehicle.x_CM)
+    weight = vehicle.mass * GRAVITY
+    is_above = at_or_above(abs(u.real), weight)
+    force = (1.0 - is_above) * u + is_above * sign(u) * weight
+    return Motion(twist, indices, u, force), TwistDerivatives(
+        (_sensitivities(memory, 0), _sensitivities(memory, 1), _sensitivities(memory, 2)),
+        (_by_speeds(memory, 0), _by_speeds(memory, 1), _by_speeds(memory, 2)),
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    )
+
+
+def _component(memory: Floats, row: int, parameters: Any, left: Number, right: Number) -> Number:
+    """A component of the twist, without slip."""
+    total = memory[row] + memory[OF_SPEEDS.start + 2 * row] * left
+    total = total + memory[OF_SPEEDS.start + 2 * row + 1] * right
+    first = OF_SENSITIVITIES.start + PARAMETERS * row
+    for k in range(PARAMETERS):
+        total = total + memory[first + k] * (parameters[k] - memory[AT_PARAMETERS.start + k])
+    return total
+
+
+def _sensitivities(memory: Floats, row: int) -> tuple[float, ...]:
+    first = OF_SENSITIVITIES.start + PARAMETERS * row
+    return (
+        memory[first],
+        memory[first + 1],
+        memory[first + 2],
+        memory[first + 3],
+        memory[first + 4],
+        memory[first + 5],
+        0.0,
+        0.0,
+    )
+
+
+def _by_speeds(memory: Floats, row: int) -> tuple[float, float]:
+    return memory[OF_SPEEDS.start + 2 * row], memory[OF_SPEEDS.start + 2 * row + 1]

@@ -1,0 +1,420 @@
+"""A step of the friction motion model and of its derivatives, compiled.
+
+The body's twist v about the origin follows the tracks by the forces of
+`estimator.motion.contact_forces`. A step of h seconds is implicit in what is stiff, friction, and
+explicit in what is slow, the loads and the force of inertia I:
+
+    A (v' - v) = h (F(v', V, loads(q)) + I(v))
+    q' = k q - (1 - k) F(v', V, loads(q)),  k = exp(-h / T)
+
+A is the mass matrix about the origin, V are the track speeds and q the force at the centre of mass that
+the loads answer to, with the lag T of a body that rolls and pitches on its suspension. At given loads
+friction has a potential, so v' is the minimum of a convex function, which Newton's iteration with a line
+search finds from anywhere; the friction's regularising speed is that of `FrictionMotion`, well above that
+of the soil.
+
+Beside it run the derivatives of v and q by the parameters (forward sensitivities, from the implicit
+function theorem at each step) and those of v by the track speeds of the step alone.
+
+Symbols and axes are the paper's. Import this module inside functions only: numba takes half a second to
+load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.motion.contact_forces import (
+    COLUMNS,
+    Ground,
+    add_track_forces,
+    mass_matrix,
+    point_loads,
+    solve_3,
+)
+from icreckon.estimator.motion.friction_layout import (
+    AT_PARAMETERS,
+    AT_SPEEDS,
+    FRICTION,
+    LENGTH,
+    MEMORY,
+    OF_SENSITIVITIES,
+    OF_SPEEDS,
+    OF_STATES,
+    PARAMETERS,
+    ROLLING,
+    STARTED,
+    STATES,
+    TURN,
+    X_CM,
+    Y_CM,
+    Z_CM,
+)
+from icreckon.estimator.tracing.jit_kernel import compiled
+
+# No substep is longer than this [s].
+LONGEST_SUBSTEP = 0.0101
+# Motion of so long ago is forgotten [s]: a longer step counts as one of this length, and so does the
+# first, before which the vehicle has been moving at its track speeds.
+SETTLING = 2.0
+NEWTON_ITERATIONS, LINE_SEARCHES = 30, 10
+# Newton's iteration ends with a step below this [m/s, rad/s].
+SETTLED = 1e-7
+# A Newton step that overshoots the minimum along its way is shortened, unless the slope there is below
+# this share of what it was.
+OVERSHOOT = 0.5
+# Step of the central difference by the contact length, as a share of it.
+DIFFERENCE = 1e-5
+# Slower turns show no indices [rad/s]; those of turns are averaged over some time [s].
+TURNS, AVERAGING = 0.1, 0.5
+LARGEST_ETA = 20.0
+
+
+@compiled
+def with_parameters(ground: Ground, nominal: Floats, parameters: Floats) -> Ground:
+    """The contact at other parameters than the nominal ones, each (PARAMETERS,)."""
+    stretch = parameters[LENGTH] / nominal[LENGTH]
+    even = ground.even.copy()
+    for k in range(3):
+        even[2, k] /= stretch
+        even[k, 2] /= stretch
+    half, rear, front = ground.outline
+    return Ground(
+        ground.x,
+        ground.y * stretch,
+        ground.share,
+        even,
+        ground.half_gauge,
+        (half, rear * stretch, front * stretch),
+        ground.friction * (parameters[FRICTION] / nominal[FRICTION]),
+        np.full(2, parameters[ROLLING]),
+        ground.shear_modulus,
+        ground.small,
+        ground.opposes_travel,
+        ground.mass,
+        ground.weight,
+        (parameters[X_CM], parameters[Y_CM], parameters[Z_CM]),
+    )
+
+
+@compiled
+def step_motion(
+    ground: Ground,
+    nominal: Floats,
+    yaw_inertia: float,
+    load_lag: float,
+    estimated: Floats,
+    parameters: Floats,
+    V_l: float,
+    V_r: float,
+    dt: float,
+    memory: Floats,
+) -> None:
+    """Move on by a step, with constant track speeds; the first one settles from rest instead.
+
+    Args:
+        ground: the contact at the nominal parameters.
+        nominal: (PARAMETERS,).
+        yaw_inertia: about the vertical through the centre of mass [kg m²].
+        load_lag: T [s].
+        estimated: (PARAMETERS,) not zero where derivatives are wanted.
+        parameters: (PARAMETERS,) or more, as they are known now.
+        V_l: speed of the left track [m/s].
+        V_r: speed of the right track [m/s].
+        dt: [s].
+        memory: see `estimator.motion.friction_model`; overwritten.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    sizes_fit = memory.shape == (MEMORY,) and nominal.shape == estimated.shape == (PARAMETERS,)
+    if not sizes_fit or len(parameters) < PARAMETERS:
+        raise ValueError(WRONG_SIZE)
+    y = memory[OF_STATES]
+    S = memory[OF_SENSITIVITIES].reshape(STATES, PARAMETERS)
+    B = memory[OF_SPEEDS].reshape(3, 2)
+    at = memory[AT_PARAMETERS]
+    # What was learnt since the last step changes where it led to.
+    for k in range(PARAMETERS):
+        change = parameters[k] - at[k]
+        at[k] = parameters[k]
+        for row in range(STATES):
+            y[row] += S[row, k] * change
+    memory[AT_SPEEDS][0], memory[AT_SPEEDS][1] = V_l, V_r
+    if memory[STARTED] == 0.0:
+        dt = SETTLING
+        memory[STARTED] = 1.0
+    dt = min(dt, SETTLING)
+    substeps = int(max(1.0, np.ceil(dt / LONGEST_SUBSTEP)))
+    h = dt / substeps
+    here = with_parameters(ground, nominal, at)
+    mass = mass_matrix(here.mass, here.centre[0], here.centre[1], yaw_inertia)
+    by_speeds = np.zeros((STATES, 2))
+    workspace = np.empty((6, len(ground.x)))
+    for _ in range(substeps):
+        _substep(
+            ground, nominal, at, here, mass, load_lag, estimated, V_l, V_r, h, y, S, by_speeds,
+            workspace,
+        )  # fmt: skip
+    B[:] = by_speeds[:3]
+    w, turn = y[2], memory[TURN]
+    if abs(w) > TURNS:
+        share = 1.0 - np.exp(-dt / AVERAGING)
+        eta = (V_r - V_l) / (2.0 * ground.half_gauge * w)
+        turn[0] += share * (y[0] / w - turn[0])
+        turn[1] += share * ((0.5 * (V_l + V_r) - y[1]) / w - turn[1])
+        turn[2] += share * (min(LARGEST_ETA, max(1.0, eta)) - turn[2])
+
+
+@compiled
+def _substep(
+    ground: Ground,
+    nominal: Floats,
+    parameters: Floats,
+    here: Ground,
+    mass: Floats,
+    load_lag: float,
+    estimated: Floats,
+    V_l: float,
+    V_r: float,
+    h: float,
+    y: Floats,
+    S: Floats,
+    by_speeds: Floats,
+    workspace: Floats,
+) -> None:
+    """One step of the scheme: states (5,), their derivatives (5, 6) and those by the speeds (5, 2)."""
+    M = here.mass
+    x_CM, y_CM, _ = here.centre
+    loads, by_right, by_forward = workspace[0], workspace[1], workspace[2]
+    start, v = y.copy(), y[:3].copy()
+    values, jacobian = np.empty(3), np.empty((3, COLUMNS))
+    point_loads(here, y[3], y[4], loads, by_right, by_forward)
+    v_x, v_y, w = start[0], start[1], start[2]
+    right, forward = M * w * (v_y + x_CM * w), M * w * (y_CM * w - v_x)
+    inertia = np.array([right, forward, x_CM * forward - y_CM * right])
+    _minimise(
+        here, mass, inertia, V_l, V_r, h, start, loads, by_right, by_forward, v, values, jacobian
+    )
+    keep = np.exp(-h / load_lag)
+    matrix = mass - h * jacobian[:, :3]
+
+    by_parameter = np.zeros((3, PARAMETERS))
+    _forces_by_parameter(
+        ground, nominal, parameters, here.weight, estimated, V_l, V_r, start, v, values, jacobian,
+        workspace, by_parameter,
+    )  # fmt: skip
+    d_x, d_y, d_w = v[0] - v_x, v[1] - v_y, v[2] - w
+    centre = (x_CM, y_CM)
+    direct, scratch = np.empty(3), np.empty((3, 3))
+    for k in range(PARAMETERS):
+        if estimated[k] == 0.0:
+            continue
+        # The force of inertia and the change of momentum by the centre of mass.
+        direct[:] = 0.0
+        if k == X_CM:
+            direct[0] = h * M * w * w
+            direct[1] = -M * d_w
+            direct[2] = h * (forward - y_CM * M * w * w) - M * (d_y + 2.0 * x_CM * d_w)
+        elif k == Y_CM:
+            direct[0] = M * d_w
+            direct[1] = h * M * w * w
+            direct[2] = h * (x_CM * M * w * w - right) - M * (2.0 * y_CM * d_w - d_x)
+        _differentiate(
+            M, centre, start, h, keep, mass, matrix, jacobian, by_parameter[:, k], direct, S[:, k],
+            scratch,
+        )  # fmt: skip
+    direct[:] = 0.0
+    for track in range(2):
+        of_track = jacobian[:, 3 + track]
+        _differentiate(
+            M, centre, start, h, keep, mass, matrix, jacobian, of_track, direct,
+            by_speeds[:, track], scratch,
+        )  # fmt: skip
+
+    y[:3] = v
+    for row in range(2):
+        y[3 + row] = keep * start[3 + row] - (1.0 - keep) * values[row]
+
+
+@compiled
+def _differentiate(
+    M: float,
+    centre: tuple[float, float],
+    start: Floats,
+    h: float,
+    keep: float,
+    mass: Floats,
+    matrix: Floats,
+    jacobian: Floats,
+    by_force: Floats,
+    direct: Floats,
+    slopes: Floats,
+    scratch: Floats,
+) -> None:
+    """Bring derivatives of the states by one quantity from the start of a substep to its end.
+
+    Args:
+        M: mass [kg].
+        centre: x_CM, y_CM [m].
+        start: (5,) states at the start.
+        h: length of the substep [s].
+        keep: k.
+        mass: (3, 3) mass matrix A.
+        matrix: (3, 3) A - h dF/dv at the end.
+        jacobian: (3, COLUMNS) of the forces there.
+        by_force: (3,) derivative of the forces by the quantity at given twist and loads.
+        direct: (3,) derivative of h I - A (v' - v) by it at given twists.
+        slopes: (5,) overwritten.
+        scratch: (3, 3) overwritten.
+    """
+    x_CM, y_CM = centre
+    v_x, v_y, w = start[0], start[1], start[2]
+    s_x, s_y, s_w = slopes[0], slopes[1], slopes[2]
+    right = M * (s_w * (v_y + 2.0 * x_CM * w) + w * s_y)
+    forward = M * (s_w * (2.0 * y_CM * w - v_x) - w * s_x)
+    inertia = (right, forward, x_CM * forward - y_CM * right)
+    explicit, side, rise = scratch[0], scratch[1], scratch[2]
+    for row in range(3):
+        explicit[row] = by_force[row] + jacobian[row, 5] * slopes[3] + jacobian[row, 6] * slopes[4]
+        side[row] = h * (explicit[row] + inertia[row]) + direct[row]
+        for column in range(3):
+            side[row] += mass[row, column] * slopes[column]
+    solve_3(matrix, side, rise)
+    for row in range(3):
+        slopes[row] = rise[row]
+    for row in range(2):
+        total = explicit[row]
+        for column in range(3):
+            total += jacobian[row, column] * rise[column]
+        slopes[3 + row] = keep * slopes[3 + row] - (1.0 - keep) * total
+
+
+@compiled
+def _minimise(
+    ground: Ground,
+    mass: Floats,
+    inertia: Floats,
+    V_l: float,
+    V_r: float,
+    h: float,
+    start: Floats,
+    loads: Floats,
+    by_right: Floats,
+    by_forward: Floats,
+    v: Floats,
+    values: Floats,
+    jacobian: Floats,
+) -> None:
+    """Bring v (3,), a twist to begin at, to that after a step, with the forces (3,) and their slopes."""
+    gradient, move, trial = np.empty(3), np.empty(3), np.empty(3)
+    _gradient(
+        ground, mass, inertia, V_l, V_r, h, start, loads, by_right, by_forward, v, values, jacobian,
+        gradient,
+    )  # fmt: skip
+    for _ in range(NEWTON_ITERATIONS):
+        solve_3(mass - h * jacobian[:, :3], gradient, move)
+        slope = -(gradient[0] * move[0] + gradient[1] * move[1] + gradient[2] * move[2])
+        size = max(abs(move[0]), abs(move[1]), abs(move[2]))
+        share = 1.0
+        for _ in range(LINE_SEARCHES):
+            for row in range(3):
+                trial[row] = v[row] - share * move[row]
+            _gradient(
+                ground, mass, inertia, V_l, V_r, h, start, loads, by_right, by_forward, trial,
+                values, jacobian, gradient,
+            )  # fmt: skip
+            there = -(gradient[0] * move[0] + gradient[1] * move[1] + gradient[2] * move[2])
+            if there <= -OVERSHOOT * slope or size < SETTLED:
+                break
+            share *= max(0.1, slope / (slope - there))
+        v[:] = trial
+        if share * size < SETTLED:
+            break
+
+
+@compiled
+def _gradient(
+    ground: Ground,
+    mass: Floats,
+    inertia: Floats,
+    V_l: float,
+    V_r: float,
+    h: float,
+    start: Floats,
+    loads: Floats,
+    by_right: Floats,
+    by_forward: Floats,
+    v: Floats,
+    values: Floats,
+    jacobian: Floats,
+    gradient: Floats,
+) -> None:
+    """What a twist v lacks of balance (3,): A (v - v_start) - h (F + I); also F and its Jacobian."""
+    values[:] = 0.0
+    jacobian[:] = 0.0
+    add_track_forces(
+        ground, v[0], v[1], v[2], V_l, V_r, loads, by_right, by_forward, values, jacobian
+    )
+    for row in range(3):
+        total = -h * (values[row] + inertia[row])
+        for column in range(3):
+            total += mass[row, column] * (v[column] - start[column])
+        gradient[row] = total
+
+
+@compiled
+def _forces_by_parameter(
+    ground: Ground,
+    nominal: Floats,
+    at: Floats,
+    weight: float,
+    estimated: Floats,
+    V_l: float,
+    V_r: float,
+    start: Floats,
+    v: Floats,
+    values: Floats,
+    jacobian: Floats,
+    workspace: Floats,
+    by_parameter: Floats,
+) -> None:
+    """Derivatives (3, PARAMETERS) of the ground's forces at given twist, track speeds and q.
+
+    Forces are linear in friction, in rolling resistance and in the loads, which the centre of mass acts
+    through; only the contact's length needs a difference.
+    """
+    z_CM = at[Z_CM]
+    loads, by_right, by_forward = workspace[3], workspace[4], workspace[5]
+    other, slopes = np.zeros(3), np.zeros((3, COLUMNS))
+    if estimated[FRICTION] != 0.0 or estimated[ROLLING] != 0.0:
+        more = at.copy()
+        more[ROLLING] += 1.0
+        add_track_forces(
+            with_parameters(ground, nominal, more), v[0], v[1], v[2], V_l, V_r, workspace[0],
+            workspace[1], workspace[2], other, slopes,
+        )  # fmt: skip
+        for row in range(3):
+            rolling = other[row] - values[row]
+            by_parameter[row, ROLLING] = rolling
+            by_parameter[row, FRICTION] = (values[row] - at[ROLLING] * rolling) / at[FRICTION]
+    for row in range(3):
+        by_parameter[row, X_CM] = jacobian[row, 5] * weight / z_CM
+        by_parameter[row, Y_CM] = jacobian[row, 6] * weight / z_CM
+        by_parameter[row, Z_CM] = (jacobian[row, 5] * start[3] + jacobian[row, 6] * start[4]) / z_CM
+    if estimated[LENGTH] != 0.0:
+        step = DIFFERENCE * nominal[LENGTH]
+        for sign in (1.0, -1.0):
+            moved = at.copy()
+            moved[LENGTH] += sign * step
+            there = with_parameters(ground, nominal, moved)
+            point_loads(there, start[3], start[4], loads, by_right, by_forward)
+            other[:] = 0.0
+            add_track_forces(
+                there, v[0], v[1], v[2], V_l, V_r, loads, by_right, by_forward,
+                other, slopes,
+            )  # fmt: skip
+            for row in range(3):
+                by_parameter[row, LENGTH] += 0.5 * sign * other[row] / step

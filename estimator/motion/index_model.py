@@ -1,0 +1,316 @@
+"""The paper's motion model, which without its gains is also that of constant ICRs and the ideal drive.
+
+It is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
+indices. All of it hangs on one scalar u, the (signed) force of inertia, so the model is
+
+    w   = D / (L eta) + r_w          D = V_r - V_l,  V_m = (V_l + V_r) / 2
+    v_y = V_m - D / (L eta) epsilon + r_y
+    v_x =       D / (L eta) zeta + r_x
+    zeta = zeta0 + zeta1 Z    epsilon = epsilon0 + epsilon1 S    eta = eta0 + eta1 S + eta2 u²
+    u = g(v_x, v_y, w)
+
+with, for the smooth form,   g = -M w (v_y + x_CM w),   S = u,   Z = -u sign(w),
+and, for the literal form,   g = |F| of (11),   S = u sign(x_1) sign(x_2),   Z = u sign(x_2).
+
+The indices are evaluated at a force of inertia of at most the weight: friction cannot balance more, and
+so the equation has a solution for any parameters.
+
+u is found by Newton's iteration from u = 0, by bisection in the rare case where that does not settle
+(parameters far from any real vehicle's), and the derivatives follow from the implicit-function
+theorem.
+
+Symbols and axes are the paper's (see `kinematics`). Arguments broadcast; floats give floats, complex
+numbers pass through, for complex-step differentiation, and numba compiles the same functions, see
+`estimator.motion.motion_model`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.choices import every, some
+from icreckon.estimator.motion.bounds import ETA0, index_bounds
+from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
+from icreckon.estimator.motion.motion_model import (
+    NO_SLIP,
+    Channels,
+    Motion,
+    Regressors,
+    TwistDerivatives,
+    Unremembering,
+    VehicleConstants,
+    at_least,
+    at_or_above,
+    dot,
+    is_zero,
+    sign,
+    through_channels,
+)
+
+Form = Literal["smooth", "literal"]
+
+NEWTON_ITERATIONS = 20
+BISECTIONS = 80
+TOLERANCE = 1e-13
+# Newton's denominator 1 - dg/du is kept above this, so that a step never runs away near a fold.
+SMALLEST_SLOPE = 0.25
+
+
+@dataclass(frozen=True)
+class InertiaMotion(Unremembering):
+    """The inertia-based index model: `linearise` with its options."""
+
+    vehicle: VehicleConstants
+    form: Form = "smooth"
+    slip_in_inertia: bool = False
+
+    @property
+    def bounds(self) -> Floats:
+        """See `MotionModel`."""
+        return index_bounds(self.vehicle.gauge)
+
+    def steering_efficiency(self, parameters: Any) -> float:
+        """See `MotionModel`."""
+        return float(parameters[ETA0])
+
+    def linearise(
+        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+    ) -> tuple[Motion, TwistDerivatives]:
+        """See `MotionModel`."""
+        is_literal = self.form == "literal"
+        return linearise(V_l, V_r, parameters, slip, self.vehicle, is_literal, self.slip_in_inertia)
+
+
+def solve(
+    V_l: Number,
+    V_r: Number,
+    parameters: Any,
+    vehicle: VehicleConstants,
+    *,
+    form: Form = "smooth",
+    slip: tuple[Number, Number, Number] = NO_SLIP,
+    slip_in_inertia: bool = False,
+) -> Motion:
+    """Body velocity, indices and inertia from track speeds.
+
+    Args:
+        V_l: speed of the left track [m/s].
+        V_r: speed of the right track [m/s].
+        parameters: the eight, in the order of `estimator.robot.robot_file.Indices`; each broadcasts.
+        vehicle: L, M, x_CM, y_CM.
+        form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
+        slip: residual (r_x, r_y, r_w) added to the kinematic twist.
+        slip_in_inertia: whether the inertia is that of the twist with slip ("measured" inertia, when
+            the slip is estimated from an IMU) or of the kinematic twist alone (track speeds only).
+
+    Returns:
+        The motion.
+    """
+    in_inertia = slip if slip_in_inertia else NO_SLIP
+    problem = _problem(V_l, V_r, parameters, vehicle, form == "literal", in_inertia)
+    u = _balance(problem)
+    return _motion(u, _evaluate(u, problem), slip)
+
+
+def linearise(
+    V_l: Number,
+    V_r: Number,
+    parameters: Any,
+    slip: tuple[Number, Number, Number],
+    vehicle: VehicleConstants,
+    is_literal: bool,
+    slip_in_inertia: bool,
+) -> tuple[Motion, TwistDerivatives]:
+    """The motion and the derivatives of its twist; arguments as those of `solve`."""
+    in_inertia = slip if slip_in_inertia else NO_SLIP
+    problem = _problem(V_l, V_r, parameters, vehicle, is_literal, in_inertia)
+    u = _balance(problem)
+    at = _evaluate(u, problem)
+    by = _channels(at, vehicle.gauge, slip_in_inertia)
+    return _motion(u, at, slip), through_channels(by, _regressors(at))
+
+
+class _Problem(NamedTuple):
+    """What the force of inertia is to be found for; the slip is that in the inertia."""
+
+    D: Number
+    V_m: Number
+    parameters: Any
+    vehicle: VehicleConstants
+    is_literal: bool
+    S_u: Number
+    Z_u: Number
+    slip: tuple[Number, Number, Number]
+
+
+class _Evaluation(NamedTuple):
+    """Everything at one value of u; `eta_is_free` is 0 where eta is held at 1."""
+
+    kinematic: PaperTwist
+    indices: IndexValues
+    force: Number
+    S_u: Number
+    Z_u: Number
+    eta_is_free: Number
+    g: Number
+    g_twist: tuple[Number, Number, Number]
+    twist_u: tuple[Number, Number, Number]
+    g_u: Number
+
+
+def _problem(
+    V_l: Number,
+    V_r: Number,
+    parameters: Any,
+    vehicle: VehicleConstants,
+    is_literal: bool,
+    slip: tuple[Number, Number, Number],
+) -> _Problem:
+    D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
+    if is_literal:
+        # sign(x_1) and sign(x_2) of (14) and (15).
+        x_1, x_2 = sign(V_l - V_r), sign(V_l + parameters[0] * V_r)
+        return _Problem(D, V_m, parameters, vehicle, is_literal, x_1 * x_2, x_2, slip)
+    # eta > 0, so the sign of the yaw rate is that of D; with slip in the inertia it may differ for a
+    # moment at w = 0, where Z vanishes anyway.
+    return _Problem(D, V_m, parameters, vehicle, is_literal, 1.0, -sign(D), slip)
+
+
+def _balance(problem: _Problem) -> Number:
+    """A zero of u - g(u), the one that Newton's iteration reaches from zero."""
+    u = 0.0 * problem.D
+    settled: Any = False
+    for _ in range(NEWTON_ITERATIONS):
+        step = _evaluate(u, problem)
+        change = (step.g - u) / at_least(1.0 - step.g_u, SMALLEST_SLOPE)
+        u = u + change
+        settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
+        if every(settled):
+            return u
+    return settled * u + (1.0 - settled) * _bisect(problem)
+
+
+def _bisect(problem: _Problem) -> Number:
+    """A zero of u - g(u) by bisection: g is continuous and bounded, since the indices are."""
+    high = 1.0 + 0.0 * problem.D
+    for _ in range(BISECTIONS):
+        short = ((high - _evaluate(high, problem).g).real < 0.0) | (
+            (-high - _evaluate(-high, problem).g).real > 0.0
+        )
+        if not some(short):
+            break
+        high = high * (1.0 + short)
+    low = -high
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        below = 1.0 * ((middle - _evaluate(middle, problem).g).real < 0.0)
+        low = below * middle + (1.0 - below) * low
+        high = below * high + (1.0 - below) * middle
+    return 0.5 * (low + high)
+
+
+def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
+    """Everything at one value of u: indices, twist, g and their derivatives by u and by the twist."""
+    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = problem.parameters
+    gauge, mass, x_CM, y_CM = problem.vehicle
+    S_u, Z_u, slip = problem.S_u, problem.Z_u, problem.slip
+    weight = mass * GRAVITY
+    is_below = 1.0 - at_or_above(abs(u.real), weight)
+    force = is_below * u + (1.0 - is_below) * sign(u) * weight
+    S = S_u * force
+    eta_free = eta0 + eta1 * S + eta2 * force * force
+    # A track never turns the vehicle more than the ideal differential drive does: eta >= 1.
+    eta_is_free = at_or_above(eta_free, 1.0)
+    eta = eta_is_free * eta_free + (1.0 - eta_is_free)
+    epsilon = epsilon0 + epsilon1 * S
+    zeta = zeta0 + zeta1 * Z_u * force
+    w = problem.D / (gauge * eta)
+    kinematic = PaperTwist(w * zeta, problem.V_m - w * epsilon, w)
+    v_x, v_y, w_all = kinematic.v_x + slip[0], kinematic.v_y + slip[1], w + slip[2]
+    forward = v_y + x_CM * w_all
+    if problem.is_literal:
+        right = v_x - y_CM * w_all
+        speed = (right * right + forward * forward) ** 0.5
+        per_speed = 1.0 / (speed + is_zero(speed))
+        sign_w = sign(w_all)
+        g = mass * sign_w * w_all * speed
+        scale = mass * sign_w * w_all * per_speed
+        g_twist = (
+            scale * right,
+            scale * forward,
+            mass * sign_w * speed + scale * (x_CM * forward - y_CM * right),
+        )
+    else:
+        g = -mass * w_all * forward
+        g_twist = (0.0, -mass * w_all, -mass * (forward + x_CM * w_all))
+    eta_u = is_below * eta_is_free * (eta1 * S_u + 2.0 * eta2 * force)
+    w_u = -w / eta * eta_u
+    twist_u = (
+        w_u * zeta + is_below * w * zeta1 * Z_u,
+        -w_u * epsilon - is_below * w * epsilon1 * S_u,
+        w_u,
+    )
+    return _Evaluation(
+        kinematic,
+        IndexValues(zeta, epsilon, eta),
+        force,
+        S_u,
+        Z_u,
+        eta_is_free,
+        g,
+        g_twist,
+        twist_u,
+        dot(g_twist, twist_u),
+    )
+
+
+def _motion(u: Number, at: _Evaluation, slip: tuple[Number, Number, Number]) -> Motion:
+    kinematic = at.kinematic
+    twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
+    return Motion(twist, at.indices, u, at.force)
+
+
+def _regressors(at: _Evaluation) -> Regressors:
+    """Z, S, S [N] and the square of the force [N²]."""
+    S = at.S_u * at.force
+    return Regressors(at.Z_u * at.force, S, S, at.force * at.force)
+
+
+def _channels(at: _Evaluation, gauge: float, slip_in_inertia: bool) -> Channels:
+    w = at.kinematic.w
+    zeta, epsilon, eta = at.indices
+    per_D = 1.0 / (gauge * eta)
+    # Twist by each channel at fixed u: v_x = w zeta and v_y = V_m - w epsilon with w = D / (L eta).
+    by_D = (zeta * per_D, -epsilon * per_D, per_D)
+    by_zeta, by_epsilon = w, -w
+    per_eta = -w / eta * at.eta_is_free
+    by_eta = (per_eta * zeta, -per_eta * epsilon, per_eta)
+    # u by each channel, and the twist by u.
+    gain = 1.0 / (1.0 - at.g_u)
+    by_u, g_twist = at.twist_u, at.g_twist
+    slip_gain = gain if slip_in_inertia else 0.0 * gain
+    return Channels(
+        _total(by_D, by_u, gain * dot(g_twist, by_D)),
+        _total((0.0, 1.0, 0.0), by_u, gain * g_twist[1]),
+        _total((by_zeta, 0.0, 0.0), by_u, gain * g_twist[0] * by_zeta),
+        _total((0.0, by_epsilon, 0.0), by_u, gain * g_twist[1] * by_epsilon),
+        _total(by_eta, by_u, gain * dot(g_twist, by_eta)),
+        _total((1.0, 0.0, 0.0), by_u, slip_gain * g_twist[0]),
+        _total((0.0, 1.0, 0.0), by_u, slip_gain * g_twist[1]),
+        _total((0.0, 0.0, 1.0), by_u, slip_gain * g_twist[2]),
+    )
+
+
+def _total(
+    direct: tuple[Number, Number, Number],
+    by_u: tuple[Number, Number, Number],
+    u_channel: Number,
+) -> tuple[Number, Number, Number]:
+    """The twist by a channel: at fixed u, and through it."""
+    return (
+        direct[0] + by_u[0] * u_channel,
+        direct[1] + by_u[1] * u_channel,
+        direct[2] + by_u[2] * u_channel,
+    )

@@ -1,0 +1,238 @@
+"""The stationary twist of a tracked vehicle for given track speeds: all forces and moments balance.
+
+The balance (`estimator.motion.contact.steady_balance`) is solved for many pairs of track speeds. Each
+stage is Newton's iteration (compiled) with the analytic Jacobian and step halving on the norm of the
+balance:
+
+1. straight from a kinematic guess, which serves most pairs in a handful of steps;
+2. for the others (where one track's travel comes to a stand, or points lift off, the balance has kinks
+   as narrow as the regularising speed) along a falling sequence of regularising speeds, from nearly
+   viscous ground to the soil's own value;
+3. for what is still left (fast vehicles with a high centre of mass), along rising track speeds in
+   the same ratio, from a crawl, where inertia is nothing, to the full speeds: the motion that a
+   vehicle reaches by speeding up slowly;
+4. where that motion ceases to exist on the way, from guesses spread over all plausible twists.
+
+Hard turns at high speed can have more than one stationary motion; one of them is found. A pair that
+none of the stages solves is never dropped: it is named in an error, or marked in the result. Both tracks
+at rest stand for rest: friction holds the vehicle, and its twist is zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.motion.contact import Contact, ground, steady_inertia, vertical_loads
+from icreckon.estimator.motion.icr import PaperTwist
+
+# Largest part of the balance in a solved state, as a share of the weight (moments: of the weight times
+# half the gauge), and the largest that is still called converged.
+TOLERANCE = 1e-12
+CONVERGED = 1e-10
+DIRECT_STEPS = 20
+# Continuation: the first regularising speed as a share of the largest track speed, the ratio of one to
+# the next, and how well each but the last is solved.
+FIRST_REGULARISATION = 0.3
+RATIO = 0.4
+ROUGH_TOLERANCE = 1e-3
+CONTINUATION_STEPS = 5
+FINAL_STEPS = 80
+# Rising speeds: how many steps, coarse first.
+SPEED_STEPS = (16, 64)
+# Spread guesses: yaw rates as shares of the ideal differential drive's; forward velocities off the mean
+# track speed, and lateral ones, as shares of half the difference of the track speeds.
+YAW_SHARES = np.linspace(0.1, 1.1, 11)
+FORWARD_SHARES = np.linspace(-1.0, 1.0, 17)
+LATERAL_SHARES = (-0.2, 0.0, 0.2)
+# The guess: effective gauge over gauge of a typical skid-steer vehicle.
+TYPICAL_ETA = 2.5
+# An error names at most this many pairs.
+NAMED = 8
+
+
+@dataclass(frozen=True)
+class SteadyMotion:
+    """Stationary motions; every array has the broadcast shape of the track speeds.
+
+    Attributes:
+        V_l: speed of the left track [m/s].
+        V_r: speed of the right track [m/s].
+        twist: velocity of the origin in the paper's axes [m/s, rad/s].
+        residual: largest part of the balance left, as a share of the weight (moments: of the weight
+            times half the gauge) [-].
+        converged: where the residual is at most `CONVERGED`.
+        tipping: where the force of inertia points outside the contact, so that the vehicle would tip.
+    """
+
+    V_l: Floats
+    V_r: Floats
+    twist: PaperTwist
+    residual: Floats
+    converged: NDArray[np.bool_]
+    tipping: NDArray[np.bool_]
+
+    def require_converged(self) -> SteadyMotion:
+        """This, where all of it converged.
+
+        Raises:
+            EstimatorError: names the pairs of track speeds that did not converge.
+        """
+        failed = np.flatnonzero(~self.converged)
+        if not failed.size:
+            return self
+        V_l, V_r, residual = (
+            values.ravel()[failed] for values in (self.V_l, self.V_r, self.residual)
+        )
+        named = ", ".join(
+            f"({left:.6g}, {right:.6g}) with {rest:.1e}"
+            for left, right, rest in list(zip(V_l, V_r, residual, strict=True))[:NAMED]
+        )
+        more = f" and {failed.size - NAMED} more" if failed.size > NAMED else ""
+        raise EstimatorError(
+            f"no stationary motion found for {failed.size} of {self.converged.size} pairs of track "
+            f"speeds: (V_l, V_r) [m/s] and the balance left as a share of the weight: {named}{more}"
+        )
+
+
+def solve_steady(
+    V_l: ArrayLike,
+    V_r: ArrayLike,
+    contact: Contact,
+    *,
+    guess: PaperTwist | None = None,
+    strict: bool = True,
+) -> SteadyMotion:
+    """The stationary motion for each pair of track speeds.
+
+    Args:
+        V_l: speed of the left track [m/s]; broadcasts with V_r.
+        V_r: speed of the right track [m/s].
+        contact: soil, contact geometry and body.
+        guess: twists near the solution, broadcastable to the same shape; the kinematics of a typical
+            vehicle where left out.
+        strict: whether to raise where a pair does not converge.
+
+    Raises:
+        EstimatorError: a track speed is not finite, or (strict) some pairs did not converge.
+    """
+    left, right = np.broadcast_arrays(np.asarray(V_l, dtype=float), np.asarray(V_r, dtype=float))
+    shape, V = left.shape, np.stack([left.ravel(), right.ravel()])
+    if not np.isfinite(V).all():
+        raise EstimatorError("track speeds must be finite numbers, found NaN or infinity")
+    start = _guess(V, contact)
+    if guess is not None:
+        start = np.stack([np.broadcast_to(part, shape).ravel() for part in guess]).astype(float)
+    twist, residual = _solve(start, V, contact)
+    twist += 0.0  # no negative zeros
+    v_x, v_y, w = (part.reshape(shape) for part in twist)
+    inertia = steady_inertia(PaperTwist(*twist), contact.body)
+    tipping = vertical_loads(contact, inertia[0], inertia[1]).tipping.reshape(shape)
+    rest = residual.reshape(shape)
+    motion = SteadyMotion(
+        left.copy(),
+        right.copy(),
+        PaperTwist(v_x, v_y, w),
+        rest,
+        rest <= CONVERGED,
+        tipping,
+    )
+    return motion.require_converged() if strict else motion
+
+
+def track_speed_grid(top: float = 1.0, count: int = 21) -> tuple[Floats, Floats]:
+    """All pairs of evenly spaced track speeds in [-top, top] [m/s]: V_l (count, count), V_r alike.
+
+    V_l runs along the first axis. The default is the paper's grid of 441 pairs (section II).
+    """
+    # Integers divided, so that equal, opposite and zero speeds are exactly that.
+    speeds = top * np.arange(1 - count, count, 2) / (count - 1)
+    V_l, V_r = np.meshgrid(speeds, speeds, indexing="ij")
+    return V_l, V_r
+
+
+class _Solved(NamedTuple):
+    """Twists (3, n) and the largest part of the balance left (n,)."""
+
+    twist: Floats
+    residual: Floats
+
+
+def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
+    found = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
+    left = np.flatnonzero(found.residual > TOLERANCE)
+    if left.size:
+        _keep_better(found, left, _along_regularisation(start[:, left], V[:, left], contact))
+    for steps in SPEED_STEPS:
+        left = np.flatnonzero(found.residual > CONVERGED)
+        if not left.size:
+            break
+        _keep_better(found, left, _along_speed(V[:, left], contact, steps))
+    for pair in np.flatnonzero(found.residual > CONVERGED):
+        _keep_better(found, np.array([pair]), _from_everywhere(V[:, [pair]], contact))
+    return found
+
+
+def _keep_better(found: _Solved, at: NDArray[np.intp], other: _Solved) -> None:
+    better = other.residual < found.residual[at]
+    found.twist[:, at[better]] = other.twist[:, better]
+    found.residual[at[better]] = other.residual[better]
+
+
+def _along_regularisation(start: Floats, V: Floats, contact: Contact) -> _Solved:
+    """Newton's iteration along a falling sequence of regularising speeds."""
+    target = contact.soil.regularising_speed
+    speed, twist = FIRST_REGULARISATION * max(float(np.abs(V).max()), target), start
+    while speed > target:
+        soil = msgspec.structs.replace(contact.soil, regularising_speed=speed)
+        softer = replace(contact, soil=soil)
+        twist = _newton(twist, V, softer, CONTINUATION_STEPS, ROUGH_TOLERANCE).twist
+        speed *= RATIO
+    return _newton(twist, V, contact, FINAL_STEPS, TOLERANCE)
+
+
+def _along_speed(V: Floats, contact: Contact, steps: int) -> _Solved:
+    """Newton's iteration along rising track speeds, each motion guessed from the one before."""
+    twist = _guess(V, contact)
+    for step in range(1, steps):
+        share = step / steps
+        twist = _newton(share * twist, share * V, contact, FINAL_STEPS, TOLERANCE).twist / share
+    return _newton(twist, V, contact, FINAL_STEPS, TOLERANCE)
+
+
+def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
+    """Best of what one pair of track speeds (2, 1) leads to from guesses all over."""
+    difference = np.abs(V[1, 0] - V[0, 0])
+    yaw, forward, lateral = np.meshgrid(YAW_SHARES, FORWARD_SHARES, LATERAL_SHARES)
+    w = yaw.ravel() * (V[1, 0] - V[0, 0]) / contact.geometry.gauge
+    v_y = V.mean() + 0.5 * difference * forward.ravel()
+    start = np.stack([contact.body.y_CM * w + 0.5 * difference * lateral.ravel(), v_y, w])
+    many = np.repeat(V, w.size, axis=1)
+    best = _newton(start, many, contact, FINAL_STEPS, TOLERANCE)
+    if best.residual.min() > CONVERGED:
+        best = _along_regularisation(start, many, contact)
+    chosen = [int(best.residual.argmin())]
+    return _Solved(best.twist[:, chosen], best.residual[chosen])
+
+
+def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
+    """Newton's iteration with step halving; each pair until it is solved, stuck, or out of steps."""
+    from icreckon.estimator.motion.steady_kernel import newton_of_many
+
+    twist, residual = np.ascontiguousarray(start.T), np.full(V.shape[1], np.inf)
+    if np.shares_memory(twist, start):
+        twist = twist.copy()
+    newton_of_many(ground(contact), np.ascontiguousarray(V.T), steps, tolerance, twist, residual)
+    return _Solved(twist.T, residual)
+
+
+def _guess(V: Floats, contact: Contact) -> Floats:
+    """The twist (3, n) of a typical vehicle, which turns about a point beside its centre of mass."""
+    w = (V[1] - V[0]) / (TYPICAL_ETA * contact.geometry.gauge)
+    return np.stack([contact.body.y_CM * w, V.mean(axis=0), w])

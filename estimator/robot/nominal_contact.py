@@ -1,0 +1,81 @@
+"""The contact that the friction model starts from, for a robot whose ground is not known."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.contact import Contact
+from icreckon.estimator.motion.icr import IndexValues
+from icreckon.estimator.motion.steady_state import solve_steady
+from icreckon.estimator.robot.robot_file import Robot
+
+# Slow turns to both sides, tracks left and right as shares of the crawl [m/s]: inertia has no part.
+TURNS = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 1.3], [1.3, 1.0]])
+CRAWL = 0.05
+# Where the contact's half length is looked for, as shares of what the robot file says.
+SHORTEST, LONGEST = 0.05, 3.0
+# How far off the centre the centre of mass may be for it, as a share of half the extent.
+OFF_CENTRE = 0.7
+
+
+def presumed_contact(robot: Robot) -> Contact:
+    """The contact to start from.
+
+    Where the robot file knows the ground (`[soil]`) it is the file's. Otherwise length and centre of mass
+    are such that the robot's constant ICRs are those of its slow turns: ICRs are measured, lengths and
+    weights of a robot file mostly are not.
+
+    Raises:
+        EstimatorError: the centre of mass does not lie over the contact.
+    """
+    known = robot.constant_indices
+    if robot.soil is not None or known.eta0 <= 1.0:
+        return robot.contact
+    return _with_slow_turns(robot.contact, known.zeta0, known.epsilon0, known.eta0)
+
+
+def slow_turns(contact: Contact) -> IndexValues:
+    """Indices (4,) each of slow stationary turns, wide and narrow ones to both sides."""
+    V_l, V_r = CRAWL * TURNS.T
+    twist = solve_steady(V_l, V_r, contact, strict=False).twist
+    return IndexValues(
+        twist.v_x / twist.w,
+        (0.5 * (V_l + V_r) - twist.v_y) / twist.w,
+        (V_r - V_l) / (contact.geometry.gauge * twist.w),
+    )
+
+
+@lru_cache(maxsize=32)
+def _with_slow_turns(contact: Contact, zeta: float, epsilon: float, eta: float) -> Contact:
+    """The contact with another length and centre of mass, whose slow turns have these indices."""
+    from scipy.optimize import least_squares  # type: ignore[import-untyped]
+
+    geometry, body = contact.geometry, contact.body
+    half_gauge, half_length = 0.5 * geometry.gauge, geometry.positions[-1]
+
+    def of(shares: Floats) -> Contact:
+        stretch, right, forward = (float(share) for share in shares)
+        return Contact(
+            contact.soil,
+            msgspec.structs.replace(
+                geometry, positions=tuple(stretch * at for at in geometry.positions)
+            ),
+            msgspec.structs.replace(
+                body, x_CM=right * half_gauge, y_CM=forward * stretch * half_length
+            ),
+        )
+
+    def short_of(shares: Floats) -> Floats:
+        found = slow_turns(of(shares))
+        lengths = (half_gauge * found.eta, found.epsilon, found.zeta)
+        return np.asarray(np.mean(lengths, axis=1) - [half_gauge * eta, epsilon, zeta])
+
+    low = np.array([SHORTEST, -OFF_CENTRE, -OFF_CENTRE])
+    high = np.array([LONGEST, OFF_CENTRE, OFF_CENTRE])
+    start = np.array([1.0, body.x_CM / half_gauge, body.y_CM / half_length])
+    start = np.clip(start, low + 1e-3, high - 1e-3)
+    return of(least_squares(short_of, start, bounds=(low, high), diff_step=1e-4).x)

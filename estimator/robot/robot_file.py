@@ -1,0 +1,383 @@
+"""The robot file: what no log can tell about a robot, as TOML, checked on reading.
+
+Axes are those of REP-103 (x forward, y left, z up, origin at the centre of the tracks' contact area),
+except in `[indices]` and `[constant_icr]`, which use the paper's symbols and axes (X right, Y forward).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.checks import require_finite, require_not_negative, require_positive
+from icreckon.estimator.base.config import convert, read_toml
+from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
+from icreckon.estimator.base.frames import rep103_to_paper, rpy_to_matrix
+from icreckon.estimator.motion.contact import Body, Contact, Soil, equally_spaced
+from icreckon.estimator.motion.motion_model import VehicleConstants
+
+ROBOTS_FOLDER = Path(__file__).parent / "robots"
+FORMAT = 1
+# A gyro that reads z alone must have at least this share of the vertical along its z axis.
+LEAST_UPRIGHT = 0.1
+# That of a vehicle whose file says nothing of it [s].
+LOAD_LAG = 0.2
+
+
+class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Mass and geometry.
+
+    Attributes:
+        mass: mass of the vehicle with its load [kg].
+        track_gauge: distance L between the track (wheel) centrelines [m].
+        sprocket_radius: effective radius that turns sprocket (wheel) rates into track speeds [m].
+        centre_of_mass: x forward, y left, z up [m].
+        half_contact_length: half the length of a track's contact with the ground, or half the
+            wheelbase [m].
+        contact_points: evenly spaced points along each track that press on the ground: 2 for a pair of
+            wheels, the number of road wheels of a track.
+        yaw_inertia: moment of inertia about the vertical through the centre of mass; that of a plate
+            as large as the contact's outline where left out [kg m²].
+        max_track_speed: highest speed of a track [m/s].
+        load_lag: how fast the loads on the tracks follow the force of inertia that shifts them, as the
+            vehicle rolls and pitches on its suspension [s].
+    """
+
+    mass: float
+    track_gauge: float
+    sprocket_radius: float
+    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    half_contact_length: float = 0.3
+    contact_points: int = 5
+    yaw_inertia: float | None = None
+    max_track_speed: float = 1.0
+    load_lag: float = LOAD_LAG
+
+    def __post_init__(self) -> None:
+        for name in (
+            "mass",
+            "track_gauge",
+            "sprocket_radius",
+            "half_contact_length",
+            "max_track_speed",
+            "load_lag",
+        ):
+            require_positive(name, getattr(self, name))
+        require_finite("centre_of_mass", *self.centre_of_mass)
+        if self.contact_points < 2:
+            raise SettingError(f"contact_points must be at least 2, found {self.contact_points!r}")
+        if self.yaw_inertia is not None:
+            require_positive("yaw_inertia", self.yaw_inertia)
+
+
+class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The eight parameters of the inertia-based kinematics (paper, equations 25 to 27).
+
+    Attributes:
+        H: ratio of track speeds of on-spot turning, V_l = -H V_r (13) [-].
+        zeta0: sliding index at no inertia [m].
+        zeta1: its gain with the force of inertia [m/N].
+        epsilon0: eccentricity index at no inertia [m].
+        epsilon1: its gain [m/N].
+        eta0: steering efficiency index at no inertia [-].
+        eta1: its gain [1/N].
+        eta2: its quadratic gain [1/N²].
+    """
+
+    H: float = 1.0
+    zeta0: float = 0.0
+    zeta1: float = 0.0
+    epsilon0: float = 0.0
+    epsilon1: float = 0.0
+    eta0: float = 1.0
+    eta1: float = 0.0
+    eta2: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            require_finite(name, getattr(self, name))
+        if not self.eta0 >= 1.0:
+            raise SettingError(
+                f"eta0 must be at least 1 (1 is the ideal differential drive), found {self.eta0!r}"
+            )
+
+    def as_array(self) -> Floats:
+        """(8,) in the order H, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2."""
+        return np.array(msgspec.structs.astuple(self), dtype=float)
+
+
+class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Constant ICRs of the tracks in the paper's axes (X right, Y forward) [m]."""
+
+    x_ICRl: float
+    x_ICRr: float
+    y_ICR: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_finite("y_ICR", self.y_ICR)
+        if not -np.inf < self.x_ICRl < 0.0 < self.x_ICRr < np.inf:
+            raise SettingError(
+                f"x_ICRl < 0 < x_ICRr must hold, found {self.x_ICRl!r} and {self.x_ICRr!r}"
+            )
+
+
+class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The IMU: where it sits, and how far to trust it.
+
+    Attributes:
+        rotation_rpy_deg: orientation of the IMU in base_link, fixed-axis roll, pitch, yaw [deg].
+        position: place of the IMU in base_link [m].
+        gyro_axes: "xyz", or "z" where only the z gyro was logged (then the rate about the body's z
+            axis is that reading over the cosine of the tilt).
+        gyro_scale: reading over true rate, 1 for an ideal gyro [-].
+        gyro_scale_sigma: standard deviation of what of it is not known [-].
+        gyro_noise_density: [rad/s/√Hz].
+        gyro_bias_sigma: standard deviation of the bias at the start [rad/s].
+        gyro_bias_walk: random walk of the bias [rad/s/√s].
+        accelerometer_noise_density: vibration and small slopes included [m/s²/√Hz].
+        accelerometer_bias_sigma: levelling error included [m/s²].
+        accelerometer_bias_walk: [m/s²/√s].
+    """
+
+    rotation_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gyro_axes: Literal["xyz", "z"] = "xyz"
+    gyro_scale: float = 1.0
+    gyro_scale_sigma: float = 0.0
+    gyro_noise_density: float = 1e-3
+    gyro_bias_sigma: float = 0.01
+    gyro_bias_walk: float = 1e-5
+    accelerometer_noise_density: float = 0.02
+    accelerometer_bias_sigma: float = 0.2
+    accelerometer_bias_walk: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require_finite("rotation_rpy_deg", *self.rotation_rpy_deg)
+        require_finite("position", *self.position)
+        for name in ("gyro_scale", "gyro_noise_density", "accelerometer_noise_density"):
+            require_positive(name, getattr(self, name))
+        for name in (
+            "gyro_scale_sigma",
+            "gyro_bias_sigma",
+            "gyro_bias_walk",
+            "accelerometer_bias_sigma",
+            "accelerometer_bias_walk",
+        ):
+            require_not_negative(name, getattr(self, name))
+        roll, pitch, _ = np.radians(self.rotation_rpy_deg)
+        if self.gyro_axes == "z" and abs(np.cos(roll) * np.cos(pitch)) < LEAST_UPRIGHT:
+            raise SettingError(
+                'gyro_axes = "z" needs a z axis that is not level, '
+                f"found rotation_rpy_deg = {list(self.rotation_rpy_deg)!r}"
+            )
+
+
+class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The track-speed sensors.
+
+    Attributes:
+        speed_noise_density: white noise of each track's speed [m/s/√Hz].
+        scale_sigma: standard deviation of the unknown part of the effective sprocket radius [-].
+    """
+
+    speed_noise_density: float = 1e-3
+    scale_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            require_not_negative(name, getattr(self, name))
+
+
+class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Size of what an index model leaves unexplained: the slip residual of the body velocity.
+
+    The residual is a first-order Gauss-Markov process, in w plus white noise. The standard deviation of
+    the process is a share of the difference of the track speeds (turning) plus a share of their mean
+    (driving); it vanishes at rest.
+
+    Attributes:
+        turning_x: of v_x, per |V_r - V_l| [-].
+        turning_y: of v_y, per |V_r - V_l| [-].
+        turning_w: of w, per |V_r - V_l| / (L eta0) [-].
+        driving_x: of v_x, per |V_l + V_r| / 2 [-].
+        driving_y: of v_y, per |V_l + V_r| / 2 [-].
+        driving_w: of w, per |V_l + V_r| / 2 [rad/m].
+        time_constant: correlation time of the process [s].
+        white_time: the white noise of w has the density of a process of the same standard deviation
+            and this (short) correlation time [s].
+
+    Raises:
+        EstimatorError: a figure is negative or no finite number, or `time_constant` is zero.
+    """
+
+    turning_x: float = 0.05
+    turning_y: float = 0.02
+    turning_w: float = 0.1
+    driving_x: float = 0.005
+    driving_y: float = 0.003
+    driving_w: float = 0.01
+    time_constant: float = 1.0
+    white_time: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_positive("time_constant", self.time_constant)
+        for name in self.__struct_fields__:
+            require_not_negative(name, getattr(self, name))
+
+    def scaled(self, factor: float) -> Slip:
+        """The same, of another size."""
+        sizes = {
+            name: factor * getattr(self, name)
+            for name in self.__struct_fields__
+            if name.startswith(("turning", "driving"))
+        }
+        return msgspec.structs.replace(self, **sizes)
+
+
+class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
+    """Everything that a robot file says.
+
+    Attributes:
+        name: what to call the robot.
+        vehicle: mass and geometry.
+        indices: the eight parameters of the inertia-based model.
+        constant_icr: the best constant ICRs; those of `indices` at no inertia where left out.
+        imu: mounting and noise of the IMU.
+        tracks: noise of the track speeds.
+        soil: friction and rolling resistance of the ground that it usually drives on, None where
+            they are not known.
+        slip: overrides of the slip residual, variant name -> Slip; see `estimator.robot.variants`.
+        log: topic mapping of this robot's logs, checked by whoever reads logs.
+        format: version of the file format.
+        note: free text.
+    """
+
+    name: str
+    vehicle: Vehicle
+    indices: Indices = Indices()
+    constant_icr: ConstantIcr | None = None
+    imu: Imu = Imu()
+    tracks: Tracks = Tracks()
+    soil: Soil | None = None
+    slip: dict[str, Slip] = {}
+    log: dict[str, Any] = {}
+    format: int = FORMAT
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if self.format != FORMAT:
+            raise SettingError(f"format {self.format!r} is not known; this version reads {FORMAT}")
+        icr, gauge = self.constant_icr, self.vehicle.track_gauge
+        if icr is not None and icr.x_ICRr - icr.x_ICRl < gauge:
+            raise SettingError(
+                f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, "
+                f"found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
+            )
+
+    @cached_property
+    def centre_of_mass_paper(self) -> tuple[float, float]:
+        """(x_CM, y_CM) in the paper's axes [m]."""
+        x_forward, y_left, _ = self.vehicle.centre_of_mass
+        x_cm, y_cm = rep103_to_paper(x_forward, y_left)
+        return float(x_cm), float(y_cm)
+
+    @cached_property
+    def constants(self) -> VehicleConstants:
+        """What the motion models need of mass and geometry, in the paper's axes."""
+        vehicle = self.vehicle
+        return VehicleConstants(vehicle.track_gauge, vehicle.mass, *self.centre_of_mass_paper)
+
+    @cached_property
+    def contact(self) -> Contact:
+        """The tracks on the robot's usual ground, `Soil()` where it is not known.
+
+        Raises:
+            EstimatorError: the centre of mass does not lie over the contact, or below the ground.
+        """
+        vehicle = self.vehicle
+        try:
+            return Contact(
+                Soil() if self.soil is None else self.soil,
+                equally_spaced(
+                    vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
+                ),
+                Body(vehicle.mass, *self.centre_of_mass_paper, vehicle.centre_of_mass[2]),
+            )
+        except ValueError as error:
+            raise EstimatorError(
+                f"{self.name}: no contact with the ground: {error}; correct [vehicle], or leave out "
+                "what needs the contact, such as the friction variants"
+            ) from error
+
+    @cached_property
+    def yaw_inertia(self) -> float:
+        """Moment of inertia about the vertical through the centre of mass [kg m²]."""
+        vehicle = self.vehicle
+        if vehicle.yaw_inertia is not None:
+            return vehicle.yaw_inertia
+        length, width = 2.0 * vehicle.half_contact_length, vehicle.track_gauge
+        return vehicle.mass * (length**2 + width**2) / 12.0
+
+    @cached_property
+    def constant_indices(self) -> Indices:
+        """The constant-ICR model as indices: zeta0, epsilon0, eta0 by (17) to (19), the rest zero."""
+        gauge = self.vehicle.track_gauge
+        if self.constant_icr is None:
+            plain = self.indices
+            return Indices(H=plain.H, zeta0=plain.zeta0, epsilon0=plain.epsilon0, eta0=plain.eta0)
+        icr = self.constant_icr
+        return Indices(
+            H=self.indices.H,
+            zeta0=icr.y_ICR,
+            epsilon0=0.5 * (icr.x_ICRr + icr.x_ICRl),
+            eta0=(icr.x_ICRr - icr.x_ICRl) / gauge,
+        )
+
+    @cached_property
+    def imu_rotation(self) -> Floats:
+        """(3, 3) rotation that takes vectors from the IMU's axes to base_link."""
+        roll, pitch, yaw = np.radians(self.imu.rotation_rpy_deg)
+        return rpy_to_matrix(roll, pitch, yaw)
+
+
+def robot_names() -> list[str]:
+    """Names of the robots that ship with icreckon."""
+    return sorted(path.stem for path in ROBOTS_FOLDER.glob("*.toml"))
+
+
+def load_robot(name_or_path: str | Path) -> Robot:
+    """A robot by the name of a shipped file, or from a TOML file of one's own.
+
+    Args:
+        name_or_path: a name from `robot_names()`, or the path of a `.toml` file.
+
+    Raises:
+        EstimatorError: no such robot or file, a misspelt key, a wrong type or a bad value.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.is_file():
+        path = ROBOTS_FOLDER / f"{name_or_path}.toml"
+        if not path.exists():
+            raise EstimatorError(
+                f"no robot named {str(name_or_path)!r}{nearest_hint(str(name_or_path), robot_names())}"
+                " (or give the path of a .toml file)"
+            )
+    return convert(read_toml(path, EstimatorError), Robot, str(path), EstimatorError)
+
+
+def require_robot(robot: object) -> None:
+    """Refuse what is no robot, such as the path of its file.
+
+    Raises:
+        EstimatorError: the message says how to get one.
+    """
+    if not isinstance(robot, Robot):
+        given = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"
+        raise EstimatorError(
+            f"robot must be a Robot, found {type(robot).__name__} {robot!r}; use load_robot({given})"
+        )

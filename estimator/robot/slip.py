@@ -1,0 +1,35 @@
+"""The size of the slip residual at given track speeds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.robot.robot_file import Slip
+
+
+def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> tuple[Any, Any, Any]:
+    """Standard deviation of the slip residual of v_x, v_y and w (REP-103), as `Slip` describes it.
+
+    Args:
+        V_l: speed of the left track [m/s], (n,) or a float.
+        V_r: speed of the right track [m/s], the same.
+        slip: shares of turning and driving.
+        effective_gauge: L eta0 [m].
+
+    Returns:
+        Three (n,) or floats [m/s, m/s, rad/s].
+    """
+    turning, driving = abs(V_r - V_l), 0.5 * abs(V_l + V_r)
+    return (
+        slip.turning_x * turning + slip.driving_x * driving,
+        slip.turning_y * turning + slip.driving_y * driving,
+        slip.turning_w / effective_gauge * turning + slip.driving_w * driving,
+    )
+
+
+def slip_sigma(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> Floats:
+    """`slip_components` as (n, 3) or (3,)."""
+    return np.stack(slip_components(V_l, V_r, slip, effective_gauge), axis=-1)

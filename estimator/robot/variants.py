@@ -1,0 +1,328 @@
+"""The filter variants that are compared: one code path, chosen by configuration.
+
+A variant is an index model (what the eight parameters do in it, and which it uses) and whether those
+are estimated on the way (`online`) or kept (`fixed`). What a model leaves unexplained, its slip, is part
+of it: a poorer model needs more. The defaults here are for a robot whose file says nothing better in
+`[slip]`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.checks import require_not_negative
+from icreckon.estimator.base.errors import EstimatorError, nearest_hint
+from icreckon.estimator.base.state import PARAMETER_NAMES as INDEX_PARAMETERS
+from icreckon.estimator.motion.friction_layout import FRICTION, LENGTH, ROLLING, Z_CM
+from icreckon.estimator.motion.friction_layout import PARAMETER_NAMES as FRICTION_PARAMETERS
+from icreckon.estimator.motion.friction_layout import PARAMETERS as FRICTION_COUNT
+from icreckon.estimator.motion.friction_model import FrictionMotion, nominal_parameters
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.motion.index_model import Form, InertiaMotion
+from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.robot.nominal_contact import presumed_contact
+from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
+
+# How much more slip the friction model leaves on ground that the robot file does not know, and with
+# parameters that stay as the file has them.
+ON_UNKNOWN_GROUND, UNLEARNT = 2.0, 1.5
+# A centre of mass is known no better than if it were this share of half the gauge above the ground.
+LEAST_KNOWN_HEIGHT = 0.3
+# Shares of the weight: the largest lateral force of inertia in the paper's simulations.
+TYPICAL_FORCE = 0.07
+
+Model = Literal["differential", "constant", "inertia", "friction"]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A filter variant: its name, its index model, and whether it estimates the parameters."""
+
+    name: str
+    model: Model
+    online: bool
+
+
+VARIANTS = {
+    variant.name: variant
+    for variant in (
+        Variant("differential", "differential", online=False),
+        Variant("constant-fixed", "constant", online=False),
+        Variant("constant-online", "constant", online=True),
+        Variant("inertia-fixed", "inertia", online=False),
+        Variant("inertia-online", "inertia", online=True),
+        Variant("friction-fixed", "friction", online=False),
+        Variant("friction-online", "friction", online=True),
+    )
+}
+
+
+class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How far the parameters may be from where they start, and how fast they may move.
+
+    A parameter whose standard deviation is zero is not estimated: it stays where it starts. Those of the
+    index models come first; `zeta1`, `epsilon1`, `eta1` and `eta2` are given as what they contribute to
+    their index at a lateral force of inertia of 0.07 times the weight (the largest in the paper's
+    simulations). Those of the friction model follow.
+
+    Attributes:
+        zeta0: standard deviation at the start [m].
+        zeta1: [m].
+        epsilon0: [m].
+        epsilon1: [m].
+        eta0: [-].
+        eta1: [-].
+        eta2: [-].
+        friction: as a share of the coefficient [-].
+        rolling_resistance: [-].
+        contact_length: as a share of the length [-].
+        x_CM: as a share of half the gauge [-].
+        y_CM: as a share of half the contact's length [-].
+        z_CM: as a share of the height, or of 0.3 times half the gauge if that is more [-].
+        walk: random walk of each, as a share of the above per √s of turning [1/√s].
+        ground_walk: the same of friction and rolling resistance, which change from place to place, where
+            the robot file knows the ground (`[soil]`).
+
+    Raises:
+        EstimatorError: a figure is negative or no finite number.
+    """
+
+    zeta0: float = 0.02
+    zeta1: float = 0.02
+    epsilon0: float = 0.03
+    epsilon1: float = 0.05
+    eta0: float = 0.4
+    eta1: float = 0.1
+    eta2: float = 0.1
+    friction: float = 0.2
+    rolling_resistance: float = 0.02
+    contact_length: float = 0.06
+    x_CM: float = 0.06
+    y_CM: float = 0.05
+    z_CM: float = 0.08
+    walk: float = 0.01
+    ground_walk: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            require_not_negative(f"Adaptation.{name}", getattr(self, name))
+
+
+# Constant ICRs: the shares that Table II's RMS errors are of the RMS track-speed difference over the
+# grid of that table (0.856 m/s), and of the yaw rate that goes with it; the ideal differential drive:
+# what is left of the published model. The better models' are as much as they lack in transient motion.
+# Sizes, time constants and walks were chosen by benchmarks/tune_variants.py.
+DEFAULT_SLIP: dict[Model, Slip] = {
+    "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
+    "constant": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),
+    "inertia": Slip(
+        turning_x=0.09,
+        turning_y=0.01,
+        turning_w=0.16,
+        driving_x=0.01,
+        driving_y=0.006,
+        driving_w=0.02,
+        time_constant=0.5,
+    ),
+    "friction": Slip(
+        turning_x=0.02,
+        turning_y=0.008,
+        turning_w=0.04,
+        driving_x=0.006,
+        driving_y=0.004,
+        driving_w=0.01,
+        time_constant=0.5,
+    ),
+}
+
+DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
+    "differential": Adaptation(),
+    "constant": Adaptation(epsilon0=0.1, walk=0.02),
+    "inertia": Adaptation(walk=0.02),
+    "friction": Adaptation(walk=0.02),
+}
+
+
+def find_variant(name: str) -> Variant:
+    """The variant of this name.
+
+    Raises:
+        EstimatorError: there is none; the message names the nearest.
+    """
+    found = VARIANTS.get(name) if isinstance(name, str) else None
+    if found is None:
+        raise EstimatorError(f"no filter variant {name!r}{nearest_hint(str(name), list(VARIANTS))}")
+    return found
+
+
+def default_adaptation(variant: str, **changes: float) -> Adaptation:
+    """The adaptation that a variant has where `Settings` say nothing, with some figures of one's own.
+
+    Args:
+        variant: name of the filter variant.
+        changes: figures of `Adaptation` that are to be others, in its units.
+
+    Raises:
+        EstimatorError: there is no such variant or figure, or a figure cannot be.
+    """
+    default = DEFAULT_ADAPTATION[find_variant(variant).model]
+    for name in changes:
+        if name not in default.__struct_fields__:
+            raise EstimatorError(
+                f"Adaptation has no {name!r}{nearest_hint(name, list(default.__struct_fields__))}"
+            )
+    return msgspec.structs.replace(default, **changes)
+
+
+def parameter_names(variant: Variant) -> tuple[str, ...]:
+    """Names of the eight parameters of a variant's model, in their order in the state."""
+    return FRICTION_PARAMETERS if variant.model == "friction" else INDEX_PARAMETERS
+
+
+def used_parameters(variant: Variant) -> tuple[str, ...]:
+    """The names of those that the model has."""
+    return tuple(name for name in parameter_names(variant) if not name.startswith("unused"))
+
+
+def state_names(variant: Variant | str) -> tuple[str, ...]:
+    """Names (SIZE,) of the states of a variant, or of the variant of that name.
+
+    Raises:
+        EstimatorError: there is no variant of that name.
+    """
+    if not isinstance(variant, Variant):
+        variant = find_variant(variant)
+    names = list(s.STATE_NAMES)
+    names[s.PARAMETERS] = parameter_names(variant)
+    return tuple(names)
+
+
+def initial_parameters(robot: Robot, variant: Variant) -> Floats:
+    """The eight parameters (8,) that a variant starts from.
+
+    They are the robot file's, as far as the variant's model has them; see
+    `estimator.robot.nominal_contact` for those of the friction model where the ground is not known.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no contact with the ground.
+    """
+    match variant.model:
+        case "differential":
+            return Indices(H=robot.indices.H).as_array()
+        case "constant":
+            return robot.constant_indices.as_array()
+        case "inertia":
+            return robot.indices.as_array()
+    return np.concatenate([nominal_parameters(presumed_contact(robot)), [0.0, 0.0]])
+
+
+def motion_model(
+    robot: Robot,
+    variant: Variant,
+    form: Form = "smooth",
+    *,
+    slip_in_inertia: bool = False,
+    adaptation: Adaptation | None = None,
+) -> MotionModel:
+    """The motion model of a variant.
+
+    Args:
+        robot: the robot.
+        variant: the variant.
+        form: see `estimator.motion.index_model.solve`; the friction model has no forms.
+        slip_in_inertia: see there; the friction model does not look at the slip.
+        adaptation: of the variant, its default where left out.
+
+    Raises:
+        EstimatorError: a friction variant's robot has no contact with the ground.
+    """
+    if variant.model == "friction":
+        estimated = parameter_sigmas(robot, variant, adaptation or DEFAULT_ADAPTATION["friction"])
+        return FrictionMotion(
+            robot.constants,
+            presumed_contact(robot),
+            robot.yaw_inertia,
+            robot.vehicle.load_lag,
+            robot.constant_indices.eta0,
+            estimated[:FRICTION_COUNT],
+        )
+    return InertiaMotion(robot.constants, form, slip_in_inertia)
+
+
+def slip_of(robot: Robot, variant: Variant) -> Slip:
+    """The slip residual of a variant: the robot file's `[slip.<variant>]`, or the default.
+
+    Where the ground is not known (no `[soil]`), or the parameters are not learnt, friction says less and
+    leaves more to the slip.
+
+    Raises:
+        EstimatorError: the robot file has slip for a variant that there is not.
+    """
+    for name in robot.slip:
+        find_variant(name)
+    default = DEFAULT_SLIP[variant.model]
+    if variant.model == "friction" and robot.soil is None:
+        default = default.scaled(ON_UNKNOWN_GROUND)
+    if variant.model == "friction" and not variant.online:
+        default = default.scaled(UNLEARNT)
+    return robot.slip.get(variant.name, default)
+
+
+def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
+    """Standard deviations at the start of the eight parameters (8,), in their order in the state.
+
+    Zero where the variant does not estimate the parameter. H has no gradient in the motion model: its
+    spread is zero too, and it stays what the robot file says.
+    """
+    if not variant.online:
+        return np.zeros(8)
+    if variant.model == "friction":
+        return _friction_sigmas(robot, adaptation)
+    force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
+    sigmas = np.array(
+        [
+            0.0,
+            adaptation.zeta0,
+            adaptation.zeta1 / force,
+            adaptation.epsilon0,
+            adaptation.epsilon1 / force,
+            adaptation.eta0,
+            adaptation.eta1 / force,
+            adaptation.eta2 / force**2,
+        ]
+    )
+    if variant.model == "constant":
+        sigmas[[2, 4, 6, 7]] = 0.0
+    return sigmas
+
+
+def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
+    """Random walks of the eight parameters (8,) at their full rate, per √s; zero like their sigmas."""
+    walks = np.full(8, adaptation.walk)
+    if variant.model == "friction" and robot.soil is not None:
+        walks[[FRICTION, ROLLING]] = adaptation.ground_walk
+    return np.asarray(parameter_sigmas(robot, variant, adaptation) * walks)
+
+
+def _friction_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:
+    start = initial_parameters(robot, find_variant("friction-fixed"))
+    half_gauge, half_length = 0.5 * robot.vehicle.track_gauge, robot.vehicle.half_contact_length
+    lowest = LEAST_KNOWN_HEIGHT * half_gauge
+    return np.array(
+        [
+            adaptation.friction * start[FRICTION],
+            adaptation.rolling_resistance,
+            adaptation.contact_length * start[LENGTH],
+            adaptation.x_CM * half_gauge,
+            adaptation.y_CM * half_length,
+            adaptation.z_CM * max(lowest, start[Z_CM]),
+            0.0,
+            0.0,
+        ]
+    )

@@ -1,0 +1,118 @@
+"""Detection of lost filters: an estimate that is not finite, has negative variances, or is absurd."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.streaming.recorded_run import Run
+
+# No pose in metres is further from its origin, UTM coordinates included [m].
+FURTHEST = 1e8
+# No ground robot is faster [m/s, rad/s].
+FASTEST = 1e3
+# Rounding makes variances of poses and velocities negative by no more, in single precision too.
+ROUNDING = 1e-6
+USABLE, NOT_FINITE, NEGATIVE, ABSURD = range(4)
+REASONS = {
+    NOT_FINITE: "estimate is not finite",
+    NEGATIVE: "estimate has negative variances",
+    ABSURD: f"estimate is absurd (beyond {FURTHEST:.0e} m, {FASTEST:.0e} m/s or rad/s)",
+}
+
+
+class LostFilter(EstimatorError):
+    """A filter without a usable estimate at some time of a run.
+
+    Args:
+        variant: name of the filter.
+        reason: what happened, and when.
+        seconds: time since the start of the log [s]; None if it is not known.
+    """
+
+    def __init__(self, variant: str, reason: str, seconds: float | None = None) -> None:
+        super().__init__(variant, reason, seconds)
+        self.variant, self.reason, self.seconds = variant, reason, seconds
+
+    def __str__(self) -> str:
+        return f"{self.variant}: {self.reason}"
+
+
+def reason_of(kind: int, seconds: float) -> str:
+    """Message of a kind of loss and the time since the start at which it begins [s]."""
+    return f"{REASONS[kind]} from {seconds:.1f} s on"
+
+
+def loss_kind(
+    x: float,
+    y: float,
+    yaw: float,
+    xx: float,
+    yy: float,
+    yaw_yaw: float,
+    v_x: float,
+    v_y: float,
+    w: float,
+    v_xx: float,
+    v_yy: float,
+    ww: float,
+) -> int:
+    """Kind of loss of a pose and a twist with their variances; plain Python, for numba too."""
+    if not math.isfinite(x + y + yaw + v_x + v_y + w + xx + yy + yaw_yaw + v_xx + v_yy + ww):
+        return NOT_FINITE
+    if min(xx, yy, yaw_yaw, v_xx, v_yy, ww) < -ROUNDING:
+        return NEGATIVE
+    if max(abs(x), abs(y)) > FURTHEST or max(abs(v_x), abs(v_y), abs(w)) > FASTEST:
+        return ABSURD
+    return USABLE
+
+
+def loss_of(run: Run, start: int) -> LostFilter | None:
+    """Loss of a filter, from the rows of its run; None if every row is usable.
+
+    Args:
+        run: the run.
+        start: stamp from which times are counted [ns].
+    """
+    path = run.trajectory
+    finite = np.isfinite(run.states).all(axis=1) & np.isfinite(path.twists).all(axis=1)
+    covariances = path.pose_covariances, path.twist_covariances
+    negative = np.isnan(run.state_sigmas).any(axis=1)
+    for one in covariances:
+        finite &= np.isfinite(one).all(axis=(1, 2))
+        negative |= (np.diagonal(one, axis1=1, axis2=2) < -ROUNDING).any(axis=1)
+    finite &= ~np.isinf(run.state_sigmas).any(axis=1)
+    absurd = (np.abs(path.poses[:, :2]) > FURTHEST).any(axis=1)
+    absurd |= (np.abs(path.twists) > FASTEST).any(axis=1)
+    kinds = np.select([~finite, negative, absurd], [NOT_FINITE, NEGATIVE, ABSURD], USABLE)
+    lost = np.flatnonzero(kinds)
+    if not len(lost):
+        sums = {name: one.nis_sum for name, one in run.health.sensors.items()}
+        bad = [
+            f"{name} ({value:.3g})" for name, value in sums.items() if not 0.0 <= value < math.inf
+        ]
+        return LostFilter(run.variant, f"impossible NIS of {', '.join(bad)}") if bad else None
+    seconds = float((run.stamps[lost[0]] - start) * NANOSECOND)
+    return LostFilter(run.variant, reason_of(int(kinds[lost[0]]), seconds), seconds)
+
+
+def stopped_by(problem: Exception, so_far: Run, start: int, stamp: int) -> LostFilter:
+    """Loss of a filter that has raised an exception.
+
+    Args:
+        problem: the exception.
+        so_far: rows of the run before it; if one of them is unusable, that is the reason.
+        start: stamp from which times are counted [ns].
+        stamp: stamp of the measurement that it was raised at [ns].
+    """
+    seconds = (stamp - start) * NANOSECOND
+    reason = f"stopped at {seconds:.1f} s by {described(problem)}"
+    return loss_of(so_far, start) or LostFilter(so_far.variant, reason, seconds)
+
+
+def described(problem: BaseException) -> str:
+    """Type and message of an exception, in one line."""
+    return " ".join(f"{type(problem).__name__}: {problem}".split())

@@ -1,0 +1,445 @@
+"""The streaming pose estimator: typed measurements in, one at a time; pose, twist and ICRs out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.checks import require_kind, three_numbers
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
+from icreckon.estimator.filter.filter import Reckoning
+from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
+from icreckon.estimator.log.input_checks import STREAMS, Admission, as_plain, key_of
+from icreckon.estimator.log.measurements import Mark, Measurement
+from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
+from icreckon.estimator.robot.robot_file import Robot, require_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import (
+    find_variant,
+    parameter_names,
+    state_names,
+    used_parameters,
+)
+from icreckon.estimator.streaming.engines import engine_of
+from icreckon.estimator.streaming.late_measurements import History
+from icreckon.estimator.streaming.save import (
+    SavedEstimator,
+    read_saved,
+    robot_constants,
+    write_saved,
+)
+
+
+class IcrPoints(NamedTuple):
+    """ICRs of the left and the right track in base_link: (x forward, y left) [m]."""
+
+    left: tuple[float, float]
+    right: tuple[float, float]
+
+
+class Snapshot(NamedTuple):
+    """An estimate at one time: what `PoseEstimator`'s properties of the same names say."""
+
+    stamp: int
+    state: Floats
+    covariance: Floats
+    twist: Floats
+    twist_covariance: Floats
+    indices: IndexValues
+
+
+class PoseEstimator:
+    """Dead reckoning of a tracked or skid-steer robot from track speeds, IMU and occasional fixes.
+
+    Feed measurements as they come; read the estimate at any time. Poses are those of `base_link` in
+    `odom`, twists are in `base_link` (REP-103).
+
+    As REP-105 asks of `odom`, the pose is continuous: what says how fast the robot moves (tracks, IMU,
+    body velocity) corrects the twist and then moves the pose by it, and only fixes make it jump. So the
+    estimate stands at the newest IMU sample; track speeds wait for the IMU to say how much of them is
+    slip, unless there is none.
+
+    Measurements may come in any order, as late as `Settings.history`: each is taken in at its own stamp
+    (at equal stamps tracks, IMU, position, heading, body velocity, pose, zero velocity), and what came
+    after it is worked through again. The estimate is the same as if all had come in time; it changes at
+    once when a late measurement is fed, its pose by what that says about the way since its stamp.
+
+    Args:
+        robot: the robot, see `load_robot`.
+        variant: name of a filter variant, see `estimator.robot.variants.VARIANTS`.
+        settings: everything that is no property of the robot.
+        start: pose at the first track speeds: x, y [m], yaw [rad].
+        start_sigma: its standard deviations [m, m, rad].
+
+    Raises:
+        EstimatorError: there is no such variant, an argument is not what it must be, a friction variant's
+            robot has no contact with the ground, or `Settings.considered` has a name that the variant
+            has not.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        variant: str = "inertia-online",
+        *,
+        settings: Settings | None = None,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        require_robot(robot)
+        require_kind("settings", settings, Settings, or_none=True)
+        start = three_numbers("start", start, "three finite numbers: x, y [m], yaw [rad]")
+        start_sigma = three_numbers(
+            "start_sigma",
+            start_sigma,
+            "three finite numbers, 0 or more: the standard deviations of x, y [m], yaw [rad]",
+            least=0.0,
+        )
+        self.robot = robot
+        self.variant = find_variant(variant)
+        self.settings = settings if settings is not None else Settings()
+        self._reckoning = Reckoning(
+            robot, self.variant, self.settings, start, start_sigma, engine_of(self.settings.engine)
+        )
+        self._history = History(self._reckoning, self.settings.history)
+        self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
+        # Counts of what the filter never gets to see, and which it therefore cannot forget.
+        self._arrivals = Health()
+
+    # --- what it says -------------------------------------------------------------------------
+
+    @property
+    def stamp(self) -> int | None:
+        """Time of the estimate [ns]; None before the first track speeds or fix."""
+        return self._reckoning.stamp
+
+    @property
+    def pose(self) -> Floats:
+        """(3,) x, y [m], yaw [rad] of base_link in odom; yaw counts full turns."""
+        return self._reckoning.ekf.x[s.POSE].copy()
+
+    @property
+    def pose_covariance(self) -> Floats:
+        """(3, 3) covariance of `pose` in the axes of odom."""
+        return self._reckoning.ekf.P[s.POSE, s.POSE].copy()
+
+    @property
+    def twist(self) -> Floats:
+        """(3,) v_x forward, v_y left [m/s], w counter-clockwise [rad/s] of base_link."""
+        return self._reckoning.model().twist.copy()
+
+    @property
+    def twist_covariance(self) -> Floats:
+        """(3, 3) covariance of `twist`."""
+        jacobian = self._reckoning.model().jacobian
+        return np.asarray(jacobian @ self._reckoning.ekf.P @ jacobian.T)
+
+    @property
+    def indices(self) -> IndexValues:
+        """Sliding, eccentricity and steering efficiency of the present motion."""
+        return self._reckoning.model().motion.indices
+
+    @property
+    def icrs(self) -> IcrPoints:
+        """ICRs of the tracks in base_link by (28) to (30), of the present motion."""
+        icrs = icrs_from_indices(self.indices, self.robot.vehicle.track_gauge)
+        left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
+        right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
+        return IcrPoints(left, right)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The parameters of the variant's model by name, as estimated; units as in docs/model.md."""
+        named = self._named(s.PARAMETERS)
+        return {name: named[name] for name in used_parameters(self.variant)}
+
+    @property
+    def biases(self) -> dict[str, float]:
+        """Biases and scales by their names in `estimator.base.state`."""
+        return self._named(s.BIASES)
+
+    @property
+    def state(self) -> Floats:
+        """(SIZE,) copy of the filter's state, see `estimator.base.state`."""
+        return self._reckoning.ekf.x.copy()
+
+    @property
+    def covariance(self) -> Floats:
+        """(SIZE, SIZE) copy of the filter's covariance."""
+        return self._reckoning.ekf.P.copy()
+
+    @property
+    def stands(self) -> bool:
+        """Whether the robot was found standing at the newest IMU sample."""
+        return self._reckoning.stands
+
+    @property
+    def health(self) -> Health:
+        """What became of the measurements so far: a copy, which does not go on counting."""
+        health = self._reckoning.health.copy()
+        health.add(self._arrivals)
+        return health
+
+    def newest_judged(self) -> list[tuple[str, Judged]]:
+        """The newest innovation of each sensor that a gate has judged, without a copy of `health`."""
+        sensors = self._reckoning.health.sensors.items()
+        return [(name, one.newest_judged) for name, one in sensors if one.newest_judged is not None]
+
+    @property
+    def parameter_health(self) -> dict[str, ParameterHealth]:
+        """How well each of the parameters is known, and whether the present motion shows it."""
+        reckoning = self._reckoning
+        now = np.sqrt(np.diagonal(reckoning.ekf.P)[s.PARAMETERS])
+        start = reckoning.parameter_sigmas
+        moved = np.abs(reckoning.model().jacobian[:, s.PARAMETERS]) * start
+        slip = np.array(reckoning.slip_sigma())[:, None]
+        # What does not move the twist at all is not excited, not even where there is no slip.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            excitation = np.where(moved > 0.0, moved / slip, 0.0).max(axis=0)
+        rows = zip(now.tolist(), start.tolist(), excitation.tolist(), strict=True)
+        named = dict(zip(parameter_names(self.variant), rows, strict=True))
+        return {name: ParameterHealth(*named[name]) for name in used_parameters(self.variant)}
+
+    def snapshot(self) -> Snapshot:
+        """State, twist and indices at once, for the price of one evaluation of the model.
+
+        Raises:
+            EstimatorError: nothing was fed yet.
+        """
+        if self.stamp is None:
+            raise EstimatorError("there is no estimate before the first measurement")
+        model = self._reckoning.model()
+        P = self.covariance
+        return Snapshot(
+            self.stamp,
+            self.state,
+            P,
+            model.twist.copy(),
+            model.jacobian @ P @ model.jacobian.T,
+            model.motion.indices,
+        )
+
+    def _named(self, part: slice) -> dict[str, float]:
+        names = state_names(self.variant)[part]
+        return dict(zip(names, self._reckoning.ekf.x[part].tolist(), strict=True))
+
+    # --- what it is told ------------------------------------------------------------------------
+
+    def feed(self, measurement: Measurement) -> bool:
+        """Take one measurement.
+
+        A measurement that cannot be right (not finite, bad variance, duplicate stamp), that comes later
+        than `Settings.history`, or that the gates reject leaves the estimate as it was but for the
+        passing of time, and is counted in `health`.
+
+        Returns:
+            Whether the measurement was used.
+
+        Raises:
+            EstimatorError: the object is no measurement.
+        """
+        measurement = as_plain(measurement)
+        stream, key = STREAMS[type(measurement)], key_of(measurement)
+        admission, history = self._admission, self._history
+        reason = (
+            admission.objection(measurement)
+            or history.objection(key)
+            or admission.objection_to_stamp(stream, measurement.stamp, self.stamp)
+        )
+        if reason is not None:
+            self._arrivals.sensor(stream).reject(reason)
+            return reason == TOO_OLD and self._go_on_by_clock_of(admission.too_old(measurement))
+        admission.in_time()
+        if history.is_late(key):
+            self._arrivals.sensor(stream).late += 1
+        return history.take(key, measurement)
+
+    def _go_on_by_clock_of(self, behind: list[Measurement]) -> bool:
+        """Take the first of these, if any, for the next after the newest; whether one was used."""
+        if not behind:
+            return False
+        step = round(self._reckoning.imu_interval / NANOSECOND)
+        self._history.set_clock(behind[0].stamp - step - self._history.newest)
+        self._arrivals.clock_steps += 1
+        used = False
+        for measurement in behind:
+            sensor = self._arrivals.sensor(STREAMS[type(measurement)])
+            sensor.rejected[TOO_OLD] -= 1
+            if not sensor.rejected[TOO_OLD]:
+                del sensor.rejected[TOO_OLD]
+            used |= self.feed(measurement)
+        return used
+
+    # --- how far it has come ----------------------------------------------------------------------
+
+    @property
+    def marks(self) -> tuple[int, ...]:
+        """Stamps of the marks that are kept [ns]."""
+        return self._reckoning.marks.stamps
+
+    def mark(self, stamp: int | None = None) -> int:
+        """Remember where the robot is, for `relative_motion`; the estimate is not changed by it.
+
+        A mark is taken in at its own stamp, as late as a measurement may be; older measurements that
+        come after it still count. Between two steps of the filter the twist is taken as constant.
+
+        Args:
+            stamp: time [ns], or None for that of the estimate.
+
+        Returns:
+            The stamp, by which the mark is known. There is one mark at a stamp: the second changes
+            nothing.
+
+        Raises:
+            EstimatorError: nothing was fed yet, the stamp is older than the history or further ahead
+                of the estimate than `Settings.hold`, or `MOST_MARKS` are kept already.
+        """
+        now = self.stamp
+        if now is None:
+            raise EstimatorError("nothing can be marked before the first measurement")
+        mark = Mark(now if stamp is None else int(stamp))
+        if mark.stamp in self.marks:
+            return mark.stamp
+        key = key_of(mark)
+        ahead = (mark.stamp - now) * NANOSECOND
+        reason = self._history.objection(key)
+        if self._history.starts_after(key):
+            reason = "before the first measurement"
+        elif len(self.marks) >= MOST_MARKS:
+            reason = f"{MOST_MARKS} are kept already; forget those that are no longer asked for"
+        elif ahead > self.settings.hold:
+            reason = f"{ahead:.3f} s ahead of the estimate; feed what was measured until then"
+        if reason is not None:
+            raise EstimatorError(f"no mark can be set at {mark.stamp}: {reason}")
+        self._history.take(key, mark)
+        return mark.stamp
+
+    def relative_motion(self, from_stamp: int, to_stamp: int | None = None) -> RelativeMotion:
+        """How far the robot has moved from one mark to another, or to now.
+
+        What the two poses share, drift and all, is not in its covariance; what fixes since then say
+        about the motion is.
+
+        Args:
+            from_stamp: of a mark [ns].
+            to_stamp: of another, or None for the time of the estimate.
+
+        Raises:
+            EstimatorError: there is no such mark.
+        """
+        return self._reckoning.marks.between(from_stamp, to_stamp, self.stamp or 0)
+
+    def forget(self, stamp: int) -> None:
+        """Drop a mark that is no longer asked for; each costs time in every step.
+
+        Args:
+            stamp: of the mark [ns].
+
+        Raises:
+            EstimatorError: there is no such mark.
+        """
+        self._reckoning.marks.place(stamp)
+        self._history.forget_mark(Mark(stamp))
+
+    # --- how it outlives a program ----------------------------------------------------------------
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Save the estimator to a file; `restore` continues from there.
+
+        Args:
+            path: the file.
+            overwrite: whether a file that is there may be replaced.
+
+        Raises:
+            EstimatorError: the file is there already, or cannot be written.
+        """
+        saved = SavedEstimator(
+            self.variant.name,
+            robot_constants(self.robot),
+            self.settings,
+            self._reckoning.memory(),
+            self._history.memory(),
+            self._arrivals,
+            self._admission.witnesses,
+        )
+        write_saved(Path(path), saved, overwrite=overwrite)
+
+    @classmethod
+    def restore(cls, path: str | Path, robot: Robot, variant: str | None = None) -> PoseEstimator:
+        """The estimator as it was when it was saved; it goes on to the last bit as if it had not been.
+
+        Settings are those it was saved with.
+
+        Args:
+            path: a file that `save` has written.
+            robot: the robot that it was saved for.
+            variant: the variant that it must be of, None for any.
+
+        Raises:
+            EstimatorError: the file is missing, damaged or of an unknown version, or it was saved for
+                another robot or by another variant.
+        """
+        require_robot(robot)
+        saved = read_saved(Path(path))
+        saved.require_fit(robot, variant, str(path), to_go_on=True)
+        estimator = cls(robot, saved.variant, settings=saved.settings)
+        try:
+            estimator._reckoning.recall(saved.now)
+            estimator._history.recall(saved.history)
+        except (EstimatorError, KeyError, ValueError) as problem:
+            raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
+        estimator._arrivals = saved.arrivals
+        estimator._admission.witnesses = saved.witnesses
+        return estimator
+
+    @classmethod
+    def warm_start(
+        cls,
+        path: str | Path,
+        robot: Robot,
+        variant: str | None = None,
+        *,
+        off: float,
+        settings: Settings | None = None,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> PoseEstimator:
+        """A new estimator that knows what a saved one has learnt.
+
+        Parameters, biases and scales are taken over with their covariance, the biases' grown by their
+        random walk over the time in between. All else starts anew: pose, slip, clock and counts.
+
+        Args:
+            path: a file that `save` has written.
+            robot: the robot that it was saved for; densities and slip may have been changed since.
+            variant: the variant that it must be of, None for any.
+            off: time since it was saved [s].
+            settings: of the new estimator; those it was saved with where left out.
+            start: as for a new one.
+            start_sigma: as for a new one.
+
+        Raises:
+            EstimatorError: as for `restore`, or `off` is negative.
+        """
+        require_robot(robot)
+        if not 0.0 <= off < np.inf:
+            raise EstimatorError(f"off must be a time in seconds, zero or more, found {off!r}")
+        saved = read_saved(Path(path))
+        saved.require_fit(robot, variant, str(path), to_go_on=False)
+        estimator = cls(
+            robot,
+            saved.variant,
+            settings=saved.settings if settings is None else settings,
+            start=start,
+            start_sigma=start_sigma,
+        )
+        estimator._reckoning.take_over(saved.now, off)
+        # The history starts from what the filter knows.
+        estimator._history = History(estimator._reckoning, estimator.settings.history)
+        return estimator

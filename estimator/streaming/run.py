@@ -1,0 +1,168 @@
+"""Running a filter over a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import EstimatorError, IcreckonError
+from icreckon.estimator.filter.health import Health, Judged
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import state_names
+from icreckon.estimator.streaming.innovation_rows import InnovationRows
+from icreckon.estimator.streaming.lost import loss_of, stopped_by
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
+from icreckon.estimator.streaming.recorded_run import Run
+
+# How many measurements pass between two reports of progress.
+PROGRESS_EVERY = 500
+
+
+def run(
+    log: Log,
+    robot: Robot,
+    variant: str,
+    *,
+    settings: Settings | None = None,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    progress: Callable[[int], None] | None = None,
+) -> Run:
+    """Run one filter variant over a log, from its first measurement to its last.
+
+    Args:
+        log: the measurements; its truth is not looked at.
+        robot: the robot.
+        variant: name of a filter variant.
+        settings: of the pose estimator.
+        start: pose at the start: x, y [m], yaw [rad].
+        start_sigma: its standard deviations [m, m, rad].
+        progress: called now and then with the stamp [ns] that was reached.
+
+    Raises:
+        EstimatorError: no such variant, or a log without track speeds.
+        LostFilter: the estimate is not finite, has negative variances, or is absurd.
+    """
+    estimator = PoseEstimator(
+        robot, variant, settings=settings, start=start, start_sigma=start_sigma
+    )
+    return work_through(log, estimator, progress)
+
+
+# Numbers that are none are found afterwards, see `estimator.streaming.lost`.
+@np.errstate(all="ignore")
+def work_through(
+    log: Log,
+    estimator: PoseEstimator,
+    progress: Callable[[int], None] | None = None,
+    *,
+    at_row: Callable[[], None] | None = None,
+) -> Run:
+    """Feed a log to a new estimator, and write down what it says.
+
+    Args:
+        log: the measurements; its truth is not looked at.
+        estimator: a new one.
+        progress: called now and then with the stamp [ns] that was reached.
+        at_row: called after each row that is written down.
+
+    Raises:
+        EstimatorError: a log without track speeds.
+        LostFilter: the estimate is not finite, has negative variances, or is absurd.
+    """
+    if not len(log.tracks.stamps):
+        raise EstimatorError(
+            f"log {log.name!r} holds no track speeds: there is nothing to reckon with"
+        )
+    rows = Rows(len(log.tracks.stamps))
+    count, written = 0, None
+
+    def write_row() -> None:
+        nonlocal count, written
+        rows.put(count, estimator.snapshot(), estimator.newest_judged())
+        count, written = count + 1, estimator.stamp
+        if at_row is not None:
+            at_row()
+
+    def finished() -> Run:
+        names = state_names(estimator.variant)
+        return rows.finish(count, estimator.variant.name, names, estimator.health)
+
+    due, newest = False, log.start
+    for number, measurement in enumerate(log.measurements()):
+        try:
+            if due and measurement.stamp > newest and estimator.stamp != written:
+                write_row()
+                due = False
+            newest = measurement.stamp
+            used = estimator.feed(measurement)
+        except IcreckonError:
+            raise
+        except Exception as problem:
+            raise stopped_by(problem, finished(), log.start, measurement.stamp) from problem
+        due |= used and isinstance(measurement, TrackSpeeds)
+        if progress is not None and number % PROGRESS_EVERY == 0:
+            progress(measurement.stamp)
+    if due and estimator.stamp != written:
+        write_row()
+    done = finished()
+    lost = loss_of(done, log.start)
+    if lost is not None:
+        raise lost
+    return done
+
+
+class Rows:
+    """Rows of a run, filled one at a time.
+
+    Args:
+        most: so many at most.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._stamps = np.zeros(most, dtype=np.int64)
+        self._indices = np.zeros((most, 3))
+        self._states = np.zeros((most, s.SIZE))
+        self._sigmas = np.zeros((most, s.SIZE))
+        self._pose_covariances = np.zeros((most, 3, 3))
+        self._twists = np.zeros((most, 3))
+        self._twist_covariances = np.zeros((most, 3, 3))
+        self._innovations = InnovationRows(most)
+
+    def put(self, row: int, estimate: Snapshot, judged: Iterable[tuple[str, Judged]] = ()) -> None:
+        """Write down an estimate in a row, and with it the newest innovation of each sensor."""
+        self._innovations.put(row, judged)
+        self._stamps[row] = estimate.stamp
+        self._states[row] = estimate.state
+        self._sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
+        self._pose_covariances[row] = estimate.covariance[s.POSE, s.POSE]
+        self._twists[row] = estimate.twist
+        self._twist_covariances[row] = estimate.twist_covariance
+        self._indices[row] = estimate.indices
+
+    def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
+        """The run of the first `count` rows."""
+        kept = slice(0, count)
+        trajectory = Trajectory(
+            self._stamps[kept],
+            self._states[kept, s.POSE],
+            self._pose_covariances[kept],
+            self._twists[kept],
+            self._twist_covariances[kept],
+        )
+        return Run(
+            variant,
+            trajectory,
+            self._indices[kept],
+            state_names,
+            self._states[kept],
+            self._sigmas[kept],
+            health,
+            *self._innovations.finish(count),
+        )

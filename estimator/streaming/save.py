@@ -1,0 +1,217 @@
+"""A saved estimator: all that it knows as one JSON file, for people to read and programs to go on from.
+
+    {"format": "icreckon estimator", "version": 1, "checksum": "...", "content": {
+        "variant", "robot", "settings"      what the estimator was made from
+        "now"                               what the filter knows, see `FilterMemory`; the state by name,
+                                            the covariance in rows in the order of the state
+        "history"                           what it knew before the history, and the measurements since
+        "arrivals", "witnesses"}}           counts, and clocks that are being watched
+
+Numbers are written so that they are read back to the last bit. The checksum is that of the content.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.filter.checkpoint import FilterMemory
+from icreckon.estimator.filter.health import Health
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant, state_names
+from icreckon.estimator.streaming.late_measurements import HistoryMemory
+
+FORMAT = "icreckon estimator"
+VERSION = 1
+# What of a robot file has no part in what the estimator does.
+ASIDE = ("log", "note", "format")
+# What learnt parameters, scales and biases are about; the rest is how far sensors are to be trusted.
+WHAT_IS_LEARNT = (
+    "name",
+    "vehicle",
+    "indices",
+    "constant_icr",
+    "soil",
+    "imu.rotation_rpy_deg",
+    "imu.gyro_axes",
+    "imu.gyro_scale",
+)
+
+
+class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is in the file.
+
+    Attributes:
+        variant: name of the filter variant.
+        robot: the robot file's content as far as it matters.
+        settings: of the estimator.
+        now: what the filter knows.
+        history: what late measurements need.
+        arrivals: counts of what the filter never got to see.
+        witnesses: see `estimator.log.input_checks.Admission`.
+    """
+
+    variant: str
+    robot: dict[str, Any]
+    settings: Settings
+    now: FilterMemory
+    history: HistoryMemory
+    arrivals: Health
+    witnesses: dict[str, tuple[int, int]]
+
+    def require_fit(
+        self, robot: Robot, variant: str | None, source: str, *, to_go_on: bool
+    ) -> None:
+        """Refuse a robot or a variant other than those it was saved for.
+
+        Args:
+            robot: the robot to go on with.
+            variant: name of the variant to go on with, None for any.
+            source: file name, for messages.
+            to_go_on: whether everything must be the same, or only what learnt parameters, scales and
+                biases are about.
+
+        Raises:
+            EstimatorError: it does not fit; the message says what differs.
+        """
+        if variant is not None and variant != self.variant:
+            raise EstimatorError(
+                f"{source}: was saved by the variant {self.variant!r}, not {variant!r}; use that, or "
+                "start anew"
+            )
+        before, now = _leaves(self.robot), _leaves(robot_constants(robot))
+        for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
+            matters = to_go_on or any((key + ".").startswith(f"{w}.") for w in WHAT_IS_LEARNT)
+            if matters and before.get(key) != now.get(key):
+                advice = "start anew" if not to_go_on else "make a warm start, or start anew"
+                raise EstimatorError(
+                    f"{source}: was saved for a robot with {key} = {before.get(key)!r}, here it is "
+                    f"{now.get(key)!r}; use the same robot file, or {advice}"
+                )
+
+
+def robot_constants(robot: Robot) -> dict[str, Any]:
+    """What of a robot file an estimator depends on, as JSON would have it."""
+    data: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(robot))
+    return {key: value for key, value in data.items() if key not in ASIDE}
+
+
+def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
+    """Write the file beside its place and move it there.
+
+    Raises:
+        EstimatorError: something is there and may not be replaced, the file system refuses, or a number
+            is not finite.
+    """
+    if path.exists() and not (overwrite and path.is_file()):
+        raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
+    content = msgspec.to_builtins(saved, enc_hook=_to_plain)
+    names = state_names(find_variant(saved.variant))
+    for memory in (content["now"], content["history"]["memory"]):
+        numbers = [*memory["state"], *np.ravel(memory["covariance"]), *memory["model"]]
+        if not np.isfinite(numbers).all():
+            raise EstimatorError(f"{path}: not written, the estimate is not finite")
+        memory["state"] = dict(zip(names, memory["state"], strict=True))
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "checksum": _checksum(content),
+        "content": content,
+    }
+    scratch = None
+    try:
+        handle, scratch = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(_readable(document) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        Path(scratch).replace(path)
+    except OSError as problem:
+        if scratch is not None:
+            with suppress(OSError):
+                Path(scratch).unlink()
+        raise EstimatorError(f"{path}: cannot be written: {problem.strerror}") from None
+
+
+def read_saved(path: Path) -> SavedEstimator:
+    """Read and check a saved estimator.
+
+    Raises:
+        EstimatorError: there is no such file, it is no saved estimator, of another version, or damaged.
+    """
+    try:
+        document = msgspec.json.decode(path.read_bytes())
+    except FileNotFoundError:
+        raise EstimatorError(f"{path}: no such file") from None
+    except OSError as problem:
+        raise EstimatorError(f"{path}: cannot be read: {problem.strerror}") from None
+    except msgspec.DecodeError as problem:
+        raise EstimatorError(f"{path}: damaged, or no saved estimator: {problem}") from None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise EstimatorError(f"{path}: no saved estimator; PoseEstimator.save writes one")
+    if document.get("version") != VERSION:
+        raise EstimatorError(
+            f"{path}: version {document.get('version')!r} of the format is not known; this icreckon "
+            f"reads {VERSION}"
+        )
+    content: Any = document.get("content")
+    if document.get("checksum") != _checksum(content):
+        raise EstimatorError(f"{path}: damaged, or changed by hand: the checksum does not fit")
+    try:
+        names = state_names(find_variant(content["variant"]))
+        for memory in (content["now"], content["history"]["memory"]):
+            memory["state"] = [memory["state"][name] for name in names]
+        return msgspec.convert(content, SavedEstimator, dec_hook=_from_plain)
+    except (KeyError, TypeError, ValueError, EstimatorError) as problem:
+        raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
+
+
+def _to_plain(thing: Any) -> Any:
+    match thing:
+        case np.ndarray() | np.generic():
+            return thing.tolist()
+    raise NotImplementedError(f"no JSON for {type(thing).__name__}")
+
+
+def _from_plain(_kind: type, value: Any) -> Any:
+    array = np.array(value, dtype=float)
+    if not np.isfinite(array).all():
+        raise ValueError("all numbers must be finite")
+    return array
+
+
+def _checksum(content: Any) -> str:
+    return hashlib.sha256(msgspec.json.encode(content)).hexdigest()
+
+
+def _leaves(data: Any, path: str = "") -> dict[str, Any]:
+    if not isinstance(data, dict):
+        return {path: data}
+    leaves: dict[str, Any] = {}
+    for key, value in data.items():
+        leaves |= _leaves(value, f"{path}.{key}" if path else key)
+    return leaves
+
+
+def _readable(value: Any, indent: str = "") -> str:
+    """JSON with a line for each entry of an object, and for each row of a table."""
+    inner = indent + "  "
+    if isinstance(value, dict) and value:
+        entries = [
+            f"{inner}{msgspec.json.encode(key).decode()}: {_readable(item, inner)}"
+            for key, item in value.items()
+        ]
+        return "{\n" + ",\n".join(entries) + f"\n{indent}}}"
+    if isinstance(value, list | tuple) and any(isinstance(item, list | tuple) for item in value):
+        rows = [f"{inner}{msgspec.json.encode(item).decode()}" for item in value]
+        return "[\n" + ",\n".join(rows) + f"\n{indent}]"
+    return msgspec.json.encode(value).decode()

@@ -1,0 +1,357 @@
+"""Traced numbers made into machine code: vector instructions, of which each lane is a filter.
+
+A kernel reads and writes rows of one flat workspace: row r holds a number of each lane, at
+`[r * WIDTH + lane]`. Kernels are written in LLVM's own language, with vectors as wide as the machine has
+them, and called from functions that numba compiles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from icreckon.estimator.tracing.trace import TRACING, Traced
+
+BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
+# Products may be added without rounding in between; nothing else is loosened.
+LOOSE = ("contract",)
+FLAG_BITS = 16
+# A number of the workspace is read again rather than kept where more operations than this lie between:
+# there are not so many registers, and keeping it in memory of one's own costs a write as well.
+KEPT_FOR = 150
+# Rows are counted from this one, to both sides: near ones have shorter instructions.
+MIDDLE_ROW = 128
+
+
+def lanes_of_machine(bits: int) -> int:
+    """How many numbers of so many bits the machine's vector registers hold."""
+    features = llvm.get_host_cpu_features()
+    for feature, width in (("avx512f", 512), ("avx2", 256)):
+        if features.get(feature):
+            return width // bits
+    return 128 // bits
+
+
+class Store(NamedTuple):
+    """Where a traced number goes."""
+
+    array: str
+    row: int
+    value: Traced
+
+
+class Kernel(NamedTuple):
+    """What a kernel computes.
+
+    Attributes:
+        name: of the kernel.
+        arrays: names of its arrays, in the order of its arguments.
+        rows: how many rows each of them has; of an array that all lanes share, how many numbers.
+        stores: what is written.
+        flags: truth values, of which the kernel returns the lanes where they hold: a bit for each
+            lane, `FLAG_BITS` for each of them.
+    """
+
+    name: str
+    arrays: tuple[str, ...]
+    rows: tuple[int, ...]
+    stores: Sequence[Store]
+    flags: Sequence[Traced] = ()
+
+
+def compiled_kernel(kernel: Kernel, width: int, bits: int = 64) -> Any:
+    """A function of the kernel's arrays, for numba to call; its result are the flags.
+
+    Args:
+        kernel: what is to be done.
+        width: how many lanes there are.
+        bits: of each number, 64 or 32.
+    """
+    return kernel_on_demand(kernel.name, kernel.arrays, lambda: kernel, width, bits)
+
+
+def kernel_on_demand(
+    kernel_name: str, arrays: tuple[str, ...], make: Callable[[], Kernel], width: int, bits: int
+) -> Any:
+    """The same of a kernel that is made when it is compiled, and not where that was done before.
+
+    Args:
+        kernel_name: its name.
+        arrays: names of its arrays.
+        make: makes it.
+        width: how many lanes there are.
+        bits: of each number, 64 or 32.
+    """
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        number = ir.DoubleType() if bits == 64 else ir.FloatType()
+        returns = ir.FunctionType(LONG, [number.as_pointer()] * len(args))
+        name = f"lanes_{kernel_name}"
+        function = builder.module.globals.get(name)
+        if function is None:
+            function = ir.Function(builder.module, returns, name=name)
+            function.linkage = "internal"
+            function.attributes.add("noinline")
+            with TRACING:
+                _Emitter(function, make(), width, number).emit()
+        pointers = [
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in zip(signature.args, args, strict=True)
+        ]
+        return builder.call(function, pointers)
+
+    return _intrinsic_of(len(arrays), code)
+
+
+def _intrinsic_of(count: int, code: Callable[..., Any]) -> Any:
+    """An intrinsic of so many arrays; numba wants to see each of its arguments by name."""
+    names = ", ".join(f"array_{k}" for k in range(count))
+    text = f"def kernel(typing_context, {names}): return signature({names}), code"
+    scope: dict[str, Any] = {"code": code, "signature": types.int64}
+    exec(text, scope)  # noqa: S102 - our own text
+    return intrinsic(scope["kernel"])
+
+
+class _Emitter:
+    """Writes one kernel into a function."""
+
+    def __init__(self, function: Any, kernel: Kernel, width: int, number: Any) -> None:
+        self.function, self.kernel, self.width = function, kernel, width
+        self.number = number
+        self.vector = ir.VectorType(number, width)
+        self.truths = ir.VectorType(BOOL, width)
+        self.builder = ir.IRBuilder(function.append_basic_block("begin"))
+        self.pointers = dict(zip(kernel.arrays, function.args, strict=True))
+        self.rows = dict(zip(kernel.arrays, kernel.rows, strict=True))
+        self.values: dict[Traced, Any] = {}
+        self.written: set[tuple[str, int]] = set()
+        self.done = 0
+        self.in_loop = False
+        self.loads: dict[Traced, tuple[int, Any]] = {}
+        self.wide: dict[Traced, Any] = {}
+        self.align = width * (8 if number == ir.DoubleType() else 4)
+
+    def emit(self) -> None:
+        """Everything."""
+        kernel = self.kernel
+        for name, pointer in self.pointers.items():
+            self.pointers[name] = self.builder.gep(pointer, [LONG(MIDDLE_ROW * self.width)])
+        self._look_again()
+        wanted = [store.value for store in kernel.stores] + list(kernel.flags)
+        nodes = reachable(wanted)
+        waiting: dict[Traced, list[Store]] = {}
+        for store in kernel.stores:
+            waiting.setdefault(store.value, []).append(store)
+        loads = {node.extra: node for node in nodes if node.op == "load"}
+        for node in sorted(nodes, key=_number):
+            if node.op != "load" or node in waiting:
+                self._compute(node)
+            for store in waiting.get(node, ()):
+                before = loads.get((store.array, store.row))
+                if before is not None:
+                    self._compute(before)
+                self._store(store)
+        told = LONG(0)
+        for place, flag in enumerate(kernel.flags):
+            bits = self.builder.shl(self._bits(flag), LONG(place * FLAG_BITS))
+            told = self.builder.or_(told, bits)
+        self.builder.ret(told)
+
+    def _compute(self, node: Traced) -> Any:
+        if node.op == "load":
+            return self._load(node)
+        found = self.values.get(node)
+        if found is None:
+            self.done += 1
+            if self.done % KEPT_FOR == 0 and not self.in_loop:
+                self._look_again()
+            found = self.values[node] = self._code(node)
+        return found
+
+    def _load(self, node: Traced) -> Any:
+        epoch, value = self.loads.get(node, (-1, None))
+        now = self.done // KEPT_FOR
+        if value is None or (epoch != now and node.extra not in self.written):
+            value = self.builder.load(self._address(*node.extra), align=self.align)
+            self.loads[node] = now, value
+        return value
+
+    def _look_again(self) -> None:
+        """Make the compiler believe that the arrays may be others now."""
+        for name, pointer in self.pointers.items():
+            kind = ir.FunctionType(pointer.type, [pointer.type])
+            self.pointers[name] = self.builder.asm(kind, "", "=r,0", [pointer], side_effect=True)
+
+    def _code(self, node: Traced) -> Any:
+        b = self.builder
+        match node.op:
+            case "constant":
+                return BOOL(int(node.extra)) if node.truth else self.number(node.extra)
+            case "scalar":
+                array, index = node.extra
+                self._require_inside(array, index)
+                place = index - MIDDLE_ROW * self.width
+                return b.load(b.gep(self.pointers[array], [LONG(place)]))
+            case "loop":
+                return self._loop(node)
+            case "result":
+                return self._compute(node.args[0])[node.extra]
+        wide = not node.uniform
+        args = [self._widened(arg) if wide else self._compute(arg) for arg in node.args]
+        return self._operation(node, args)
+
+    def _operation(self, node: Traced, args: list[Any]) -> Any:
+        b = self.builder
+        match node.op:
+            case "add":
+                return b.fadd(*args, flags=LOOSE)
+            case "sub":
+                return b.fsub(*args, flags=LOOSE)
+            case "mul":
+                return b.fmul(*args, flags=LOOSE)
+            case "negate":
+                return b.fneg(*args, flags=LOOSE)
+            case "reciprocal":
+                return b.fdiv(self._one(args[0].type), args[0])
+            case "select":
+                return b.select(*args)
+            case "compare":
+                return b.fcmp_ordered(node.extra, *args)
+            case "and":
+                return b.and_(*args)
+            case "or":
+                return b.or_(*args)
+            case "not":
+                return b.not_(*args)
+            case "sqrt" | "abs" | "round":
+                return self._call(INTRINSICS[node.op], args)
+        raise NotImplementedError(node.op)
+
+    def _call(self, name: str, args: list[Any]) -> Any:
+        kind = args[0].type
+        number = "f64" if self.number == ir.DoubleType() else "f32"
+        suffix = f"v{self.width}{number}" if kind == self.vector else number
+        called = f"{name}.{suffix}"
+        module = self.builder.module
+        function = module.globals.get(called)
+        if function is None:
+            function = ir.Function(module, ir.FunctionType(kind, [kind] * len(args)), name=called)
+        return self.builder.call(function, args)
+
+    def _one(self, kind: Any) -> Any:
+        return self.vector([1.0] * self.width) if kind == self.vector else self.number(1.0)
+
+    def _widened(self, node: Traced) -> Any:
+        """A value in all lanes."""
+        value = self._compute(node)
+        if value.type in (self.vector, self.truths):
+            return value
+        if node not in self.wide:
+            kind = self.truths if node.truth else self.vector
+            if node.known is not None:
+                self.wide[node] = kind(
+                    [node.extra if not node.truth else int(node.extra)] * self.width
+                )
+            else:
+                self.wide[node] = self._broadcast(value, kind)
+        return self.wide[node]
+
+    def _broadcast(self, value: Any, kind: Any) -> Any:
+        b = self.builder
+        first = b.insert_element(kind(ir.Undefined), value, INT(0))
+        everywhere = ir.VectorType(INT, self.width)([0] * self.width)
+        return b.shuffle_vector(first, kind(ir.Undefined), everywhere)
+
+    def _require_inside(self, array: str, row: int) -> None:
+        rows = self.rows[array]
+        if not 0 <= row < rows:
+            raise ValueError(
+                f"kernel {self.kernel.name!r} addresses row {row} of {array!r}, which has {rows}"
+            )
+
+    def _address(self, array: str, row: int) -> Any:
+        self._require_inside(array, row)
+        b = self.builder
+        place = b.gep(self.pointers[array], [LONG((row - MIDDLE_ROW) * self.width)])
+        return b.bitcast(place, self.vector.as_pointer())
+
+    def _store(self, store: Store) -> None:
+        value = self._widened(store.value)
+        self.written.add((store.array, store.row))
+        self.builder.store(value, self._address(store.array, store.row), align=self.align)
+
+    def _bits(self, flag: Traced) -> Any:
+        b = self.builder
+        lanes = b.bitcast(self._widened(flag), ir.IntType(self.width))
+        return b.zext(lanes, LONG)
+
+    def _any(self, flag: Any) -> Any:
+        b = self.builder
+        kind = ir.IntType(self.width)
+        return b.icmp_unsigned("!=", b.bitcast(flag, kind), kind(0))
+
+    def _loop(self, of: Traced) -> list[Any]:
+        """Rounds while any lane needs one; their values come back as a list."""
+        loop, most = of.extra
+        b = self.builder
+        needed, *begin = [self._widened(arg) for arg in of.args]
+        # What only the rounds need is worked out there; the compiler takes it out of the loop again.
+        inside = reachable([*loop.results, loop.again]) - set(self.values) - set(loop.carried)
+        before = b.block
+        body, after = b.append_basic_block("round"), b.append_basic_block("settled")
+        b.cbranch(self._any(needed), body, after)
+        b.position_at_end(body)
+        counter = b.phi(INT)
+        counter.add_incoming(INT(0), before)
+        known, known_wide, known_loads = dict(self.values), dict(self.wide), dict(self.loads)
+        for carried, value in zip(loop.carried, begin, strict=True):
+            phi = b.phi(self.vector)
+            phi.add_incoming(value, before)
+            self.values[carried] = phi
+        self.in_loop = True
+        for node in sorted(inside, key=_number):
+            self._compute(node)
+        self.in_loop = False
+        results = [self._widened(result) for result in loop.results]
+        again = self._widened(loop.again)
+        rounds = b.add(counter, INT(1))
+        end = b.block
+        counter.add_incoming(rounds, end)
+        for carried, result in zip(loop.carried, results, strict=True):
+            self.values[carried].add_incoming(result, end)
+        more = b.and_(self._any(again), b.icmp_signed("<", rounds, INT(most)))
+        b.cbranch(more, body, after)
+        b.position_at_end(after)
+        final = []
+        for value, result in zip([*begin, needed], [*results, again], strict=True):
+            phi = b.phi(value.type)
+            phi.add_incoming(value, before)
+            phi.add_incoming(result, end)
+            final.append(phi)
+        # What was worked out inside a round is not there outside.
+        self.values, self.wide, self.loads = known, known_wide, known_loads
+        return final
+
+
+INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}
+
+
+def _number(node: Traced) -> int:
+    return node.number
+
+
+def reachable(wanted: Iterable[Traced]) -> set[Traced]:
+    """All that some numbers are worked out of, themselves included, but not what goes on in loops."""
+    found: set[Traced] = set()
+    left = list(wanted)
+    while left:
+        node = left.pop()
+        if node not in found:
+            found.add(node)
+            left.extend(node.args)
+    return found

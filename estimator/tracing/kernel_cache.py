@@ -1,0 +1,177 @@
+"""Machine code on disk: one file for each compiled signature, safe for many processes at once.
+
+numba's own cache keeps an index for each function. Two processes that save different signatures at the
+same time leave an index entry that leads to the other's machine code. Here a file is named by all that
+its machine code depends on, it carries its key and a checksum, and it is moved into place whole.
+
+Import it inside functions only, or from kernels: numba takes half a second to load.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import platform
+import sys
+import warnings
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core import config
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+CHECKSUM = hashlib.sha256
+CHECKSUM_BYTES = CHECKSUM().digest_size
+# Options of numba that change the machine code.
+OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK")
+# Digits of a digest in names of symbols, files and folders.
+DIGITS = 16
+
+
+class KernelCache(_Cache):
+    """Disk cache of one compiled function, in the interface that numba's dispatcher expects.
+
+    A file that is missing, damaged, or of another key is not loaded; the function is compiled instead. A
+    folder that cannot be written costs one warning in each process, and nothing else.
+
+    Args:
+        name: qualified name of the function; it tells apart all functions of the package.
+        package: of the function: estimator or simulation.
+    """
+
+    def __init__(self, name: str, package: str) -> None:
+        self._name = name
+        self._folder = cache_folder() / environment_digest(package)
+        self._enabled = True
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the files."""
+        return str(self._folder)
+
+    def enable(self) -> None:
+        """Load and save from now on."""
+        self._enabled = True
+
+    def disable(self) -> None:
+        """Neither load nor save from now on."""
+        self._enabled = False
+
+    def flush(self) -> None:
+        """Remove the files of this function."""
+        for path in self._folder.glob(f"{self._name}-*.kernel"):
+            with suppress(OSError):
+                path.unlink()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load the machine code of a signature; None if it is not there."""
+        if not self._enabled:
+            return None
+        target_context.refresh()
+        key = self._key(sig, target_context.codegen())
+        try:
+            content = self._path(key).read_bytes()
+        except OSError:
+            return None
+        checksum, payload = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
+        if CHECKSUM(payload).digest() != checksum:
+            return None
+        saved_key, reduced = pickle.loads(payload)  # noqa: S301 - our own file, like numba's cache
+        if saved_key != key:
+            return None
+        return CompileResult._rebuild(target_context, *reduced)  # type: ignore[no-untyped-call]
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save the machine code of a signature."""
+        if not self._enabled or any(not lifted.can_cache for lifted in data.lifted):
+            return
+        if data.library.has_dynamic_globals:
+            return
+        key = self._key(sig, data.codegen)
+        payload: bytes = dumps((key, data._reduce()))  # type: ignore[no-untyped-call]
+        try:
+            _write_whole(self._path(key), CHECKSUM(payload).digest() + payload)
+        except OSError as error:
+            _warn_once(str(self._folder), str(error))
+
+    def _key(self, sig: Any, codegen: Any) -> tuple[str, str, str]:
+        return self._name, str(sig), str(codegen.magic_tuple())
+
+    def _path(self, key: tuple[str, str, str]) -> Path:
+        return self._folder / f"{self._name}-{_short_digest(repr(key).encode())}.kernel"
+
+
+def cache_folder() -> Path:
+    """Folder of all compiled functions: $NUMBA_CACHE_DIR/icreckon, or the user's cache folder."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return Path(chosen) / "icreckon"
+    match platform.system():
+        case "Windows":
+            base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+        case "Darwin":
+            base = Path.home() / "Library" / "Caches"
+        case _:
+            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "icreckon" / "kernels"
+
+
+@cache
+def environment_digest(package: str) -> str:
+    """Digest of all that machine code depends on besides signature and processor.
+
+    These are the source files of the package and of the packages below it, and the versions of Python,
+    numba, llvmlite and NumPy.
+    """
+    digest = hashlib.sha256()
+    versions = (
+        sys.implementation.cache_tag,
+        numba.__version__,
+        llvmlite.__version__,
+        np.__version__,
+    )
+    options = [getattr(config, name) for name in OPTIONS]
+    digest.update(repr((versions, options)).encode())
+    for folder in sorted({"estimator", package}):
+        root = Path(__file__).parents[2] / folder
+        for path in sorted(root.rglob("*.py")):
+            digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:DIGITS]
+
+
+def _short_digest(text: bytes) -> str:
+    return hashlib.sha256(text).hexdigest()[:DIGITS]
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write a file beside its place and move it there, so that no reader sees a part of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with NamedTemporaryFile(dir=path.parent, prefix=".", suffix=".part", delete=False) as file:
+        try:
+            file.write(content)
+            file.close()
+            os.replace(file.name, path)
+        except BaseException:
+            with suppress(OSError):
+                os.unlink(file.name)
+            raise
+
+
+@cache
+def _warn_once(folder: str, reason: str) -> None:
+    """Warn that compiled functions cannot be kept, once for each folder and reason."""
+    warnings.warn(
+        f"compiled functions cannot be kept in {folder} ({reason}), so they are compiled again in each "
+        "process; set NUMBA_CACHE_DIR to a folder that can be written",
+        RuntimeWarning,
+        stacklevel=2,
+    )

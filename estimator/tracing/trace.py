@@ -1,0 +1,497 @@
+"""Traced numbers: what is done to them is written down, to be compiled for many lanes at once.
+
+A `Traced` stands for one number of each lane. Functions of numbers (those of
+`estimator.motion.index_model`, say) are run once with traced numbers for arguments, through `traced`,
+and what they compute becomes a graph. It holds each expression once, and what is known to be zero or one
+is left out as it is built: a Jacobian's zeros cost nothing.
+"""
+
+from __future__ import annotations
+
+import builtins
+import math
+import threading
+from collections.abc import Callable, Sequence
+from types import FunctionType, SimpleNamespace
+from typing import Any, ClassVar, cast
+
+# Held while something is traced: there is one graph at a time.
+TRACING = threading.RLock()
+# Operations of one lane's number, of several, and of truth values.
+COMMUTATIVE = {"add", "mul", "and", "or"}
+
+# Functions of these modules are traced, or compiled, where traced or compiled ones call them.
+LIBRARY = "icreckon.estimator."
+
+
+class Traced:
+    """A number or truth value in each lane.
+
+    Attributes:
+        op: what it is the result of.
+        args: of what.
+        extra: a constant's value, the place of an input, or what else belongs to the operation.
+        number: its place in the order in which they were made.
+        uniform: whether it is the same in all lanes.
+        truth: whether it is a truth value.
+        bits: of all numbers of the graph.
+    """
+
+    __slots__ = ("args", "extra", "number", "op", "truth", "uniform")
+    # NumPy's arrays leave operations with these to them.
+    __array_ufunc__ = None
+    _kept: ClassVar[dict[Any, Traced]] = {}
+    bits: ClassVar[int] = 64
+
+    op: str
+    args: tuple[Traced, ...]
+    extra: Any
+    number: int
+    uniform: bool
+    truth: bool
+
+    @property
+    def real(self) -> Traced:
+        """Itself."""
+        return self
+
+    @property
+    def known(self) -> float | None:
+        """The value of a constant, else None."""
+        return cast(float, self.extra) if self.op == "constant" else None
+
+    def __add__(self, other: Any) -> Traced:
+        return _add(self, lift(other))
+
+    def __radd__(self, other: Any) -> Traced:
+        return _add(lift(other), self)
+
+    def __sub__(self, other: Any) -> Traced:
+        return _subtract(self, lift(other))
+
+    def __rsub__(self, other: Any) -> Traced:
+        return _subtract(lift(other), self)
+
+    def __mul__(self, other: Any) -> Traced:
+        return _multiply(self, lift(other))
+
+    def __rmul__(self, other: Any) -> Traced:
+        return _multiply(lift(other), self)
+
+    def __truediv__(self, other: Any) -> Traced:
+        return _multiply(self, _reciprocal(lift(other)))
+
+    def __rtruediv__(self, other: Any) -> Traced:
+        return _multiply(lift(other), _reciprocal(self))
+
+    def __neg__(self) -> Traced:
+        return _negate(self)
+
+    def __abs__(self) -> Traced:
+        return _unary("abs", self, abs)
+
+    def __pow__(self, power: float) -> Traced:
+        if power == 0.5:
+            return _unary("sqrt", self, math.sqrt)
+        if power == 2:
+            return self * self
+        raise NotImplementedError(f"a traced number to the power of {power!r}")
+
+    def __gt__(self, other: Any) -> Traced:
+        return _compare(">", self, lift(other))
+
+    def __ge__(self, other: Any) -> Traced:
+        return _compare(">=", self, lift(other))
+
+    def __lt__(self, other: Any) -> Traced:
+        return _compare("<", self, lift(other))
+
+    def __le__(self, other: Any) -> Traced:
+        return _compare("<=", self, lift(other))
+
+    def __eq__(self, other: object) -> Traced:  # type: ignore[override]
+        return _compare("==", self, lift(other))
+
+    def __and__(self, other: Any) -> Traced:
+        return _logical("and", self, other)
+
+    def __or__(self, other: Any) -> Traced:
+        return _logical("or", self, other)
+
+    def __invert__(self) -> Traced:
+        return _make("not", (self,), truth=True)
+
+    __hash__ = object.__hash__
+
+    def __bool__(self) -> bool:
+        raise TypeError("a traced truth value cannot decide a branch: use select")
+
+
+def start(bits: int = 64) -> None:
+    """Forget what was traced before: a new graph begins. The caller holds `TRACING` until it is done.
+
+    Args:
+        bits: of each number, 64 or 32.
+    """
+    Traced._kept, Traced.bits = {}, bits
+
+
+def lift(value: Any) -> Traced:
+    """A traced number of a plain one."""
+    if isinstance(value, Traced):
+        return value
+    return _make("constant", (), float(value), uniform=True)
+
+
+def lane_input(array: str, row: int) -> Traced:
+    """A number of each lane, from a row of an array."""
+    return _make("load", (), (array, row))
+
+
+def uniform_input(array: str, index: int) -> Traced:
+    """A number that is the same in all lanes, from an array of such."""
+    return _make("scalar", (), (array, index), uniform=True)
+
+
+def select(condition: Any, yes: Any, no: Any) -> Any:
+    """One or the other, by a truth value."""
+    if not isinstance(condition, Traced):
+        return yes if condition else no
+    yes, no = lift(yes), lift(no)
+    if yes is no:
+        return yes
+    return _make("select", (condition, yes, no), uniform=_all_uniform(condition, yes, no))
+
+
+def minimum(first: Any, second: Any) -> Any:
+    """The smaller of two, the first if they are equal."""
+    if _plain(first, second):
+        return builtins.min(first, second)
+    return select(lift(second) < first, second, first)
+
+
+def maximum(first: Any, second: Any) -> Any:
+    """The larger of two, the first if they are equal."""
+    if _plain(first, second):
+        return builtins.max(first, second)
+    return select(lift(second) > first, second, first)
+
+
+def rounded(value: Traced) -> Traced:
+    """The nearest whole number."""
+    return _unary("round", value, round)
+
+
+def truth_as_number(value: Any) -> Traced:
+    """1 or 0."""
+    return cast(Traced, select(value, 1.0, 0.0))
+
+
+class Loop:
+    """Rounds that go on while any lane needs another.
+
+    Attributes:
+        carried: what goes from round to round, inside a round.
+        results: the same after a round.
+        again: whether a lane needs another round.
+    """
+
+    def __init__(self, carried: list[Traced], results: list[Traced], again: Traced) -> None:
+        self.carried, self.results, self.again = carried, results, again
+
+
+def repeat(
+    needed: Any,
+    initial: Sequence[Any],
+    a_round: Callable[..., tuple[Sequence[Traced], Traced]],
+    most: int,
+) -> list[Traced]:
+    """Do a round again and again while any lane needs one.
+
+    Lanes that need none must not mind: `a_round` changes nothing there that matters.
+
+    Args:
+        needed: whether a first round is needed, in each lane.
+        initial: what goes from round to round, at first.
+        a_round: makes what it is after a round, and whether another one is needed.
+        most: so many rounds at most.
+
+    Returns:
+        What it is in the end, and whether one more round would be needed.
+    """
+    begin = [lift(value) for value in initial]
+    carried = [_fresh("carried", index) for index in range(len(begin))]
+    results, again = a_round(*carried)
+    loop = Loop(carried, [lift(value) for value in results], again)
+    node = _fresh("loop", (loop, most), (lift_truth(needed), *begin))
+    values = [_make("result", (node,), index) for index in range(len(begin))]
+    return [*values, _make("result", (node,), len(begin), truth=True)]
+
+
+def lift_truth(value: Any) -> Traced:
+    """A traced truth value of a plain one."""
+    if isinstance(value, Traced):
+        return value
+    return _make("constant", (), float(value), uniform=True, truth=True)
+
+
+def where_needed(
+    needed: Any, usual: Sequence[Any], instead: Callable[[], Sequence[Any]]
+) -> list[Traced]:
+    """Values that are others in some lanes, worked out only if there are such.
+
+    Args:
+        needed: in which lanes they are others.
+        usual: what they are elsewhere.
+        instead: what they are there.
+    """
+
+    def a_round(*values: Traced) -> tuple[Sequence[Traced], Traced]:
+        chosen = [select(needed, *pair) for pair in zip(instead(), values, strict=True)]
+        return chosen, lift_truth(False)
+
+    return repeat(needed, usual, a_round, 1)[:-1]
+
+
+def traced(function: Callable[..., Any], **replaced: Any) -> Any:
+    """A function of numbers, for traced numbers.
+
+    What it calls by name from this package is traced, too.
+
+    Args:
+        function: written for plain numbers, without branches on them.
+        replaced: name -> what takes the place of what it calls by that name, there and further down.
+    """
+    known: dict[Any, Any] = {}
+
+    def twin(original: Any) -> Any:
+        if original not in known:
+            names = dict(original.__globals__)
+            copy = FunctionType(original.__code__, names, original.__name__, original.__defaults__)
+            known[original] = copy
+            for name in original.__code__.co_names:
+                callee = names.get(name)
+                if name in replaced:
+                    names[name] = replaced[name]
+                elif name in PLAIN:
+                    names[name] = PLAIN[name]
+                elif isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
+                    names[name] = twin(callee)
+        return known[original]
+
+    return twin(function)
+
+
+# --- how they are made -----------------------------------------------------------------------------
+
+
+def _make(
+    op: str,
+    args: tuple[Traced, ...],
+    extra: Any = None,
+    *,
+    uniform: bool = False,
+    truth: bool = False,
+) -> Traced:
+    key = (op, tuple(arg.number for arg in args), extra, truth)
+    if op in COMMUTATIVE:
+        key = (op, tuple(sorted(arg.number for arg in args)), extra, truth)
+    found = Traced._kept.get(key)
+    if found is None:
+        found = Traced._kept[key] = _new(op, args, extra, uniform, truth)
+    return found
+
+
+def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = ()) -> Traced:
+    """One that is not the same as any other."""
+    node = _new(op, args, extra, False, False)
+    Traced._kept["fresh", node.number] = node
+    return node
+
+
+def _new(op: str, args: tuple[Traced, ...], extra: Any, uniform: bool, truth: bool) -> Traced:
+    node = object.__new__(Traced)
+    node.op, node.args, node.extra = op, args, extra
+    node.uniform, node.truth = uniform, truth
+    node.number = len(Traced._kept)
+    return node
+
+
+def _all_uniform(*args: Traced) -> bool:
+    return all(arg.uniform for arg in args)
+
+
+def _plain(*values: Any) -> bool:
+    return not any(isinstance(value, Traced) for value in values)
+
+
+def _add(a: Traced, b: Traced) -> Traced:
+    if a.known is not None and b.known is not None:
+        return lift(a.known + b.known)
+    if a.known == 0.0:
+        return b
+    if b.known == 0.0:
+        return a
+    if b.op == "negate":
+        return _subtract(a, b.args[0])
+    if a.op == "negate":
+        return _subtract(b, a.args[0])
+    return _make("add", (a, b), uniform=_all_uniform(a, b))
+
+
+def _subtract(a: Traced, b: Traced) -> Traced:
+    if a.known is not None and b.known is not None:
+        return lift(a.known - b.known)
+    if b.known == 0.0:
+        return a
+    if a.known == 0.0:
+        return _negate(b)
+    if a is b:
+        return lift(0.0)
+    if b.op == "negate":
+        return _add(a, b.args[0])
+    return _make("sub", (a, b), uniform=_all_uniform(a, b))
+
+
+def _negate(a: Traced) -> Traced:
+    if a.known is not None:
+        return lift(-a.known)
+    if a.op == "negate":
+        return a.args[0]
+    if a.op == "sub":
+        return _make("sub", (a.args[1], a.args[0]), uniform=a.uniform)
+    return _make("negate", (a,), uniform=a.uniform)
+
+
+def _multiply(a: Traced, b: Traced) -> Traced:
+    if a.truth:
+        a = truth_as_number(a)
+    if b.truth:
+        b = truth_as_number(b)
+    if a.known is not None and b.known is not None:
+        return lift(a.known * b.known)
+    if b.known is not None:
+        a, b = b, a
+    if a.known is not None:
+        if a.known == 0.0:
+            return a
+        if a.known == 1.0:
+            return b
+        if a.known == -1.0:
+            return _negate(b)
+        if a.known < 0.0:
+            return _negate(_multiply(lift(-a.known), b))
+    if a.op == "negate":
+        return _negate(_multiply(a.args[0], b))
+    if b.op == "negate":
+        return _negate(_multiply(a, b.args[0]))
+    for flag, other in ((a, b), (b, a)):
+        if flag.op == "select" and {flag.args[1].known, flag.args[2].known} == {0.0, 1.0}:
+            condition, yes, _ = flag.args
+            chosen = (other, 0.0) if yes.known == 1.0 else (0.0, other)
+            return cast(Traced, select(condition, *chosen))
+    return _make("mul", (a, b), uniform=_all_uniform(a, b))
+
+
+def _reciprocal(a: Traced) -> Traced:
+    if a.known is not None:
+        return lift(1.0 / a.known)
+    if a.op == "negate":
+        return _negate(_reciprocal(a.args[0]))
+    return _make("reciprocal", (a,), uniform=a.uniform)
+
+
+def _unary(op: str, a: Traced, of_plain: Callable[[float], float]) -> Traced:
+    if a.known is not None:
+        return lift(of_plain(a.known))
+    if op == "abs" and a.op == "negate":
+        a = a.args[0]
+    return _make(op, (a,), uniform=a.uniform)
+
+
+def _compare(relation: str, a: Traced, b: Traced) -> Traced:
+    if a.known is not None and b.known is not None:
+        return lift_truth(RELATIONS[relation](a.known, b.known))
+    return _make("compare", (a, b), relation, uniform=_all_uniform(a, b), truth=True)
+
+
+def _logical(op: str, a: Any, b: Any) -> Traced:
+    a, b = lift_truth(a), lift_truth(b)
+    for one, other in ((a, b), (b, a)):
+        if one.known is not None:
+            absorbs = (one.known == 0.0) == (op == "and")
+            return cast(Traced, one if absorbs else other)
+    return _make(op, (a, b), uniform=_all_uniform(a, b), truth=True)
+
+
+RELATIONS: dict[str, Callable[[float, float], bool]] = {
+    ">": lambda a, b: a > b,
+    ">=": lambda a, b: a >= b,
+    "<": lambda a, b: a < b,
+    "<=": lambda a, b: a <= b,
+    "==": lambda a, b: a == b,
+}
+
+
+# --- sine and cosine --------------------------------------------------------------------------------
+
+# pi / 2 in three parts, of which the first two have 33 bits: a whole multiple of up to 2^20 is exact
+# (Cody and Waite, Software Manual for the Elementary Functions, 1980, ch. 8).
+# In single precision the first two have 12 and 11.
+HALF_PI = {
+    64: (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
+    32: (1.5703125, 4.837512969970703125e-4, 7.549789954891882e-8),
+}
+
+
+def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
+    """Of angles up to some 1e5 rad (1e3 in single precision); within two units in the last place of one.
+
+    The Taylor series on -pi/4 to pi/4, cut where the rest is below 1e-17.
+    """
+    if not isinstance(angle, Traced):
+        return math.sin(angle), math.cos(angle)
+    quadrant = rounded(angle * (2.0 / math.pi))
+    r = angle
+    for part in HALF_PI[Traced.bits]:
+        r = r - quadrant * part
+    square = r * r
+    sine, cosine = lift(0.0), lift(0.0)
+    for k in range(8, 0, -1):
+        sine = square * (sine + (-1.0) ** k / math.factorial(2 * k + 1))
+        cosine = square * (cosine + (-1.0) ** k / math.factorial(2 * k))
+    sine, cosine = r + r * sine, 1.0 + cosine
+    # Which of the four quadrants, as 0 to 3.
+    fourth = quadrant - 4.0 * rounded(quadrant * 0.25 - 0.375)
+    swaps = (fourth == 1.0) | (fourth == 3.0)
+    sine, cosine = select(swaps, cosine, sine), select(swaps, sine, cosine)
+    return (
+        select(fourth >= 2.0, -sine, sine),
+        select((fourth == 1.0) | (fourth == 2.0), -cosine, cosine),
+    )
+
+
+def _sine(angle: Any) -> Any:
+    return sine_and_cosine(angle)[0]
+
+
+def _cosine(angle: Any) -> Any:
+    return sine_and_cosine(angle)[1]
+
+
+def _square_root(value: Any) -> Any:
+    return value**0.5
+
+
+_FUNCTIONS = SimpleNamespace(
+    sin=_sine, cos=_cosine, sqrt=_square_root, exp=math.exp, expm1=math.expm1, pi=math.pi
+)
+# What plain functions go by for numbers, and what takes its place.
+PLAIN: dict[str, Any] = {
+    "max": maximum,
+    "min": minimum,
+    "float": lambda value: value,
+    "select": select,
+    "math": _FUNCTIONS,
+    "np": _FUNCTIONS,
+}

@@ -1,0 +1,82 @@
+"""What `demo` and `replay` share: compare, write the report, show the table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from icreckon.cli.console import FAILED, messages, progress, results, worker_count
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
+from icreckon.replay.comparison.fixes import LogPart
+from icreckon.replay.comparison.results import summarise
+from icreckon.replay.export.folder import write_exports
+from icreckon.replay.export.formats import DEFAULT_FORMATS
+from icreckon.report.replay.folder import RESULTS_FILE, write_views
+from icreckon.report.replay.page_text import failures
+from icreckon.report.replay.tables import results_table
+
+
+def compare_and_report(
+    log: Log,
+    robot: Robot,
+    folder: Path,
+    *,
+    command: str,
+    configuration: dict[str, Any],
+    inputs: dict[str, Path],
+    variants: list[str] | None = None,
+    settings: Settings | None = None,
+    fixes: LogPart | None = None,
+    smooth: bool = False,
+    engine: str = "auto",
+    seed: int | None = None,
+    formats: Sequence[str] = DEFAULT_FORMATS,
+    as_json: bool = False,
+    workers: int | None = None,
+) -> list[str]:
+    """Run the variants over a log, leave a report in a folder, and print the table or the JSON.
+
+    The other arguments are those of `compare`, `summarise` and `write_report`; `folder` must be there.
+
+    Returns:
+        Variants without a result, in words; see `exit_if_failed`.
+    """
+    title = f"filtering {log.duration:.0f} s of {log.name}"
+    with progress(title, log.duration) as report_progress:
+        comparison = compare(
+            log,
+            robot,
+            variants or DEFAULT_VARIANTS,
+            settings=settings,
+            fixes=fixes,
+            smooth=smooth,
+            engine=engine,
+            workers=worker_count(workers),
+            progress=report_progress,
+        )
+    summary = summarise(
+        comparison, robot, command=command, configuration=configuration, seed=seed, inputs=inputs
+    )
+    write_exports(folder, comparison, robot, formats)
+    # The runs of a long log take more memory than anything else.
+    del comparison
+    write_views(folder, summary)
+    if as_json:
+        typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
+    else:
+        results().print(results_table(summary))
+    return failures(summary)
+
+
+def exit_if_failed(failed: Sequence[str]) -> None:
+    """Print what failed, if anything, and exit with 1; once the results are in their place."""
+    for line in failed:
+        messages().print(line, style="red", markup=False, soft_wrap=True)
+    if failed:
+        raise typer.Exit(FAILED)

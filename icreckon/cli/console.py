@@ -1,0 +1,126 @@
+"""What the commands say: progress and errors on standard error, results on standard output."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from icreckon.estimator.base.errors import IcreckonError
+
+TABLE_WIDTH = 150
+# Exit status of a command that has written its results, some of which are missing.
+FAILED = 1
+
+
+def messages() -> Console:
+    """The console for people: standard error."""
+    return Console(stderr=True, highlight=False)
+
+
+def results() -> Console:
+    """The console for results: standard output, wide enough for the tables when it is no terminal."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = TABLE_WIDTH
+    return console
+
+
+@contextmanager
+def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[[float], None]]:
+    """A progress bar; the block is given a function that takes the share done, 0 to 1.
+
+    Args:
+        title: what is being done.
+        log_seconds: length of the log that is being worked through [s]: its time and how many times
+            faster than that it goes are shown, too.
+    """
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[reached]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=messages(), transient=True) as bar:
+        task = bar.add_task(title, total=1.0, reached="")
+
+        def report(done: float) -> None:
+            spent = bar.tasks[0].elapsed
+            reached = ""
+            if log_seconds is not None:
+                reached = f"at {done * log_seconds:.0f} s of the log"
+                if spent:
+                    reached += f", {done * log_seconds / spent:.0f} times real time"
+            bar.update(task, completed=done, reached=reached)
+
+        yield report
+
+
+@contextmanager
+def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
+    """A folder to put results in, which takes its place when the block ends well.
+
+    Args:
+        wanted: the folder asked for; None for the first of default, default-2, ... that is free.
+        default: see above.
+        overwrite: whether earlier results may be replaced.
+
+    Yields:
+        The folder, empty, under a temporary name.
+
+    Raises:
+        ReplayError: something is there and may not be replaced.
+    """
+    from icreckon.replay.base.outputs import written_beside
+    from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
+
+    folder = wanted if wanted is not None else _first_free(default)
+    with written_beside(folder, overwrite=overwrite, marker=RESULTS_FILE, starts=()) as new:
+        new.mkdir()
+        yield new
+    page, figure = folder / PAGE_FILE, folder / FIGURE_FILE
+    told = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
+    messages().print(f"results in {folder}/, {told}", markup=False)
+
+
+def _first_free(default: str) -> Path:
+    folder, number = Path(default), 1
+    while folder.exists():
+        number += 1
+        folder = Path(f"{default}-{number}")
+    return folder
+
+
+def worker_count(wanted: int | None) -> int:
+    """Processes to use: as asked for, or one for each core."""
+    return wanted if wanted is not None else os.cpu_count() or 1
+
+
+def explain(problem: Exception) -> int:
+    """Say in one line what went wrong; the exit status to leave with."""
+    console = messages()
+    if isinstance(problem, IcreckonError):
+        console.print(f"icreckon: {problem}", style="red", markup=False, soft_wrap=True)
+        return 1
+    console.print(
+        f"icreckon: internal error: {type(problem).__name__}: {problem} "
+        "(please report it, with what the same command prints with --debug)",
+        style="red",
+        markup=False,
+        soft_wrap=True,
+    )
+    return 70

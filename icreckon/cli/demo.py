@@ -1,0 +1,74 @@
+"""`icreckon demo`: simulate, write a bag, read it back, compare."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from icreckon.cli.comparing import compare_and_report, exit_if_failed
+from icreckon.cli.console import messages, results_folder
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.export.formats import parse_formats
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.trajectories import TRAJECTORIES
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ROBOT = "auriga-alpha"
+DEFAULT_FOLDER = "icreckon-demo"
+BAG = "bag"
+DURATION = 300.0
+# Share of the run after which there are no more fixes.
+FIXES_END = 1.0 / 3.0
+
+
+def run_demo(
+    *,
+    seed: int,
+    duration: float,
+    trajectory: str,
+    formats: str | None,
+    out: Path | None,
+    as_json: bool,
+    overwrite: bool,
+    workers: int | None,
+) -> None:
+    """See `icreckon demo --help`."""
+    if trajectory not in TRAJECTORIES:
+        raise SimulationError(
+            f"no trajectory of a demo: {trajectory!r}{nearest_hint(trajectory, list(TRAJECTORIES))}"
+        )
+    wanted = parse_formats(formats)
+    robot = load_robot(ROBOT)
+    scenario = demo_scenario(seed, duration, trajectory)
+    with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
+        bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
+        messages().print(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
+        failed = compare_and_report(
+            replace(read_log(bag, robot), name=f"{scenario.trajectory} drive"),
+            robot,
+            folder,
+            command="demo",
+            configuration=msgspec.to_builtins(scenario),
+            inputs={BAG: bag},
+            seed=seed,
+            formats=wanted,
+            as_json=as_json,
+            workers=workers,
+        )
+    exit_if_failed(failed)
+
+
+def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
+    """The demo's scenario: fixes for the first third of the run, then none."""
+    return Scenario(
+        trajectory=trajectory,
+        duration=duration,
+        seed=seed,
+        outages=((FIXES_END * duration, duration),),
+    )

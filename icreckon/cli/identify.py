@@ -1,0 +1,117 @@
+"""`icreckon identify`: a robot's calibration from logs with a truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from icreckon.cli.console import messages, progress, results, results_folder
+from icreckon.estimator.calibration import identify
+from icreckon.estimator.calibration.models import MODELS
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
+from icreckon.replay.bags.decoding import Definitions, read_definitions
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.calibration.results import summarise_identification
+from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
+from icreckon.replay.comparison.results import write_results
+from icreckon.replay.inspection.robot_file import in_rates
+from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.read_log import read_log
+from icreckon.report.calibration.figure import write_identification_figure
+from icreckon.report.calibration.tables import identification_tables
+from icreckon.report.replay.folder import FIGURE_FILE, RESULTS_FILE
+
+SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
+BAG_FOLDER = "metadata.yaml"
+
+
+def run_identify(
+    *,
+    paths: list[Path],
+    message_files: list[Path],
+    robot_name: str | None,
+    write: Path | None,
+    lever_arm: str | None,
+    models: str | None,
+    segment: float,
+    out: Path | None,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """See `icreckon identify --help`."""
+    if robot_name is None:
+        raise ReplayError(
+            f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
+            f"file, which `icreckon inspect {paths[0]} --write robot.toml` proposes"
+        )
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise ReplayError("a log is given twice; it would count twice")
+    robot = load_robot(robot_name)
+    starts = (FIRST_WORDS.encode(),)
+    if write is not None:
+        check_replaceable(write, overwrite=overwrite, starts=starts)
+    names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
+    arm = None if lever_arm is None else _pair(lever_arm)
+    definitions = read_definitions(message_files)
+    with results_folder(out, f"icreckon-identify-{paths[0].stem}", overwrite=overwrite) as folder:
+        logs = [_read(path, robot, definitions) for path in paths]
+        with progress(f"identifying {robot.name} from {len(logs)} log(s)") as report_progress:
+            found = identify(
+                logs,
+                robot,
+                segment=segment,
+                lever_arm=arm,
+                models=names,
+                speeds_by_radius=in_rates(topic_map(robot, robot_name)),
+                progress=report_progress,
+            )
+        summary = summarise_identification(
+            found,
+            logs,
+            configuration={
+                "logs": [str(path) for path in paths],
+                "robot": robot_name,
+                "segment": segment,
+                "lever_arm": lever_arm,
+                "models": list(names),
+            },
+            inputs={str(path): path for path in [*paths, *message_files]},
+        )
+        write_results(folder / RESULTS_FILE, summary)
+        write_identification_figure(folder / FIGURE_FILE, summary)
+        if as_json:
+            typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
+        else:
+            results().print(identification_tables(summary))
+    if write is not None:
+        text = robot_file_text(found, [log.name for log in logs], robot_name)
+        with written_beside(write, overwrite=overwrite, starts=starts) as new:
+            new.write_text(text, encoding="utf-8")
+        messages().print(f"robot file in {write}", markup=False, soft_wrap=True)
+
+
+def _read(path: Path, robot: Robot, definitions: Definitions) -> Log:
+    """A log, or all files of a folder that is no bag as one."""
+    files = [path]
+    if path.is_dir() and not (path / BAG_FOLDER).exists():
+        files = sorted(one for one in path.iterdir() if one.suffix in SUFFIXES)
+        if not files:
+            raise ReplayError(
+                f"{path} is a folder without {BAG_FOLDER} and without files that end in "
+                f"{', '.join(SUFFIXES)}; give a log"
+            )
+    with progress(f"reading {path}") as report_progress:
+        return read_log(files, robot, definitions=definitions, progress=report_progress)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    try:
+        forward, left = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ReplayError(
+            f"--lever-arm takes two numbers in metres, forward and left, as 0.3,0.0; found {text!r}"
+        ) from None
+    return forward, left

@@ -1,0 +1,111 @@
+"""`icreckon inspect`: what a log holds, and a robot file to start from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from icreckon.cli.console import messages, results
+from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.inspection.inspect import Inspection, inspect
+from icreckon.replay.inspection.robot_file import FIRST_WORDS, has_tracks
+from icreckon.replay.inspection.topic_survey import TopicReport
+
+
+def run_inspect(
+    *,
+    paths: list[Path],
+    message_files: list[Path],
+    write: Path | None,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """See `icreckon inspect --help`."""
+    starts = (FIRST_WORDS.encode(),)
+    if write is not None:
+        check_replaceable(write, overwrite=overwrite, starts=starts)
+    found = inspect(paths, definitions=read_definitions(message_files))
+    if as_json:
+        typer.echo(json.dumps(_as_plain(found), indent=1))
+    else:
+        _show(found, with_file=write is None)
+    if write is not None:
+        with written_beside(write, overwrite=overwrite, starts=starts) as new:
+            new.write_text(found.proposed_robot_file, encoding="utf-8")
+        then = (
+            f"then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
+            if has_tracks(found.mapping)
+            else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
+        )
+        messages().print(
+            f"proposed robot file in {write}; complete the lines marked «fill in», {then}",
+            markup=False,
+            soft_wrap=True,
+        )
+
+
+def _show(found: Inspection, *, with_file: bool) -> None:
+    console = results()
+    table = Table(title=f"{found.path}: {found.duration:.1f} s", title_justify="left")
+    for heading in ("topic or column", "type", "frame or file"):
+        table.add_column(heading, overflow="fold")
+    for heading in (
+        "messages",
+        "rate\nHz",
+        "gaps",
+        "longest gap\ns",
+        "header less\nrecording, s",
+        "repeated",
+    ):
+        table.add_column(heading, justify="right")
+    for topic in found.topics:
+        table.add_row(*_cells(topic))
+    console.print(table)
+    for said in found.findings:
+        console.print(Text(f"Found: {said}"))
+    for what, count in found.dropped.items():
+        console.print(Text(f"Would be dropped: {count} x {what}"))
+    for note in found.notes:
+        console.print(Text(f"Note: {note}"))
+    if with_file:
+        console.print(Text("\nProposed robot file (--write FILE saves it):\n"))
+        typer.echo(found.proposed_robot_file)
+
+
+def _cells(topic: TopicReport) -> list[str]:
+    share = None if topic.repeated_share is None else 100.0 * topic.repeated_share
+    return [
+        topic.topic,
+        topic.msgtype,
+        topic.frame_id,
+        str(topic.count),
+        _number(topic.mean_rate, 1),
+        "" if topic.gaps is None else str(topic.gaps),
+        _number(topic.largest_gap, 2),
+        _number(topic.clock_offset, 3),
+        "" if share is None else f"{share:.0f} %",
+    ]
+
+
+def _number(value: float | None, digits: int) -> str:
+    # Rounded first, and no minus zero: clocks that agree to less than the last digit agree.
+    return "" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def _as_plain(found: Inspection) -> dict[str, object]:
+    return {
+        "path": str(found.path),
+        "duration_s": found.duration,
+        "topics": [msgspec.to_builtins(topic) for topic in found.topics],
+        "mapping": msgspec.to_builtins(found.mapping),
+        "findings": list(found.findings),
+        "dropped": found.dropped,
+        "notes": list(found.notes),
+        "proposed_robot_file": found.proposed_robot_file,
+    }

@@ -1,0 +1,455 @@
+"""The command line: options and help; the work is done elsewhere, and imported when it is asked for."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from icreckon import __version__
+
+app = typer.Typer(
+    help="Dead reckoning for tracked and skid-steer robots whose ICRs move with inertia.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+DEBUG = "--debug"
+
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for the results (default: a new one, named on the way).")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what icreckon wrote to --out before.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+Duration = Annotated[float, typer.Option(help="Length of the run in seconds.")]
+TRAJECTORIES = "straight, spin, circle, arcs, figure-eight, slalom, random, aggressive, stop-and-go"
+Trajectory = Annotated[str, typer.Option(help=f"{TRAJECTORIES}.")]
+Variants = Annotated[
+    str | None,
+    typer.Option(
+        help="Filter variants, separated by commas (default: all): differential, constant-fixed, "
+        "constant-online, inertia-fixed, inertia-online, friction-fixed, friction-online."
+    ),
+]
+Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        help="A ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3, a CSV or Parquet table; several "
+        "files are read as one log.",
+        metavar="LOG...",
+        show_default=False,
+    ),
+]
+Definitions = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--msg",
+        help="Definition of a message type that the bag lacks, as our_msgs/msg/Rate.msg; "
+        "repeatable.",
+    ),
+]
+Formats = Annotated[
+    str | None,
+    typer.Option(
+        help="What to write trajectories as, separated by commas: tum, kitti, csv, parquet, mcap, "
+        "ros1, or none (default: tum,mcap)."
+    ),
+]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"icreckon {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+    debug: Annotated[bool, typer.Option(DEBUG, help="Show tracebacks of errors.")] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def demo(
+    seed: Seed = 1,
+    duration: Duration = 300.0,
+    trajectory: Trajectory = "random",
+    formats: Formats = None,
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
+) -> None:
+    """Simulate a bag, read it back, and compare the variants.
+
+    The robot is Auriga-alpha.
+    """
+    from icreckon.cli.demo import run_demo
+
+    run_demo(
+        seed=seed,
+        duration=duration,
+        trajectory=trajectory,
+        formats=formats,
+        out=out,
+        as_json=json,
+        overwrite=overwrite,
+        workers=workers,
+    )
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(help="The bag: a folder, or a file for ros1.")],
+    robot: Annotated[
+        str, typer.Option(help="Name of a robot that ships with icreckon, or a TOML file.")
+    ] = "auriga-alpha",
+    scenario: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of the run (docs/scenario.md); the other options change it."),
+    ] = None,
+    trajectory: Annotated[
+        str | None, typer.Option(help=f"{TRAJECTORIES}, or recorded (default: random).")
+    ] = None,
+    trajectory_file: Annotated[
+        str | None,
+        typer.Option(
+            help="CSV file with columns t, left, right (s, m/s) of the recorded trajectory."
+        ),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Length of the run in seconds (default: 300).")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of all random numbers (default: 0).")
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            help="perfect, nominal (the robot file's, the default), or an IMU grade: consumer, "
+            "industrial, tactical."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Any key of a scenario file, as gyro.noise_density=0.001 or "
+            "trajectory_options.speed=0.4; repeatable. Wins over the other options.",
+        ),
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option(help="What moves the robot: friction (the default) or kinematic.")
+    ] = None,
+    truth_spread: Annotated[
+        float | None,
+        typer.Option(
+            help="Relative spread of the true parameters about the robot file's (default: 0.15)."
+        ),
+    ] = None,
+    imu_rate: Annotated[
+        float | None, typer.Option(help="IMU samples per second (default: 100).")
+    ] = None,
+    track_rate: Annotated[
+        float | None, typer.Option(help="Track-speed samples per second (default: 50).")
+    ] = None,
+    fix_rate: Annotated[
+        float | None, typer.Option(help="Position fixes per second; 0 for none (default: 1).")
+    ] = None,
+    fix_sigma: Annotated[
+        float | None, typer.Option(help="Their standard deviation in metres (default: 0.05).")
+    ] = None,
+    fix_heading_sigma: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of their yaw in radians (default: no heading)."),
+    ] = None,
+    outage: Annotated[
+        list[str] | None, typer.Option(help="Time without fixes, as 100:300 seconds; repeatable.")
+    ] = None,
+    format: Annotated[  # noqa: A002 - the option's name
+        str, typer.Option(help="mcap, sqlite3 (both ROS 2) or ros1.")
+    ] = "mcap",
+    include_truth: Annotated[
+        bool | None,
+        typer.Option(
+            "--with-truth/--without-truth", help="Whether the bag holds the truth (default: yes)."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Simulate a run and write it as a bag of standard messages."""
+    from icreckon.cli.simulate import run_simulate
+
+    run_simulate(
+        out=out,
+        robot=robot,
+        scenario_file=scenario,
+        settings=settings or [],
+        outages=outage or [],
+        fixes={"sigma": fix_sigma, "heading_sigma": fix_heading_sigma},
+        bag_format=format,
+        overwrite=overwrite,
+        trajectory=trajectory,
+        trajectory_file=trajectory_file,
+        duration=duration,
+        seed=seed,
+        noise=noise,
+        truth=truth,
+        truth_spread=truth_spread,
+        imu_rate=imu_rate,
+        track_rate=track_rate,
+        fix_rate=fix_rate,
+        include_truth=include_truth,
+    )
+
+
+@app.command()
+def replay(
+    log: Logs,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
+    ] = None,
+    variants: Variants = None,
+    fixes: Annotated[
+        str | None,
+        typer.Option(
+            help="Part of the log in which fixes are used, as 0:40% or 0:100 (seconds); taken from the "
+            "ground truth where the log has no fixes. Default: the log's own fixes, everywhere."
+        ),
+    ] = None,
+    form: Annotated[
+        str, typer.Option(help="Form of the index polynomials: smooth or literal.")
+    ] = "smooth",
+    inertia: Annotated[
+        str, typer.Option(help="Force of inertia from: tracks, or imu (slip included).")
+    ] = "tracks",
+    msg: Definitions = None,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth",
+            help="Smooth each run, too: every pose from all measurements, those after it included; "
+            "as variants NAME-smoothed.",
+        ),
+    ] = False,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="How filters run: streaming, one after the other; batch, those of the index models side "
+            "by side; or auto, batch where the log is long."
+        ),
+    ] = "auto",
+    formats: Formats = None,
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
+) -> None:
+    """Run all filter variants over a log, and score them.
+
+    Where the log has a ground truth they are scored against it, otherwise compared with one another.
+    """
+    from icreckon.cli.replay import run_replay
+
+    run_replay(
+        paths=log,
+        message_files=msg or [],
+        robot_name=robot,
+        variants=variants,
+        fixes=fixes,
+        form=form,
+        inertia=inertia,
+        smooth=smooth,
+        engine=engine,
+        formats=formats,
+        out=out,
+        as_json=json,
+        overwrite=overwrite,
+        workers=workers,
+    )
+
+
+@app.command()
+def inspect(
+    log: Logs,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the proposed robot file here, to be completed.")
+    ] = None,
+    msg: Definitions = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
+    ] = False,
+) -> None:
+    """List what a log holds, and propose a robot file for it."""
+    from icreckon.cli.inspect import run_inspect
+
+    run_inspect(paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite)
+
+
+@app.command()
+def identify(
+    log: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Logs of one robot with a truth, each by itself: a ROS 1 .bag, a ROS 2 folder, an .mcap "
+            "or a .db3, a CSV or Parquet table. A folder of such files is one log.",
+            metavar="LOG...",
+            show_default=False,
+        ),
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
+    ] = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the robot file with what was found here.")
+    ] = None,
+    lever_arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Point that the truth follows, forward and left of the robot's origin in metres, as "
+            "0.3,0.0 (default: found as far as it can be)."
+        ),
+    ] = None,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Models to compare, separated by commas (default: all): differential, constant, "
+            "inertia, friction."
+        ),
+    ] = None,
+    segment: Annotated[
+        float, typer.Option(help="Length of the segments that are predicted, in seconds.")
+    ] = 3.0,
+    msg: Definitions = None,
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Calibrate a robot from logs with a ground truth.
+
+    Says what the logs show and what they do not, and which model they support.
+    """
+    from icreckon.cli.identify import run_identify
+
+    run_identify(
+        paths=log,
+        message_files=msg or [],
+        robot_name=robot,
+        write=write,
+        lever_arm=lever_arm,
+        models=models,
+        segment=segment,
+        out=out,
+        as_json=json,
+        overwrite=overwrite,
+    )
+
+
+@app.command()
+def paper(
+    identify: Annotated[
+        bool,
+        typer.Option(
+            "--identify",
+            help="Search for the contact and soil that come closest to the published numbers "
+            "(minutes), instead of the best that is known.",
+        ),
+    ] = False,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of that search (default: 0).")
+    ] = None,
+    out: Out = None,
+    json: Json = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Reproduce the paper: its numbers, its Table II, its figures."""
+    from icreckon.cli.paper import run_paper
+
+    run_paper(identify=identify, seed=seed, out=out, as_json=json, overwrite=overwrite)
+
+
+@app.command()
+def study(
+    study: Annotated[
+        str | None,
+        typer.Argument(help="Name of a study that ships with icreckon, or a TOML file."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for blocks and results (default: icreckon-study/ and the study's name). What "
+            "was begun there goes on."
+        ),
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Runs of each cell (default: the study's).")
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Threads or processes here (default: one for each core)."),
+    ] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(help="What works out the runs: auto, or an engine (docs/study.md)."),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Address of a dask.distributed scheduler to run on, as tcp://host:8786."),
+    ] = None,
+    json: Json = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Throw away another study that is at --out.")
+    ] = False,
+    list_studies: Annotated[
+        bool, typer.Option("--list", help="List the studies that ship with icreckon.")
+    ] = False,
+) -> None:
+    """Simulate many runs over a sweep of parameters, and sum them up.
+
+    The same command goes on where an earlier one was interrupted.
+    """
+    from icreckon.cli.study import run_study_command
+
+    run_study_command(
+        study=study,
+        out=out,
+        runs=runs,
+        workers=workers,
+        engine=engine,
+        cluster=cluster,
+        as_json=json,
+        overwrite=overwrite,
+        list_studies=list_studies,
+    )
+
+
+def main() -> None:
+    """Entry point: errors are one line and a non-zero exit, a traceback only with --debug."""
+    debug = DEBUG in sys.argv
+    sys.argv = [word for word in sys.argv if word != DEBUG]
+    try:
+        app()
+    except Exception as problem:
+        if debug:
+            raise
+        from icreckon.cli.console import explain
+
+        sys.exit(explain(problem))

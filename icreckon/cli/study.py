@@ -1,0 +1,186 @@
+"""`icreckon study`: many simulated runs over a sweep, summed up."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from pathlib import Path
+
+import msgspec
+import typer
+from rich.console import Group
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from icreckon.cli.console import FAILED, messages, results
+from icreckon.report.study.folder import PAGE, run_study
+from icreckon.report.study.text import failures, headline, notes, same_results, summary_tables
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.running.runner import Progress as Done
+from icreckon.simulation.running.store import RESULTS
+from icreckon.simulation.running.workers import threads_at_work
+from icreckon.simulation.study.cells import expand
+from icreckon.simulation.study.plan import Study, load_study, study_names
+from icreckon.simulation.study.results import Results
+
+FOLDER = "icreckon-study"
+# Where there is no terminal to draw a bar in, progress is a line so often [s].
+LINE_EVERY = 30.0
+INTERRUPTED = 130
+
+
+def run_study_command(
+    *,
+    study: str | None,
+    out: Path | None,
+    runs: int | None,
+    workers: int | None,
+    engine: str | None,
+    cluster: str | None,
+    as_json: bool,
+    overwrite: bool,
+    list_studies: bool,
+) -> None:
+    """See `icreckon study --help`."""
+    if list_studies:
+        results().print(_list_of_studies())
+        return
+    if study is None:
+        raise SimulationError(
+            f"which study? Give a TOML file, or a name: {', '.join(study_names())} (--list tells more)"
+        )
+    loaded = load_study(study)
+    if runs is not None:
+        loaded = msgspec.structs.replace(loaded, runs=runs)
+    folder = out if out is not None else Path(FOLDER) / loaded.name
+    reporter = _Reporter(loaded.name)
+    try:
+        with reporter:
+            found = run_study(
+                loaded,
+                folder,
+                engine=engine,
+                workers=workers,
+                cluster=cluster,
+                overwrite=overwrite,
+                report=reporter.tell,
+                remark=reporter.remark,
+            )
+    except KeyboardInterrupt:
+        _leave(folder, reporter)
+    if as_json:
+        typer.echo((folder / RESULTS).read_text(encoding="utf-8"), nl=False)
+    else:
+        results().print(_told(found))
+    messages().print(
+        f"results in {folder}/, the page to read and to send is {folder / PAGE}",
+        markup=False,
+        soft_wrap=True,
+    )
+    for line in same_results(found):
+        messages().print(line, style="yellow", markup=False, soft_wrap=True)
+    failed = failures(found)
+    for line in failed:
+        messages().print(line, style="red", markup=False, soft_wrap=True)
+    if failed:
+        raise typer.Exit(FAILED)
+
+
+class _Reporter:
+    """The line of progress: blocks, runs a second, time left."""
+
+    def __init__(self, name: str) -> None:
+        self.done: Done | None = None
+        self._told_at = 0.0
+        self._bar = Progress(
+            TextColumn(name),
+            BarColumn(),
+            TextColumn("{task.fields[told]}"),
+            console=messages(),
+            transient=True,
+        )
+        self._task = self._bar.add_task(name, total=1.0, told="")
+
+    def remark(self, words: str) -> None:
+        """Say something once."""
+        self._bar.console.print(words, markup=False, soft_wrap=True)
+
+    def __enter__(self) -> None:
+        self._bar.start()
+
+    def __exit__(self, *problem: object) -> None:
+        self._bar.stop()
+
+    def tell(self, done: Done) -> None:
+        """Show how far it is."""
+        if self.done is None and done.found_blocks:
+            self._say(f"going on: {done.found_blocks} of {done.all_blocks} blocks are there")
+        self.done = done
+        elapsed = self._bar.tasks[0].elapsed or 0.0
+        told = f"{done.blocks} of {done.all_blocks} blocks"
+        if done.runs and elapsed > 0.0:
+            rate = done.runs / elapsed
+            told += f", {rate:.3g} runs/s, {duration(done.runs_left / rate)} left"
+        share = done.blocks / max(1, done.all_blocks)
+        self._bar.update(self._task, completed=share, told=told)
+        if not self._bar.console.is_terminal and elapsed - self._told_at > LINE_EVERY:
+            self._told_at = elapsed
+            self._say(told)
+
+    def _say(self, text: str) -> None:
+        self._bar.console.print(text, markup=False, soft_wrap=True)
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def _leave(folder: Path, reporter: _Reporter) -> None:
+    """Say how to go on, and go without waiting for the blocks in progress."""
+    there = "" if reporter.done is None else f" of {reporter.done.all_blocks}"
+    blocks = 0 if reporter.done is None else reporter.done.blocks
+    messages().print(
+        f"interrupted; {blocks}{there} blocks are in {folder}/. Go on with the same command: "
+        f"{shlex.join(['icreckon', *sys.argv[1:]])}",
+        markup=False,
+        soft_wrap=True,
+    )
+    if threads_at_work():
+        # They cannot be stopped otherwise; nothing of theirs is on disk.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(INTERRUPTED)
+    raise typer.Exit(INTERRUPTED)
+
+
+def _told(found: Results) -> Group:
+    parts: list[Table | Text] = []
+    for one in summary_tables(found):
+        table = Table(title=f"{found['name']}: {one.title}", title_justify="left")
+        for number, heading in enumerate(one.head):
+            table.add_column(
+                Text(heading),
+                justify="left" if number < one.texts else "right",
+                no_wrap=number == one.texts - 1,
+                overflow="fold",
+            )
+        for row in one.rows:
+            table.add_row(*(Text(cell) for cell in row))
+        parts.append(table)
+    return Group(*parts, *(Text(line) for line in notes(found)), Text(headline(found)))
+
+
+def _list_of_studies() -> Table:
+    table = Table(title="studies that ship with icreckon", title_justify="left")
+    for heading in ("name", "cells", "variants", "runs of each", "what it shows"):
+        table.add_column(heading, no_wrap=heading == "name")
+    for name in study_names():
+        study: Study = load_study(name)
+        cells, variants = len(expand(study).cells), len(study.variants)
+        table.add_row(name, str(cells), str(variants), str(study.runs), study.description.strip())
+    return table

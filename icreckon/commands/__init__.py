@@ -1,1 +1,0 @@
-"""One module for each subcommand of `icreckon`; imported only when it is called."""

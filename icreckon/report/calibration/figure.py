@@ -1,0 +1,119 @@
+"""The figure of an identification, made from its results and from nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from icreckon.replay.comparison.results import Results
+
+BEFORE, AFTER = "#999999", "#0072B2"
+ROWS = ("along [cm]", "across [cm]", "turning [deg]")
+UNITS = (100.0, 100.0, 180.0 / np.pi)
+LINE = 110
+# Of an axis in standard errors.
+TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
+
+
+def write_identification_figure(path: Path, results: Results) -> None:
+    """Draw the errors of segments before and after, what is shown, and the held-out scores, as PNG.
+
+    Args:
+        path: the file.
+        results: as `replay.calibration.results.summarise_identification` makes them.
+    """
+    with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(15, 9), layout="constrained")
+        grid = figure.add_gridspec(3, 2, width_ratios=(1.4, 1.0))
+        left = [figure.add_subplot(grid[0, 0])]
+        left += [figure.add_subplot(grid[row, 0], sharex=left[0]) for row in (1, 2)]
+        _draw_errors(left, results)
+        _draw_scores(figure.add_subplot(grid[0, 1]), results)
+        _draw_errors_by_turning(figure.add_subplot(grid[1, 1]), results)
+        _draw_certainty(figure.add_subplot(grid[2, 1]), results)
+        figure.suptitle(_wrapped(results["verdict"]), fontsize=11)
+        figure.savefig(path, dpi=110)
+
+
+def _wrapped(text: str) -> str:
+    lines, line = [], ""
+    for word in text.split():
+        if len(line) + len(word) >= LINE:
+            lines.append(line)
+            line = ""
+        line = f"{line} {word}".strip()
+    return "\n".join([*lines, line])
+
+
+def _draw_errors(axes: list[Axes], results: Results) -> None:
+    series = results["series"]
+    seconds = np.array(series["t_s"])
+    for row, (one, name, unit) in enumerate(zip(axes, ROWS, UNITS, strict=True)):
+        for key, colour, label in (
+            ("before", BEFORE, "as the robot file was"),
+            ("after", AFTER, f"identified, {results['supported_model']}"),
+        ):
+            values = unit * np.array(series[key])[:, row]
+            size = np.sqrt(np.mean(values**2))
+            one.plot(seconds, values, ".", ms=4, color=colour, label=f"{label}, RMS {size:.2g}")
+        one.set_ylabel(name)
+        one.legend(loc="upper right", fontsize=8)
+    axes[0].set_title("error of each segment by the tracks", fontsize=10)
+    for one in axes[:-1]:
+        one.tick_params(labelbottom=False)
+    axes[-1].set_xlabel("time, one log behind the other [s]")
+
+
+def _draw_errors_by_turning(axes: Axes, results: Results) -> None:
+    series = results["series"]
+    turned = np.degrees(series["turned_rad"])
+    for key, colour in (("before", BEFORE), ("after", AFTER)):
+        axes.plot(turned, UNITS[2] * np.array(series[key])[:, 2], ".", ms=4, color=colour)
+    axes.set_xlabel("turned in a segment, by the gyro [deg]")
+    axes.set_ylabel("by gyro less by tracks [deg]")
+
+
+def _draw_scores(axes: Axes, results: Results) -> None:
+    names = list(results["models"])
+    scores = [results["models"][name]["held_out_drift_percent"] for name in names]
+    ends = np.array(
+        [results["models"][name]["held_out_drift_percent_interval_95"] for name in names]
+    ).T
+    spans = np.abs(ends - np.array(scores))
+    places = np.arange(len(names))
+    axes.barh(
+        places,
+        scores,
+        xerr=spans,
+        color=[AFTER if name == results["supported_model"] else BEFORE for name in names],
+        capsize=3,
+    )
+    axes.set_yticks(places, names)
+    axes.invert_yaxis()
+    axes.set_xlabel("held-out drift by the tracks alone [% of distance], 95 %")
+
+
+def _draw_certainty(axes: Axes, results: Results) -> None:
+    """Estimates over their intervals, in standard errors from the file's value."""
+    moved = {
+        name: (one["value"] - one["before"]) / one["sigma"]
+        for name, one in results["parameters"].items()
+        if one["sigma"] and one["before"] is not None
+    }
+    places = np.arange(len(moved))
+    axes.axvspan(-1.96, 1.96, color=BEFORE, alpha=0.25)
+    axes.plot(list(moved.values()), places, "o", ms=4, color=AFTER)
+    axes.set_yticks(places, list(moved), fontsize=7)
+    axes.invert_yaxis()
+    axes.set_xscale("symlog", linthresh=4.0)
+    largest = max(map(abs, moved.values()), default=0.0)
+    ticks = [tick for tick in TICKS if tick <= max(1.5 * largest, TICKS[1])]
+    ticks = [-tick for tick in reversed(ticks)] + [0.0] + ticks
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlim(-1.5 * max(largest, TICKS[1]), 1.5 * max(largest, TICKS[1]))
+    axes.set_xlabel("found less robot file, in standard errors")

@@ -1,0 +1,229 @@
+"""The paper's Figures 3, 5, 6, 7 and 8, drawn anew from a reproduction, and one of all differences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from icreckon.estimator.motion.icr import (
+    Icrs,
+    icrs_from_indices,
+    indices_at_inertia,
+    symmetry_coordinates,
+)
+from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.simulation.paper.published import published_mean_icrs, published_parameters
+from icreckon.simulation.paper.reproduction import Reproduction, Row
+
+BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
+DPI = 110
+INDEX_LABELS = (
+    "sliding index ζ [m]",
+    "eccentricity index ε [m]",
+    "steering efficiency index η [-]",
+)
+# Differences beyond this are drawn at the edge, with an arrow [%].
+FARTHEST = 60.0
+
+
+def write_figures(folder: Path, reproduced: Reproduction, overview: str) -> None:
+    """Draw all figures as PNG: figure-3.png to figure-8.png, and the overview.
+
+    Args:
+        folder: where to; it is there already.
+        reproduced: map and results.
+        overview: file name of the picture of all differences.
+    """
+    _draw_differences(folder / overview, reproduced.rows)
+    _draw_icrs(folder / "figure-3.png", reproduced)
+    _draw_inertia(folder / "figure-5.png", reproduced)
+    _draw_indices(folder / "figure-6.png", reproduced)
+    _draw_fits(folder / "figure-7.png", reproduced)
+    _draw_modelled_icrs(folder / "figure-8.png", reproduced)
+
+
+@contextmanager
+def _figure(path: Path, width: float, height: float, title: str) -> Iterator[Figure]:
+    with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        figure.suptitle(title, fontsize=12)
+        yield figure
+        figure.savefig(path, dpi=DPI)
+
+
+def _draw_differences(path: Path, rows: tuple[Row, ...]) -> None:
+    title = "Published numbers and ours: difference as a share of the published"
+    with _figure(path, 9.0, 7.0, title) as figure:
+        axes = figure.add_subplot()
+        axes.axvspan(-20.0, 20.0, color=BLUE, alpha=0.08, label="within 20 %")
+        axes.axvspan(-10.0, 10.0, color=BLUE, alpha=0.12, label="within 10 %")
+        axes.axvline(0.0, color=GREY, linewidth=1.0)
+        for place, row in enumerate(rows):
+            shown = float(np.clip(row.difference_percent, -FARTHEST, FARTHEST))
+            beyond = shown != row.difference_percent
+            marker = (">" if shown > 0.0 else "<") if beyond else "o"
+            axes.plot(shown, place, marker, color=RED if abs(shown) > 10.0 else BLUE)
+            right = shown <= 0.0 or (not beyond and shown < 0.75 * FARTHEST)
+            axes.annotate(
+                f"{row.difference_percent:+.1f} %",
+                (shown, place),
+                xytext=(8 if right else -8, 0),
+                textcoords="offset points",
+                ha="left" if right else "right",
+                va="center",
+                fontsize=8.5,
+            )
+        labels = [f"{row.name} = {row.printed} {row.unit}".strip() for row in rows]
+        axes.set_yticks(range(len(rows)), labels)
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.set_xlim(-1.08 * FARTHEST, 1.08 * FARTHEST)
+        axes.set_xlabel("reproduced less published [% of the published]")
+        axes.set_ylabel("published number")
+        axes.legend(loc="lower left")
+
+
+def _draw_icrs(path: Path, reproduced: Reproduction) -> None:
+    title = "Figure 3, redrawn: track ICRs of the stationary motions"
+    with _figure(path, 9.0, 5.5, title) as figure:
+        axes = figure.add_subplot()
+        shown = reproduced.mapped.icrs
+        _scatter_icrs(axes, shown, reproduced)
+        _mark_constant(axes, reproduced.icrs, RED, "*", "constant ICRs, ours")
+        _mark_constant(axes, published_mean_icrs(), "black", "x", "constant ICRs, published")
+        figure.legend(loc="outside lower center", ncols=3)
+
+
+def _draw_modelled_icrs(path: Path, reproduced: Reproduction) -> None:
+    title = (
+        "Figure 8, redrawn: track ICRs by the inertia-based model, |F| of the stationary motions"
+    )
+    with _figure(path, 14.0, 5.5, title) as figure:
+        first = None
+        for place, (told, parameters, icrs) in enumerate(
+            (
+                ("our parameters", reproduced.parameters, reproduced.icrs),
+                ("the published parameters", published_parameters(), published_mean_icrs()),
+            )
+        ):
+            axes = figure.add_subplot(1, 2, place + 1, sharex=first, sharey=first)
+            first = axes
+            _scatter_icrs(axes, _modelled(reproduced, parameters), reproduced)
+            _mark_constant(axes, icrs, RED, "*", "constant ICRs")
+            axes.set_title(told)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+
+
+def _draw_inertia(path: Path, reproduced: Reproduction) -> None:
+    title = "Figure 5, redrawn: magnitude of the force of inertia"
+    with _figure(path, 7.0, 5.8, title) as figure:
+        axes = figure.add_subplot()
+        _draw_map(figure, axes, reproduced, reproduced.mapped.magnitude, "|F| [N]")
+        ends = np.array([-1.0, 1.0])
+        axes.plot(ends, ends, color=RED, label="$V_l = V_r$ (12)")
+        for H, colour, line, told in (
+            (reproduced.parameters.H, "white", "-", "ours"),
+            (published_parameters().H, "black", ":", "published"),
+        ):
+            label = f"$V_l = -H V_r$ (13), H = {H:.4f}, {told}"
+            axes.plot(ends, -H * ends, line, color=colour, linewidth=2.5, label=label)
+        legend = axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=1)
+        legend.get_frame().set_facecolor("#bbbbbb")
+
+
+def _draw_indices(path: Path, reproduced: Reproduction) -> None:
+    title = "Figure 6, redrawn: the indices over the track speeds"
+    with _figure(path, 16.0, 4.8, title) as figure:
+        for place, (values, label) in enumerate(
+            zip(reproduced.mapped.indices, INDEX_LABELS, strict=True)
+        ):
+            axes = figure.add_subplot(1, 3, place + 1)
+            _draw_map(figure, axes, reproduced, values, label)
+            axes.set_title(f"({'abc'[place]})")
+
+
+def _draw_fits(path: Path, reproduced: Reproduction) -> None:
+    title = "Figure 7, redrawn: the indices and their polynomials over the signed force of inertia"
+    mapped, ours = reproduced.mapped, reproduced.parameters
+    at, theirs = mapped.turning, published_parameters()
+    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[at], mapped.motion.V_r[at], ours.H)
+    force = mapped.magnitude[at]
+    signs = (np.sign(x_2), np.sign(x_1) * np.sign(x_2), np.sign(x_1) * np.sign(x_2))
+    labels = ("|F| sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]")
+    with _figure(path, 16.0, 5.0, title) as figure:
+        for place, (values, sign) in enumerate(zip(mapped.indices, signs, strict=True)):
+            axes = figure.add_subplot(1, 3, place + 1)
+            axes.plot(force * sign, values[at], ".", color=BLUE, label="stationary motions")
+            line = np.linspace((force * sign).min(), (force * sign).max(), 200)
+            for parameters, colour, style, told in (
+                (ours, RED, "-", "our fit"),
+                (theirs, "black", "--", "published fit"),
+            ):
+                # |F| and signs that give the abscissa: x_1 > 0 and x_2 with its sign.
+                modelled = indices_at_inertia(
+                    np.abs(line), np.ones_like(line), line, parameters.as_array()
+                )
+                axes.plot(line, modelled[place], style, color=colour, linewidth=2.0, label=told)
+            axes.set_title(f"({'abc'[place]})")
+            axes.set_xlabel(labels[place])
+            axes.set_ylabel(INDEX_LABELS[place])
+            axes.legend(loc="upper left")
+
+
+def _draw_map(
+    figure: Figure, axes: Axes, reproduced: Reproduction, values: Any, label: str
+) -> None:
+    """A quantity over both track speeds, V_r to the right, V_l upwards; NaN stays white."""
+    motion = reproduced.mapped.motion
+    axes.grid(visible=False)
+    mesh = axes.pcolormesh(motion.V_r, motion.V_l, values, shading="nearest", cmap="viridis")
+    figure.colorbar(mesh, ax=axes, label=label)
+    axes.set_aspect("equal")
+    axes.set_xlabel("right track speed $V_r$ [m/s]")
+    axes.set_ylabel("left track speed $V_l$ [m/s]")
+
+
+def _scatter_icrs(axes: Axes, icrs: Icrs, reproduced: Reproduction) -> None:
+    for x, label in ((icrs.x_ICRl, "ICRs of the tracks"), (icrs.x_ICRr, None)):
+        axes.plot(x, icrs.y_ICR, ".", color=BLUE, markersize=4, label=None)
+        axes.plot([], [], ".", color=BLUE, label=label)
+    half = 0.5 * reproduced.mapped.vehicle.gauge
+    for place, x in enumerate((-half, half)):
+        axes.axvline(x, color=GREY, linewidth=1.0, label=None if place else "track centrelines")
+    axes.plot(
+        reproduced.mapped.vehicle.x_CM,
+        reproduced.mapped.vehicle.y_CM,
+        "+",
+        color=GREEN,
+        markersize=11,
+        markeredgewidth=2.0,
+        label="centre of mass",
+    )
+    axes.set_xlabel("x, to the right [m]")
+    axes.set_ylabel("y, forward [m]")
+
+
+def _mark_constant(axes: Axes, icrs: ConstantIcr, colour: str, marker: str, label: str) -> None:
+    axes.plot(
+        [icrs.x_ICRl, icrs.x_ICRr],
+        [icrs.y_ICR, icrs.y_ICR],
+        marker,
+        color=colour,
+        markersize=11,
+        label=label,
+    )
+
+
+def _modelled(reproduced: Reproduction, parameters: Indices) -> Icrs:
+    """Track ICRs by (25) to (30) at the inertia of the stationary motions; NaN where straight."""
+    mapped = reproduced.mapped
+    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l, mapped.motion.V_r, parameters.H)
+    force = np.where(mapped.turning, mapped.magnitude, np.nan)
+    modelled = indices_at_inertia(force, x_1, x_2, parameters.as_array())
+    return icrs_from_indices(modelled, mapped.vehicle.gauge)

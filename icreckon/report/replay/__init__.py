@@ -1,0 +1,1 @@
+"""Folder, page, figure and table of a replay."""

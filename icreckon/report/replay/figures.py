@@ -1,0 +1,229 @@
+"""The figure of a comparison, made from results and from nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.base.colours import OTHER_COLOUR, TRUTH_COLOUR
+from icreckon.replay.base.colours import colour_of as _colour
+from icreckon.replay.comparison.results import Results
+from icreckon.report.replay.page_text import failures
+
+# The variants whose uncertainty and indices are drawn.
+SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
+# Axes show at least so much, also of a robot that never moved [m, deg].
+LEAST_POSITION_ERROR = 1e-3
+LEAST_YAW_ERROR = 0.01
+
+
+def write_figure(path: Path, results: Results) -> None:
+    """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG.
+
+    Args:
+        path: the file.
+        results: as `replay.comparison.results.summarise` makes them.
+    """
+    with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(15, 9), layout="constrained")
+        grid = figure.add_gridspec(6, 2, width_ratios=(1.15, 1.0))
+        _draw_paths(figure.add_subplot(grid[:, 0]), results)
+        right = [figure.add_subplot(grid[0:2, 1])]
+        right.append(figure.add_subplot(grid[2:3, 1], sharex=right[0]))
+        right += [figure.add_subplot(grid[row, 1], sharex=right[0]) for row in (3, 4, 5)]
+        if results["truth"]:
+            _draw_position_errors(right[0], results)
+            _draw_yaw_errors(right[1], results)
+        else:
+            _draw_uncertainty(right[0], results)
+            _draw_yaw(right[1], results)
+        for axes, key in zip(right[2:], ("zeta_m", "epsilon_m", "eta"), strict=True):
+            _draw_index(axes, results, key)
+        for axes in right[:-1]:
+            axes.tick_params(labelbottom=False)
+        right[-1].set_xlabel("time since the start [s]")
+        title = "\n".join([_title(results), *failures(results)])
+        figure.suptitle(title, fontsize=13)
+        figure.savefig(path, dpi=110)
+
+
+def _title(results: Results) -> str:
+    log, truth = results["log"], results["truth"]
+    title = f"{results['robot']['name']} on {log['name']}, {log['duration_s']:.0f} s"
+    if truth is None:
+        return f"{title}, no ground truth"
+    drifts = {
+        name: results["variants"][name]["drift_percent_30s_mean"]
+        for name in SHOWN_IN_DETAIL
+        if name in results["variants"]
+    }
+    told = ", ".join(f"{name} {value:.2f} %" for name, value in drifts.items() if value is not None)
+    drift = f"\ndrift after 30 s without fixes: {told}" if told else ""
+    return f"{title}, truth: {truth['source']}{drift}"
+
+
+def _detailed(results: Results) -> list[str]:
+    variants = results["series"]["variants"]
+    shown = [name for name in SHOWN_IN_DETAIL if name in variants]
+    return shown or list(variants)[-2:]
+
+
+def _numbers(values: list[float | None]) -> Any:
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def _style(name: str, *, bold: bool) -> str:
+    if name.endswith(SMOOTHED):
+        return ":"
+    return "-" if bold else "--"
+
+
+def _draw_paths(axes: Axes, results: Results) -> None:
+    series = results["series"]
+    if "truth" in series:
+        truth = series["truth"]
+        axes.plot(
+            truth["x_m"], truth["y_m"], color=TRUTH_COLOUR, lw=2.5, alpha=0.8, label="ground truth"
+        )
+        axes.plot(truth["x_m"][0], truth["y_m"][0], "o", color=TRUTH_COLOUR, ms=8, label="start")
+    if "fixes" in series and series["fixes"]["x_m"]:
+        axes.plot(
+            series["fixes"]["x_m"],
+            series["fixes"]["y_m"],
+            "+",
+            color=OTHER_COLOUR,
+            ms=7,
+            label="fixes used",
+        )
+    detailed = _detailed(results)
+    for name, one in series["variants"].items():
+        bold = name in detailed
+        axes.plot(
+            one["x_m"],
+            one["y_m"],
+            color=_colour(name),
+            lw=1.6 if bold else 0.9,
+            ls=_style(name, bold=bold),
+            label=name,
+        )
+        axes.plot(one["x_m"][-1], one["y_m"][-1], "s", color=_colour(name), ms=6)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title("paths (squares: where they end)")
+    axes.legend(loc="best", framealpha=0.9)
+
+
+def _shade_outages(axes: Axes, results: Results) -> None:
+    truth = results["truth"]
+    if truth is None or not results["log"]["fixes"]:
+        return
+    for index, (start, end) in enumerate(truth["scored_s"]):
+        axes.axvspan(start, end, color="grey", alpha=0.12, label=None if index else "no fixes")
+
+
+def _draw_position_errors(axes: Axes, results: Results) -> None:
+    series = results["series"]
+    time, detailed = series["t_s"], _detailed(results)
+    _shade_outages(axes, results)
+    for name, one in series["variants"].items():
+        bold = name in detailed
+        axes.plot(
+            time,
+            one["position_error_m"],
+            color=_colour(name),
+            lw=1.6 if bold else 0.8,
+            ls=_style(name, bold=True),
+            label=name,
+        )
+    for name in detailed:
+        bound = 3.0 * _numbers(series["variants"][name]["position_sigma_m"])
+        axes.fill_between(
+            time, 0.0, bound, color=_colour(name), alpha=0.13, lw=0, label=f"3σ of {name}"
+        )
+    shown = [series["variants"][name] for name in detailed]
+    top = max(float(np.nanmax(_numbers(one["position_error_m"]))) for one in shown)
+    bound = max(3.0 * float(np.nanmax(_numbers(one["position_sigma_m"]))) for one in shown)
+    # Bounds may run away in a hole of the log; the picture is of the errors.
+    axes.set_ylim(0.0, max(1.15 * max(top, min(bound, 2.5 * top)), LEAST_POSITION_ERROR))
+    axes.set_ylabel("position error [m]")
+    axes.legend(loc="upper left", ncols=2, fontsize=8)
+
+
+def _draw_yaw_errors(axes: Axes, results: Results) -> None:
+    series = results["series"]
+    time = series["t_s"]
+    _shade_outages(axes, results)
+    top, widest = 0.0, 0.0
+    for name in _detailed(results):
+        one = series["variants"][name]
+        bound = 3.0 * np.degrees(_numbers(one["yaw_sigma_rad"]))
+        error = np.degrees(_numbers(one["yaw_error_rad"]))
+        axes.plot(time, error, color=_colour(name), lw=1.3)
+        axes.fill_between(time, -bound, bound, color=_colour(name), alpha=0.13, lw=0)
+        top = max(top, float(np.nanmax(np.abs(error))))
+        widest = max(widest, float(np.nanmax(bound)))
+    limit = max(1.15 * max(top, min(widest, 5.0 * top)), LEAST_YAW_ERROR)
+    axes.set_ylim(-limit, limit)
+    axes.set_ylabel("yaw error [deg]")
+
+
+def _draw_uncertainty(axes: Axes, results: Results) -> None:
+    series = results["series"]
+    for name, one in series["variants"].items():
+        bound = 3.0 * _numbers(one["position_sigma_m"])
+        axes.plot(series["t_s"], bound, color=_colour(name), label=name)
+    axes.set_ylabel("own 3σ of position [m]")
+    axes.legend(loc="upper left", ncols=2, fontsize=8)
+
+
+def _draw_yaw(axes: Axes, results: Results) -> None:
+    series = results["series"]
+    for name, one in series["variants"].items():
+        axes.plot(series["t_s"], np.degrees(_numbers(one["yaw_rad"])), color=_colour(name), lw=1.2)
+    axes.set_ylabel("yaw [deg]")
+
+
+INDEX_LABELS = {
+    "zeta_m": "sliding\nζ [m]",
+    "epsilon_m": "eccentricity\nε [m]",
+    "eta": "steering\nefficiency η [-]",
+}
+
+
+def _draw_index(axes: Axes, results: Results, key: str) -> None:
+    series = results["series"]
+    time = series["t_s"]
+    _shade_outages(axes, results)
+    drawn = []
+    truth = _true_index(results, key)
+    if truth is not None:
+        axes.plot(time, truth, ".", color=TRUTH_COLOUR, ms=2.5, label="truth")
+        drawn.append(truth)
+    for name in _detailed(results):
+        values = _numbers(series["variants"][name][key])
+        axes.plot(time, values, color=_colour(name), lw=1.2, label=name)
+        drawn.append(values)
+    # Where the robot hardly turns, indices run away; the picture is of the rest.
+    low, high = np.nanpercentile(np.concatenate(drawn), (1.0, 99.0))
+    margin = 0.15 * (high - low) + 1e-3
+    axes.set_ylim(low - margin, high + margin)
+    axes.set_ylabel(INDEX_LABELS[key])
+    if key == "zeta_m":
+        dots = "" if truth is None else " (black dots: truth)"
+        axes.set_title(f"indices over time{dots}", fontsize=9)
+
+
+def _true_index(results: Results, key: str) -> Any:
+    truth = results["series"].get("truth", {})
+    if "icr_distance_m" not in truth:
+        return None
+    if key == "eta":
+        return _numbers(truth["icr_distance_m"]) / results["robot"]["vehicle"]["track_gauge"]
+    return _numbers(truth[key])

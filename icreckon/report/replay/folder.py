@@ -1,0 +1,45 @@
+"""The folder that a comparison leaves behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.results import Results, write_results
+from icreckon.replay.export.folder import write_exports
+from icreckon.replay.export.formats import DEFAULT_FORMATS
+from icreckon.report.replay.figures import write_figure
+from icreckon.report.replay.page import write_page
+
+RESULTS_FILE = "results.json"
+FIGURE_FILE = "figure.png"
+PAGE_FILE = "page.html"
+
+
+def write_report(
+    folder: Path,
+    comparison: Comparison,
+    results: Results,
+    robot: Robot,
+    formats: Sequence[str] = DEFAULT_FORMATS,
+) -> None:
+    """Write results, figure and page of a comparison, and its trajectories in the formats wanted.
+
+    Args:
+        folder: where to; it is there already.
+        comparison: the runs.
+        results: what `summarise` made of them.
+        robot: the robot.
+        formats: names from `replay.export.formats.FORMATS`.
+    """
+    write_exports(folder, comparison, robot, formats)
+    write_views(folder, results)
+
+
+def write_views(folder: Path, results: Results) -> None:
+    """Write results, figure and page, for which the runs themselves are not needed any more."""
+    write_results(folder / RESULTS_FILE, results)
+    write_page(folder / PAGE_FILE, results)
+    write_figure(folder / FIGURE_FILE, results)

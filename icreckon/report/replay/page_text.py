@@ -1,0 +1,188 @@
+"""What the page of a comparison says in words, made from results and from nothing else."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.comparison.results import Results
+
+
+def headline(results: Results) -> str:
+    """The verdict in a sentence or two."""
+    if not results["truth"]:
+        return _apart(results)
+    found = results["verdict"]
+    if found is None:
+        return _with_fixes_throughout(results)
+    best, baseline = found["best"], found["baseline"]
+    drifts = (
+        f"{number(found['drift_percent'])} % of the distance {horizon_text(found['horizon'])} of dead "
+        f"reckoning{_interval(found['drift_percent_95'], '95 % interval ')}"
+    )
+    if not found["ratios_to_best"]:
+        return f"{best} drifts {drifts}. Nothing else was run to compare it with."
+    if best == baseline:
+        return f"{best} drifts least: {drifts}. {_next_best(found)}"
+    ratio, interval = number(found["ratio"]), found["ratio_95"]
+    if interval is None:
+        return (
+            f"{best} drifts least: {drifts}, {ratio} times what {baseline} drifts. The log is too "
+            "short to say whether that is more than chance."
+        )
+    if interval[1] >= 1.0:
+        return (
+            f"No variant is shown to drift less than {baseline} on this log. {best} has the lowest "
+            f"figure, {drifts}, {ratio} times that of {baseline}{_interval(interval)}: that may be "
+            "chance."
+        )
+    times = f"{ratio} times what {baseline} drifts{_interval(interval)}"
+    return f"{best} drifts least: {drifts}. That is {times}."
+
+
+def _next_best(found: Results) -> str:
+    """Of the best, which is also what the others are compared with: how far ahead it is."""
+    if found["drift_percent_95"] is None:
+        return "The log is too short to say whether the others drift more by more than chance."
+    chance, ratios = found["not_shown_worse"], found["ratios_to_best"]
+    name = min(chance or ratios, key=lambda one: float(ratios[one]))
+    told = f"{number(ratios[name])} times as much{_interval(found['ratios_to_best_95'][name])}"
+    if not chance:
+        return f"All others drift more; next is {name} with {told}."
+    more = [one for one in chance if one != name]
+    others = f", nor are {', '.join(more)}" if more else ""
+    return f"But {name}, with {told}, is not shown to drift more{others}."
+
+
+def _with_fixes_throughout(results: Results) -> str:
+    known = {
+        name: one["final_position_error_m"]
+        for name, one in filtered(results).items()
+        if one["final_position_error_m"] is not None
+    }
+    nothing = "Nowhere in this log is there a stretch of dead reckoning long enough to score drift"
+    if not known:
+        return f"{nothing}."
+    best = min(known, key=lambda name: float(known[name]))
+    return f"{nothing}. At its end, {best} is closest to the truth: {number(known[best])} m off."
+
+
+def _apart(results: Results) -> str:
+    """Without truth: how far the variants are from each other."""
+    ends = {name: (one["end_x_m"], one["end_y_m"]) for name, one in filtered(results).items()}
+    reference = results["reference_variant"]
+    one = results["variants"][reference]
+    unsure = (
+        f"{reference} itself gives its end 3σ of {number(3.0 * one['end_sigma_m'])} m"
+        if one["end_sigma_m"] is not None
+        else f"{reference} gives its end no uncertainty"
+    )
+    driven = [
+        number(edge(each["distance_m"] for each in filtered(results).values()))
+        for edge in (min, max)
+    ]
+    way = f"after {' to '.join(dict.fromkeys(driven))} m"
+    if len(ends) < 2:
+        return f"No ground truth, so nothing says how good {reference} is: {way}, {unsure}."
+    distance, first, second = max(
+        (math.dist(ends[a], ends[b]), a, b) for a in ends for b in ends if a < b
+    )
+    return (
+        f"No ground truth, so none can be called best. The variants end up to {number(distance)} m "
+        f"apart, {way} ({first} and {second}); {unsure}."
+    )
+
+
+def failures(results: Results) -> list[str]:
+    """Variants without a result, each with its reason."""
+    return [
+        f"ERROR: {name} has no result: {one['reason']}" for name, one in results["failed"].items()
+    ]
+
+
+def remarks(results: Results) -> list[str]:
+    """What must be known to read the verdict rightly."""
+    found, told = results["verdict"], []
+    if results["truth"] and found is not None:
+        chance = found["not_shown_worse"]
+        if chance and found["best"] != found["baseline"]:
+            told.append(f"Not shown to drift more than {found['best']}: {', '.join(chance)}.")
+        best = results["variants"][found["best"]]
+        if best["nees_pose_mean"] is not None:
+            sure = math.sqrt(best["nees_pose_mean"] / 3.0)
+            told.append(
+                f"Errors of {found['best']} are {number(sure)} times what it says of itself "
+                "(root of its pose NEES over 3; ideal is 1)."
+            )
+        told.append(
+            "One log is one run, and the best was picked on the log it is scored on."
+            if found["drift_percent_95"] is None
+            else "The intervals are over the time of this one log (block bootstrap). They say nothing of "
+            "other days, grounds or robots, and the best was picked on the log it is scored on."
+        )
+    return told
+
+
+def scored_text(results: Results) -> str:
+    """Where drift is scored."""
+    truth = results["truth"]
+    parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
+    what = "Mean position error over mean distance, aligned at each segment's start"
+    return f"{what}; segments without fixes: {parts or 'none that is long enough'}."
+
+
+def notes(results: Results) -> list[str]:
+    """What was found about the log, and what was done about it."""
+    told, truth = [], results["truth"]
+    if truth:
+        x, y = truth["lever_arm_m"]
+        if truth["lag_s"] or x or y:
+            told.append(
+                f"Truth ({truth['source']}): {truth['lag_s']:.2f} s of lag and a lever arm of {x:.2f} m "
+                f"forward and {y:.2f} m left were estimated and taken out; scores take the lever arm out "
+                "for each variant anew, since where base_link lies is the filter's to say."
+            )
+        else:
+            told.append(f"Truth: {truth['source']}, taken as it is.")
+    return told + list(results["log"]["notes"])
+
+
+def provenance(results: Results) -> str:
+    """A line on what was run."""
+    log, truth = results["log"], results["truth"]
+    parts = [
+        f"icreckon {results['command']}",
+        f"{log['duration_s']:.0f} s",
+        f"{truth['distance_m']:.0f} m" if truth else "",
+        f"truth: {truth['source']}" if truth else "no ground truth",
+        f"{log['track_samples']} track speeds",
+        f"{log['imu_samples']} IMU samples",
+        f"{log['fixes']} fixes used",
+    ]
+    return " · ".join(part for part in parts if part)
+
+
+def filtered(results: Results) -> dict[str, Any]:
+    """The variants that do not know what comes."""
+    return {name: one for name, one in results["variants"].items() if not name.endswith(SMOOTHED)}
+
+
+def horizon_text(label: str) -> str:
+    """The horizon "30s" as "after 30 s"."""
+    return f"after {label[:-1]} {label[-1]}"
+
+
+def number(value: float | None) -> str:
+    """A figure to about three digits, with a true minus sign."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    size = abs(value)
+    digits = 0 if size >= 100 else 1 if size >= 10 else 2 if size >= 0.1 or size == 0 else 3
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def _interval(interval: list[float] | None, before: str = "") -> str:
+    if interval is None:
+        return ""
+    return f" ({before}{number(interval[0])} to {number(interval[1])})"

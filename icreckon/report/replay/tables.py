@@ -1,0 +1,113 @@
+"""Tables for the terminal, made from results and from nothing else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.comparison.results import Results
+from icreckon.report.replay.page_text import failures
+
+# Heading, key, digits.
+SCORE_COLUMNS = (
+    ("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
+    ("drift 30 s\n% of distance", "drift_percent_30s_mean", 2),
+    ("drift 60 s\n% of distance", "drift_percent_60s_mean", 2),
+    ("yaw drift\ndeg/m", "yaw_drift_deg_per_m", 3),
+    ("RMSE v_x\nmm/s", "rmse_v_x_m_s", 1),
+    ("RMSE v_y\nmm/s", "rmse_v_y_m_s", 1),
+    ("RMSE w\nmrad/s", "rmse_w_rad_s", 1),
+    ("NEES pose\nideal 3", "nees_pose_mean", 1),
+)
+DIFFERENCE_COLUMNS = (
+    ("distance\nm", "distance_m", 1),
+    ("end x\nm", "end_x_m", 2),
+    ("end y\nm", "end_y_m", 2),
+    ("end yaw\ndeg", "end_yaw_deg", 1),
+    ("own sigma\nat end, m", "end_sigma_m", 2),
+    ("end apart\nm", "end_apart_m", 2),
+    ("apart 30 s\n% of distance", "apart_percent_30s_mean", 2),
+    ("end yaw\napart, deg", "end_yaw_apart_deg", 1),
+)
+THOUSANDTHS = ("rmse_",)
+
+
+def results_table(results: Results) -> Group:
+    """The scores of all variants, and underneath what they are scores of."""
+    truth = results["truth"]
+    columns = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
+    table = Table(title=_title(results), title_justify="left")
+    table.add_column("variant", no_wrap=True)
+    for heading, _, _ in columns:
+        table.add_column(heading, justify="right")
+    best = _best(results["variants"], [key for _, key, _ in columns]) if truth else {}
+    for name, scores in results["variants"].items():
+        cells = [
+            _cell(scores.get(key), key, digits, is_best=best.get(key) == name)
+            for _, key, digits in columns
+        ]
+        table.add_row(name, *cells)
+    for name in results["failed"]:
+        error = Text("ERROR", style="bold red")
+        table.add_row(name, *(error for _ in columns))
+    return Group(table, *(Text(line) for line in _footnotes(results)))
+
+
+def _title(results: Results) -> str:
+    log, truth = results["log"], results["truth"]
+    title = f"{log['name']}: {log['duration_s']:.0f} s"
+    if truth:
+        title += f", {truth['distance_m']:.0f} m, truth: {truth['source']}"
+    return title
+
+
+def _footnotes(results: Results) -> list[str]:
+    log, truth = results["log"], results["truth"]
+    lines = failures(results)
+    if truth is None:
+        lines.append(f"No ground truth: apart means from {results['reference_variant']}.")
+    else:
+        parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
+        lines.append(f"Drift and yaw drift: without fixes, {parts or 'nowhere long enough'}.")
+        if truth["lag_s"] or any(truth["lever_arm_m"]):
+            x, y = truth["lever_arm_m"]
+            lines.append(
+                f"Taken out of the truth: {truth['lag_s']:.2f} s of lag, "
+                f"a lever arm of {x:.2f} m forward and {y:.2f} m left (scores: each variant's own)."
+            )
+    lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
+    lines += [f"Note: {note}" for note in log["notes"]]
+    filtered = _filtered(results["variants"])
+    rejected = {name: one["rejected"] for name, one in filtered.items()}
+    for name, reasons in rejected.items():
+        told = ", ".join(f"{count} x {what}" for what, count in reasons.items())
+        if told:
+            lines.append(f"Rejected by {name}: {told}")
+    return lines
+
+
+def _filtered(variants: dict[str, Any]) -> dict[str, Any]:
+    """Those that do not know what comes."""
+    return {name: one for name, one in variants.items() if not name.endswith(SMOOTHED)}
+
+
+def _best(variants: dict[str, Any], keys: list[str]) -> dict[str, str]:
+    """The filter with the lowest value of each score; NEES has no lowest that is best."""
+    best, filtered = {}, _filtered(variants)
+    for key in keys:
+        known = {name: one[key] for name, one in filtered.items() if one.get(key) is not None}
+        if known and not key.startswith("nees"):
+            best[key] = min(known, key=lambda name: float(known[name]))
+    return best
+
+
+def _cell(value: float | None, key: str, digits: int, *, is_best: bool) -> Text:
+    if value is None:
+        return Text("-")
+    if key.startswith(THOUSANDTHS):
+        value *= 1e3
+    return Text(f"{value:.{digits}f}", style="bold" if is_best else "")

@@ -1,0 +1,1 @@
+"""Folder, page, figures and words of a study."""

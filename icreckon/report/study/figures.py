@@ -1,0 +1,305 @@
+"""The figures of a study, made from results and from nothing else."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import cycle
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
+
+from icreckon.report.study.text import NEES, title_of, unit_of
+from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
+from icreckon.simulation.study.summary import CONFIDENCE
+
+# Okabe and Ito's colours, which people with any colour vision can tell apart; labels of one's own have
+# those that are left.
+COLOURS = {
+    "differential": "#999999",
+    "constant-fixed": "#E69F00",
+    "constant-online": "#D55E00",
+    "inertia-fixed": "#56B4E9",
+    "inertia-online": "#0072B2",
+    "friction-fixed": "#CC79A7",
+    "friction-online": "#882255",
+}
+OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
+MARKERS = "osD^vPX*"
+# Inches: legible also where the width of the picture is that of a telephone.
+SIZE = (6.4, 4.2)
+DOTS_PER_INCH = 150
+STYLE: Any = {"font.size": 12, "axes.grid": True, "grid.alpha": 0.3, "legend.framealpha": 0.9}
+# Up to so many names on an axis, or letters in them, stand upright, and up to so many cells are told by
+# their values.
+MOST_UPRIGHT = 4
+MOST_LETTERS = 60
+MOST_NAMED_CELLS = 12
+# An axis of figures is logarithmic where the largest is this many times the smallest.
+LOG_SPAN = 30.0
+# How far apart the variants stand at one place, in shares of the distance between places.
+SPREAD = 0.5
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure: the name of its file, without ending, what it shows, and the PNG."""
+
+    name: str
+    caption: str
+    png: bytes
+
+
+def study_figures(results: Results) -> list[Figure]:
+    """All figures of a study.
+
+    Args:
+        results: as `simulation.study.results.study_results` makes them.
+    """
+    figures = []
+    drift = results["drift"]
+    for axis, effect in zip(results["axes"], results["effects"], strict=True):
+        for short, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
+            if not _known(results, statistic):
+                continue
+            title = title_of(results, statistic)
+            others = ", over all else that is swept" if len(results["axes"]) > 1 else ""
+            caption = (
+                f"{_capital(title)} against {axis['name']}{others}: means and their 95 % intervals."
+            )
+
+            def draw(
+                axes: Axes,
+                axis: dict[str, Any] = axis,
+                effect: dict[str, Any] = effect,
+                statistic: str = statistic,
+            ) -> None:
+                _draw_effect(axes, results, axis, effect, statistic)
+
+            figures.append(_drawn(f"{short}-{_file_name(axis['name'])}", caption, draw))
+    if _known(results, NEES):
+        figures.append(
+            _drawn(
+                "consistency",
+                "Normalised error squared of the pose at the end, mean of the runs with its 95 % "
+                "interval. A filter that is as sure as it may be lies in the grey band (chi-square with "
+                "3 degrees, over runs); above it, it is too sure.",
+                lambda axes: _draw_consistency(axes, results),
+            )
+        )
+    figures.append(_distribution(results))
+    return figures
+
+
+def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
+    with mpl.rc_context(STYLE):
+        drawing = Drawing(figsize=SIZE, layout="constrained")
+        draw(drawing.add_subplot())
+        return Figure(name, caption, _png(drawing))
+
+
+def _png(drawing: Drawing) -> bytes:
+    sink = io.BytesIO()
+    # Without the version of matplotlib, so that equal pictures are equal bytes.
+    drawing.savefig(sink, dpi=DOTS_PER_INCH, metadata={"Software": None})
+    return sink.getvalue()
+
+
+def _draw_effect(
+    axes: Axes, results: Results, axis: dict[str, Any], effect: dict[str, Any], statistic: str
+) -> None:
+    """A statistic against one axis."""
+    groups = effect["groups"]
+    names = axis["scale"] == "names"
+    places = np.arange(len(groups)) if names else _numbers([one["value"] for one in groups])
+    variants, colours = results["variants"], _colours(results)
+    lows, highs = [], []
+    for number, label in enumerate(variants):
+        told = [group["variants"][label][statistic] for group in groups]
+        mean, low, high = (
+            _numbers([one[key] for one in told]) for key in ("mean", "mean_low", "mean_high")
+        )
+        style: Any = {"color": colours[label], "marker": MARKERS[number % len(MARKERS)], "ms": 5}
+        if names:
+            at = places + _offset(number, len(variants))
+            axes.errorbar(
+                at, mean, _whiskers(mean, low, high), ls="", capsize=3, label=label, **style
+            )
+        else:
+            axes.plot(places, mean, lw=1.5, label=label, **style)
+            axes.fill_between(places, low, high, color=style["color"], alpha=0.15, lw=0)
+        if axis["sampled"]:
+            _draw_cells(axes, results, axis["name"], label, statistic, style["color"])
+        lows.append(mean)
+        highs.append(np.fmax(mean, high))
+    _limit(axes, np.concatenate(lows), np.concatenate(highs))
+    if names:
+        _name_places(axes, [group["name"] for group in groups])
+    elif axis["scale"] == "log":
+        axes.set_xscale("log")
+    if not names and not axis["sampled"] and len(groups) <= MOST_NAMED_CELLS:
+        axes.set_xticks(places, [shown(one["value"]) for one in groups])
+        axes.minorticks_off()
+    elif axis["scale"] == "log" and places.max() < LOG_SPAN * places.min():
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_formatter(ScalarFormatter())
+        axes.minorticks_off()
+    axes.set_xlabel(axis["name"])
+    axes.set_ylabel(f"{title_of(results, statistic)}\n[{unit_of(results, statistic)}]")
+    axes.legend(fontsize=10)
+
+
+def _draw_cells(
+    axes: Axes, results: Results, axis: str, label: str, statistic: str, colour: str
+) -> None:
+    """The cells of a Latin hypercube, one point each."""
+    cells = results["cells"]
+    at = _numbers([one["values"][axis] for one in cells])
+    values = _numbers([one["variants"][label][statistic]["mean"] for one in cells])
+    axes.plot(at, values, ".", color=colour, ms=4, alpha=0.5)
+
+
+def _draw_consistency(axes: Axes, results: Results) -> None:
+    """Mean NEES by cell, in the band of a consistent filter."""
+    from scipy.stats import chi2  # type: ignore[import-untyped]
+
+    cells, variants = results["cells"], results["variants"]
+    runs = results["runs"]
+    low, high = (bound / runs for bound in chi2.interval(CONFIDENCE, 3.0 * runs))
+    axes.axhspan(low, high, color="grey", alpha=0.3, lw=0)
+    axes.axhline(3.0, color="black", lw=0.8)
+    for number, label in enumerate(variants):
+        told = [cell["variants"][label][NEES] for cell in cells]
+        mean, least, most = (
+            _numbers([one[key] for one in told]) for key in ("mean", "mean_low", "mean_high")
+        )
+        # On a logarithmic axis an interval that reaches below zero has no end.
+        least = np.where(least > 0.0, least, np.fmin(mean, 3.0) * 1e-3)
+        at = np.arange(len(cells)) + _offset(number, len(variants))
+        axes.errorbar(
+            at,
+            mean,
+            _whiskers(mean, least, most),
+            ls="",
+            capsize=2,
+            ms=4,
+            lw=1.0 if len(cells) <= MOST_NAMED_CELLS else 0.5,
+            color=_colours(results)[label],
+            marker=MARKERS[number % len(MARKERS)],
+            label=label,
+        )
+    means = [cell["variants"][label][NEES]["mean"] for cell in cells for label in variants]
+    finite = [value for value in _numbers(means) if np.isfinite(value) and value > 0.0]
+    axes.set_yscale("log")
+    axes.set_ylim(0.5 * min([low, *finite]), 3.0 * max([high, *finite]))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
+    keys = [axis["name"] for axis in results["axes"]]
+    if keys and len(cells) <= MOST_NAMED_CELLS:
+        names = ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
+        _name_places(axes, names)
+        axes.set_xlabel(", ".join(keys))
+    elif len(cells) == 1:
+        places = [_offset(number, len(variants)) for number in range(len(variants))]
+        axes.set_xticks(places, list(variants))
+    else:
+        axes.set_xlabel("cell")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylabel("NEES of the pose at the end [-]")
+    axes.legend(fontsize=10)
+
+
+def _distribution(results: Results) -> Figure:
+    """Shares of the runs with a final error up to a value, in a panel for each group."""
+    kept = [one for one in results["final_errors"] if one["percentiles"]]
+    rows = max(1, (len(kept) + 1) // 2)
+    columns = min(2, max(1, len(kept)))
+    share = np.array(PERCENTILES) / 100.0
+    with mpl.rc_context(STYLE):
+        drawing = Drawing(figsize=(SIZE[0], SIZE[1] * (0.35 + 0.65 * rows)), layout="constrained")
+        grid = drawing.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
+        panels = list(grid.flat)
+        for axes, one in zip(panels, kept, strict=False):
+            for label in results["variants"]:
+                if label in one["percentiles"]:
+                    found = _numbers(one["percentiles"][label])
+                    axes.plot(found, share, color=_colours(results)[label], lw=1.5, label=label)
+            axes.set_title(f"{one['axis']} {one['group']}".strip(), fontsize=11)
+        every = [value for one in kept for found in one["percentiles"].values() for value in found]
+        positive = [value for value in every if value > 0.0]
+        if positive and max(positive) > LOG_SPAN * np.median(positive):
+            panels[0].set_xscale("log")
+        for axes in panels[len(kept) :]:
+            axes.set_visible(False)
+        for axes in grid[-1]:
+            axes.set_xlabel("position error at the end [m]")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("share of runs")
+        if kept:
+            panels[0].legend(fontsize=10, loc="lower right")
+        caption = (
+            "Distribution of the position error at the end of the run: share of runs up to it."
+        )
+        return Figure("final-error-distribution", caption, _png(drawing))
+
+
+def _limit(axes: Axes, means: Any, highs: Any) -> None:
+    """Show all means, and intervals as far as they do not dwarf them."""
+    means, highs = means[np.isfinite(means)], highs[np.isfinite(highs)]
+    if not len(means):
+        return
+    low, high = float(means.min()), float(means.max())
+    if low > 0.0 and high > LOG_SPAN * low:
+        axes.set_yscale("log")
+        axes.set_ylim(0.5 * low, 2.0 * high)
+        return
+    axes.set_ylim(0.0, 1.08 * min(float(highs.max()), 2.5 * high) or 1.0)
+
+
+def _name_places(axes: Axes, names: list[str]) -> None:
+    longest = max(len(line) for name in names for line in name.split("\n"))
+    upright = len(names) <= MOST_UPRIGHT or longest * len(names) <= MOST_LETTERS
+    axes.set_xticks(np.arange(len(names)), names, rotation=0 if upright else 60)
+    axes.set_xlim(-0.6, len(names) - 0.4)
+    axes.grid(visible=False, axis="x")
+
+
+def _whiskers(mean: Any, low: Any, high: Any) -> Any:
+    """Lengths (2, n) of intervals below and above; none where there is no interval."""
+    return np.nan_to_num(np.maximum(np.stack([mean - low, high - mean]), 0.0))
+
+
+def _offset(number: int, count: int) -> float:
+    """Where one of several variants stands about its place."""
+    return SPREAD * ((number + 0.5) / count - 0.5)
+
+
+def _known(results: Results, statistic: str) -> bool:
+    return any(one[statistic]["n"] for one in results["overall"].values())
+
+
+def _numbers(values: list[Any]) -> Any:
+    return np.array([np.nan if value is None else value for value in values], dtype=float)
+
+
+def _colours(results: Results) -> dict[str, str]:
+    """Label -> colour."""
+    variants = results["variants"]
+    left = [colour for colour in OTHER_COLOURS if colour not in map(COLOURS.get, variants)]
+    spare = cycle(left)
+    return {label: COLOURS.get(label) or next(spare) for label in variants}
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _file_name(axis: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "-", axis).strip("-").lower()

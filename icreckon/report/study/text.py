@@ -1,0 +1,279 @@
+"""What a study has found, in words and tables, made from results and from nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
+
+# Beyond so many cells, tables are by axis.
+MOST_CELLS = 24
+NEES = "nees_pose_end"
+# Beginning of what is to alarm.
+ERROR = "ERROR"
+# Failures and reasons that are listed in words; `results.json` lists all.
+MOST_FAILURES, MOST_REASONS = 12, 3
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table: its title, headings, and rows; `texts` columns from the left are words."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    texts: int
+
+
+def headline(results: Results) -> str:
+    """What came out, in a few sentences."""
+    drift, baseline, overall = results["drift"], results["baseline"], results["overall"]
+    count = len(results["cells"])
+    runs = f"{count} {'cell' if count == 1 else 'cells'} of {results['runs']} runs each"
+    of = overall[baseline][drift]
+    if overall[baseline][FINAL_ERROR]["n"] == 0:
+        return f"{ERROR}: over {runs}, {baseline} has no result; there is nothing to compare with."
+    if of["n"] == 0:
+        return f"Over {runs}, nowhere long enough without fixes to tell the drift of {baseline}."
+    after = title_of(results, drift).removeprefix("drift ")
+    told = [
+        f"{name} drifts {_number(overall[name][drift]['ratio'])} times as much "
+        f"({_between(overall[name][drift], 'ratio')})"
+        for name in results["variants"]
+        if name != baseline and overall[name][drift]["pairs"]
+    ]
+    sentences = [
+        f"Over {runs}, {baseline} drifts {_number(of['mean'])} % of distance {after} "
+        f"({_between(of, 'mean')})."
+    ]
+    if told:
+        sentences.append(f"Run by run, {_listed(told)}.")
+    sentences += _widest_effect(results)
+    failed = results["failed"]
+    if failed["runs"]:
+        sentences.append(f"{ERROR}: {failed['runs']} of {failed['of']} runs failed.")
+    return " ".join(sentences)
+
+
+def _widest_effect(results: Results) -> list[str]:
+    """What the axis does that matters most to the filter that drifts least."""
+    drift, overall = results["drift"], results["overall"]
+    best = min(
+        (name for name in results["variants"] if overall[name][drift]["n"]),
+        key=lambda name: float(overall[name][drift]["mean"]),
+    )
+    found: list[tuple[float, str]] = []
+    for effect in results["effects"]:
+        means = [
+            (group["variants"][best][drift]["mean"], group["name"])
+            for group in effect["groups"]
+            if group["variants"][best][drift]["n"]
+        ]
+        if len(means) < 2:
+            continue
+        (least, where_least), (most, where_most) = min(means), max(means)
+        if least > 0.0:
+            axis = effect["axis"]
+            text = (
+                f"The drift of {best} is from {_number(least)} % ({axis} {where_least}) to "
+                f"{_number(most)} % ({axis} {where_most})."
+            )
+            found.append((most / least, text))
+    return [max(found)[1]] if found else []
+
+
+def failures(results: Results) -> list[str]:
+    """Failed runs in words, one line for each cell and variant; none if no run failed."""
+    failed = results["failed"]
+    if not failed["runs"]:
+        return []
+    lines = [
+        f"{ERROR}: {failed['runs']} of {failed['of']} runs failed. They are in no table and no figure."
+    ]
+    lines += [_failure(one) for one in failed["cells"][:MOST_FAILURES]]
+    more = len(failed["cells"]) - MOST_FAILURES
+    if more > 0:
+        lines.append(f"{more} more cells and variants with failed runs: see results.json.")
+    return lines
+
+
+def same_results(results: Results) -> list[str]:
+    """Variants and cells that gave the same results, in words; none if all differ."""
+    lines = [
+        f"{_listed(labels)} gave the same results to rounding: what they differ in does not act here."
+        for labels in results["alike"]["variants"]
+    ]
+    groups = results["alike"]["cells"]
+    for group in groups[:MOST_FAILURES]:
+        told = [_cell_text(results["cells"][cell]) for cell in group[:MOST_FAILURES]]
+        more = len(group) - len(told)
+        told += [f"{more} more"] if more else []
+        lines.append(
+            f"{_listed(told)} gave the same results to rounding: what they differ in does not act."
+        )
+    if len(groups) > MOST_FAILURES:
+        lines.append(f"{len(groups) - MOST_FAILURES} more groups of such cells: see results.json.")
+    return lines
+
+
+def _cell_text(cell: dict[str, Any]) -> str:
+    told = ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
+    return f"cell {cell['cell']} ({told})" if told else ""
+
+
+def _failure(one: dict[str, Any]) -> str:
+    where = f"{_cell_text(one)}, " if one["values"] else ""
+    reasons = [
+        f"{reason['reason']} (run {reason['first_run']}"
+        + (f" and {reason['runs'] - 1} more)" if reason["runs"] > 1 else ")")
+        for reason in one["reasons"][:MOST_REASONS]
+    ]
+    more = len(one["reasons"]) - MOST_REASONS
+    reasons += [f"{more} other reasons"] if more > 0 else []
+    what = f"{one['runs']} of {one['of']} runs failed"
+    if one["runs"] == one["of"]:
+        what = f"no result, all {one['of']} runs failed"
+    return f"{where}{one['variant']}: {what}: {'; '.join(reasons)}"
+
+
+def notes(results: Results) -> list[str]:
+    """What the tables' figures are."""
+    runs, motions = results["runs"], results["true_motions"]
+    shared = "" if motions == runs else f" of {motions} true motions"
+    return [
+        f"{runs} runs{shared} in each cell, paired over cells and variants; in brackets 95 % intervals "
+        "of the mean (Student's t, over true motions).",
+        f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: median, and "
+        "95th percentile of the runs. NEES of the pose: 3 is ideal, more is too sure.",
+    ]
+
+
+def summary_tables(results: Results) -> list[TextTable]:
+    """By cell, or by axis where there are many cells."""
+    cells = results["cells"]
+    axes = [axis["name"] for axis in results["axes"]]
+    if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
+        places = [
+            (
+                tuple(shown(cell["values"][axis]) for axis in axes),
+                cell["variants"],
+                (cell["cell"],),
+            )
+            for cell in cells
+        ]
+        return [_table(results, "by cell" if axes else "", tuple(axes), places)]
+    tables = []
+    for effect in results["effects"]:
+        places = [
+            ((group["name"],), group["variants"], tuple(group["cells"]))
+            for group in effect["groups"]
+        ]
+        title = f"by {effect['axis']}, over all else that is swept"
+        tables.append(_table(results, title, (effect["axis"],), places))
+    return tables
+
+
+def title_of(results: Results, statistic: str) -> str:
+    """What people call a statistic."""
+    return str(_statistic(results, statistic)["title"])
+
+
+def unit_of(results: Results, statistic: str) -> str:
+    """Its unit."""
+    return str(_statistic(results, statistic)["unit"])
+
+
+def _statistic(results: Results, name: str) -> dict[str, Any]:
+    return next(one for one in results["statistics"] if one["name"] == name)
+
+
+def _table(
+    results: Results,
+    title: str,
+    axes: tuple[str, ...],
+    places: Sequence[tuple[tuple[str, ...], dict[str, Any], tuple[int, ...]]],
+) -> TextTable:
+    drift = results["drift"]
+    head = (
+        *axes,
+        "variant",
+        f"{title_of(results, drift)}, %",
+        f"ratio to {results['baseline']}",
+        "final error, m",
+        "95th percentile, m",
+        "NEES at the end",
+    )
+    rows = []
+    for values, variants, inside in places:
+        for number, (name, one) in enumerate(variants.items()):
+            told = one[drift]
+            place = values if number == 0 else ("",) * len(values)
+            failed = [
+                found
+                for found in results["failed"]["cells"]
+                if found["variant"] == name and found["cell"] in inside
+            ]
+            if one[FINAL_ERROR]["n"] == 0:
+                rows.append((*place, name, _error(failed), "", "", "", ""))
+                continue
+            count = sum(found["runs"] for found in failed)
+            of = results["runs"] * len(inside)
+            rows.append(
+                (
+                    *place,
+                    f"{name} ({count} of {of} runs failed)" if failed else name,
+                    _with_interval(told, "mean"),
+                    "1" if name == results["baseline"] else _with_interval(told, "ratio"),
+                    _number(one[FINAL_ERROR]["median"]),
+                    _number(one[FINAL_ERROR]["p95"]),
+                    _with_interval(one[NEES], "mean"),
+                )
+            )
+    return TextTable(title, head, tuple(rows), len(axes) + 1)
+
+
+def _error(failed: Sequence[dict[str, Any]]) -> str:
+    """What a table has in place of numbers where all runs failed."""
+    reasons = [reason for one in failed for reason in one["reasons"]]
+    if not reasons:
+        return f"{ERROR}: no result"
+    first = max(reasons, key=lambda one: int(one["runs"]))
+    return f"{ERROR}: {first['reason']}" + (", and others" if len(reasons) > 1 else "")
+
+
+def _with_interval(summary: dict[str, Any], key: str) -> str:
+    if not _told(summary[key]):
+        return "-"
+    return f"{_number(summary[key])} ({_between(summary, key)})"
+
+
+def _between(summary: dict[str, Any], key: str) -> str:
+    """The interval, as precisely as its middle is told."""
+    low, high = summary[f"{key}_low"], summary[f"{key}_high"]
+    if not (_told(low) and _told(high)):
+        return "one true motion"
+    form = _form(summary[key])
+    return f"{low:{form}} to {high:{form}}"
+
+
+def _number(value: float | None) -> str:
+    return f"{value:{_form(value)}}" if value is not None and _told(value) else "-"
+
+
+def _told(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _form(value: float) -> str:
+    """Two digits behind the point, more for what is small and fewer for what is large."""
+    size = abs(value)
+    if size >= 1e4 or 0.0 < size < 5e-4:
+        return ".1e"
+    return f".{0 if size >= 100.0 else 1 if size >= 10.0 else 2 if size >= 0.1 else 4}f"
+
+
+def _listed(parts: list[str]) -> str:
+    return ", ".join(parts) if len(parts) < 2 else f"{', '.join(parts[:-1])} and {parts[-1]}"

@@ -1,0 +1,160 @@
+"""From a message's bytes to its fields, with the type definitions that the bag holds."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from icreckon.replay.bags.records import Channel
+from icreckon.replay.base.errors import ReplayError
+
+NANOSECONDS = 1_000_000_000
+Definitions = tuple[tuple[str, str], ...]
+"""Message types that bags may lack: name, as `our_msgs/msg/Rate`, and definition."""
+IDL_RULE = "=" * 80 + "\n"
+
+
+def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Callable[[bytes], Any]:
+    """A function that turns the bytes of a channel's messages into objects with their fields.
+
+    The function raises whatever rosbags raises on bytes that are no such message.
+
+    Args:
+        channel: the channel.
+        source: name of the bag, for messages.
+        definitions: used where the bag has none of this type.
+
+    Raises:
+        ReplayError: an encoding or a type definition that cannot be read.
+    """
+    where = f"{source}: topic {channel.topic!r} of type {channel.msgtype!r}"
+    if channel.encoding not in ("cdr", "ros1"):
+        raise ReplayError(f"{where}: its encoding {channel.encoding!r} is not known")
+    try:
+        store = _typestore(channel.msgtype, channel.definition, definitions)
+    except Exception as problem:
+        raise ReplayError(f"{where}: its definition cannot be read: {problem}") from problem
+    missing = _undefined(store, channel.msgtype)
+    if missing is not None:
+        what = "this type" if missing == channel.msgtype else f"{missing!r} in it"
+        raise ReplayError(
+            f"{where}: the bag holds no definition of {what}; give its .msg file with --msg"
+        )
+    decode = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
+    msgtype = channel.msgtype
+    return lambda data: decode(data, msgtype)
+
+
+def _undefined(store: Typestore, msgtype: str) -> str | None:
+    """The first type that a message type needs and that is not defined, or None."""
+    if msgtype not in store.fielddefs:
+        return msgtype
+    fields: Any = store.fielddefs[msgtype][1]
+    for _, (node, inner) in fields:
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            node, inner = inner[0]
+        if node == Nodetype.NAME and (missing := _undefined(store, str(inner))) is not None:
+            return missing
+    return None
+
+
+def message_types(channel: Channel) -> Mapping[str, Any]:
+    """The constants and fields of a channel's type and of those in it, as the bag defines them."""
+    return _typestore(channel.msgtype, channel.definition).fielddefs
+
+
+def standard_types(*, ros1: bool) -> Mapping[str, Any]:
+    """Return the standard message types, as those of `message_types`."""
+    return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE).fielddefs
+
+
+class Header(NamedTuple):
+    """A message's header: stamp [ns] and frame."""
+
+    stamp: int
+    frame_id: str
+
+
+def header_reader(channel: Channel) -> Callable[[bytes], Header] | None:
+    """A function that reads only the header of a channel's messages, or None where there is none.
+
+    The function raises struct.error or UnicodeDecodeError on bytes that are no such message.
+    """
+    try:
+        store = _typestore(channel.msgtype, channel.definition)
+        first = store.fielddefs[channel.msgtype][1][0]
+    except Exception:
+        return None
+    if first[1][1] != "std_msgs/msg/Header":
+        return None
+    return _ros1_header if channel.encoding == "ros1" else _cdr_header
+
+
+def _cdr_header(data: bytes) -> Header:
+    order = "<" if data[1] & 1 else ">"
+    seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", data, 4)
+    frame = bytes(data[16 : 16 + length]).rstrip(b"\0").decode()
+    return Header(seconds * NANOSECONDS + nanoseconds, frame)
+
+
+def _ros1_header(data: bytes) -> Header:
+    _, seconds, nanoseconds, length = struct.unpack_from("<4I", data)
+    return Header(seconds * NANOSECONDS + nanoseconds, bytes(data[16 : 16 + length]).decode())
+
+
+@cache
+def _typestore(
+    msgtype: str, definition: MessageDefinition, definitions: Definitions = ()
+) -> Typestore:
+    if definition.format == MessageDefinitionFormat.NONE:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        known = {}
+        for name, text in definitions:
+            known.update(get_types_from_msg(text, name))
+        store.register({name: kind for name, kind in known.items() if name not in store.fielddefs})
+        return store
+    store = get_typestore(Stores.EMPTY)
+    if definition.format == MessageDefinitionFormat.MSG:
+        store.register(get_types_from_msg(definition.data, msgtype))
+        return store
+    if not definition.data.startswith(f"{IDL_RULE}IDL: "):
+        store.register(get_types_from_idl(definition.data))
+        return store
+    types = {}
+    for part in definition.data.split(IDL_RULE)[1:]:
+        types.update(get_types_from_idl(part.partition("\n")[2]))
+    store.register(types)
+    return store
+
+
+def read_definitions(files: Sequence[Path]) -> Definitions:
+    """Message definitions from `.msg` files.
+
+    Args:
+        files: each in a folder of its package, as `our_msgs/msg/Rate.msg` or `our_msgs/Rate.msg`.
+
+    Raises:
+        ReplayError: no such file, or no definition.
+    """
+    found = []
+    for file in files:
+        folder = file.resolve().parent
+        package = folder.parent.name if folder.name == "msg" else folder.name
+        name = f"{package}/msg/{file.stem}"
+        try:
+            text = file.read_text(encoding="utf-8")
+            get_types_from_msg(text, name)
+        except (OSError, UnicodeDecodeError) as problem:
+            raise ReplayError(f"{file}: cannot be read: {problem}") from None
+        except Exception as problem:
+            reason = " ".join(str(problem).split())
+            raise ReplayError(f"{file}: not a message definition (.msg): {reason}") from None
+        found.append((name, text))
+    return tuple(found)

@@ -1,0 +1,121 @@
+"""Making ROS messages: the same calls for ROS 1 and ROS 2."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.message_types import TF
+
+UNUSED_VARIANCE = 1e6
+"""For what an estimate says nothing about: finite, so that other programs can invert the matrix."""
+
+ODOM, BASE_LINK, IMU_LINK = "odom", "base_link", "imu_link"
+PLANAR = (0, 1, 5)
+"""x, y and yaw among the rows and columns of a 6x6 covariance."""
+
+TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
+"""Of tf2_msgs/TFMessage, which the ROS 1 definitions of rosbags lack."""
+
+
+def planar_covariance(covariance: Floats) -> Floats:
+    """(36,) row-major 6x6 covariance of a (3, 3) one of x, y, yaw."""
+    full = np.diag(np.full(6, UNUSED_VARIANCE))
+    full[np.ix_(PLANAR, PLANAR)] = covariance
+    return full.ravel()
+
+
+class Messages:
+    """Makes messages of a ROS version, and serialises them.
+
+    Args:
+        ros1: whether of ROS 1; otherwise of ROS 2.
+    """
+
+    def __init__(self, *, ros1: bool) -> None:
+        store = _store(ros1=ros1)
+        self.store = store
+        self.ros1 = ros1
+        self.serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+        self._sequence = {"seq": 0} if ros1 else {}
+
+    def new(self, msgtype: str, **fields: Any) -> Any:
+        """A message of all its fields."""
+        return self.store.types[msgtype](**fields)
+
+    def header(self, stamp: int, frame_id: str) -> Any:
+        """std_msgs/Header of a stamp [ns]."""
+        seconds, nanoseconds = divmod(int(stamp), NANOSECONDS)
+        time = self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        return self.new("std_msgs/msg/Header", **self._sequence, stamp=time, frame_id=frame_id)
+
+    def vector(self, xyz: Any) -> Any:
+        """geometry_msgs/Vector3."""
+        x, y, z = xyz
+        return self.new("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
+
+    def point(self, xyz: Any) -> Any:
+        """geometry_msgs/Point."""
+        x, y, z = xyz
+        return self.new("geometry_msgs/msg/Point", x=float(x), y=float(y), z=float(z))
+
+    def quaternion(self, xyzw: Any) -> Any:
+        """geometry_msgs/Quaternion."""
+        x, y, z, w = (float(part) for part in xyzw)
+        return self.new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+    def pose(self, pose: Any, quaternion: Any) -> Any:
+        """geometry_msgs/Pose at x, y."""
+        return self.new(
+            "geometry_msgs/msg/Pose",
+            position=self.point((pose[0], pose[1], 0.0)),
+            orientation=self.quaternion(quaternion),
+        )
+
+    def pose_with_covariance(self, pose: Any, quaternion: Any, covariance: Floats) -> Any:
+        """geometry_msgs/PoseWithCovariance of a (3, 3) covariance of x, y, yaw."""
+        return self.new(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=self.pose(pose, quaternion),
+            covariance=planar_covariance(covariance),
+        )
+
+    def twist(self, twist: Any) -> Any:
+        """geometry_msgs/Twist of v_x, v_y, w."""
+        v_x, v_y, w = twist
+        return self.new(
+            "geometry_msgs/msg/Twist",
+            linear=self.vector((v_x, v_y, 0.0)),
+            angular=self.vector((0.0, 0.0, w)),
+        )
+
+    def blank(self, msgtype: str, **fields: Any) -> Any:
+        """A message of which the fields that are not given are zero or empty."""
+        for name, (kind, spec) in self.store.fielddefs[msgtype][1]:
+            if name not in fields:
+                fields[name] = self._nothing(kind.name, spec)
+        return self.new(msgtype, **fields)
+
+    def _nothing(self, kind: str, spec: Any) -> Any:
+        match kind:
+            case "BASE":
+                return {"string": "", "bool": False}.get(spec[0], 0)
+            case "NAME":
+                return self.blank(spec)
+            case _:
+                (inner, inner_spec), length = spec
+                if inner.name == "BASE" and inner_spec[0] != "string":
+                    return np.zeros(length, inner_spec[0])
+                return [self._nothing(inner.name, inner_spec) for _ in range(length)]
+
+
+def _store(*, ros1: bool) -> Typestore:
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    if TF not in store.types:
+        store.register(get_types_from_msg(TF_DEFINITION, TF))
+    return store

@@ -1,0 +1,267 @@
+"""Recovery: the messages of a ROS 1 bag or MCAP file record by record, without its index.
+
+A recorder that was killed leaves a file without an index, often cut in the middle of a chunk. Both
+formats are sequences of records that say their own length, so all that stands before the break can
+be read. Formats: ROS bag 2.0 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec).
+"""
+
+from __future__ import annotations
+
+import bz2
+import struct
+import sys
+from binascii import crc32
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+
+from icreckon.replay.bags.records import LATEST, Channel, Record, ros2_type_name
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+
+PIECE = 1 << 16
+NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
+DEFINITION_FORMATS = {
+    "ros1msg": MessageDefinitionFormat.MSG,
+    "ros2msg": MessageDefinitionFormat.MSG,
+    "ros2idl": MessageDefinitionFormat.IDL,
+    "omgidl": MessageDefinitionFormat.IDL,
+}
+STREAM_DECOMPRESSORS: dict[str, Callable[[], Any]] = {
+    "zstd": zstd.ZstdDecompressor,
+    "lz4": LZ4FrameDecompressor,
+    "bz2": bz2.BZ2Decompressor,
+}
+
+
+class BreakError(Exception):
+    """The records end here, before the file says that it is complete."""
+
+
+class RecordWalk:
+    """A walk over the records of one file.
+
+    Attributes:
+        path: the file, a ROS 1 bag or an MCAP file by its first bytes.
+        channels: the channels that were met so far.
+        position: byte up to which whole records (or a chunk's whole messages) were read.
+        complete: whether the last walk came to the end that the format prescribes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self.position = 0
+        self.complete = False
+
+    def records(self) -> Iterator[Record]:
+        """The messages in the order of the file, up to the break.
+
+        Raises:
+            OSError: the file cannot be read.
+        """
+        self.channels, self.position, self.complete = {}, 0, False
+        with self.path.open("rb") as file:
+            magic = file.read(len(MCAP_MAGIC))
+            try:
+                if magic == MCAP_MAGIC:
+                    yield from self._mcap(file)
+                else:
+                    file.seek(len(ROS1_MAGIC))
+                    yield from self._ros1(file)
+            except (BreakError, struct.error, KeyError, UnicodeDecodeError):
+                return
+            self.complete = True
+
+    def _mcap(self, file: BinaryIO) -> Iterator[Record]:
+        schemas: dict[int, _Schema] = {}
+        while True:
+            self.position = file.tell()
+            operation, length = struct.unpack("<BQ", file.read(9))
+            if operation in (MCAP_DATA_END, MCAP_FOOTER):
+                return
+            content = file.read(min(length, _rest(file)))
+            if operation == MCAP_CHUNK:
+                data, whole = _mcap_chunk(content, length)
+                yield from self._mcap_records(BytesIO(data), schemas)
+                if not whole:
+                    raise BreakError
+            elif len(content) < length:
+                raise BreakError
+            else:
+                yield from self._mcap_record(operation, content, schemas)
+
+    def _mcap_records(self, data: BinaryIO, schemas: dict[int, _Schema]) -> Iterator[Record]:
+        while len(head := data.read(9)) == 9:
+            operation, length = struct.unpack("<BQ", head)
+            if length > _rest(data):
+                return
+            yield from self._mcap_record(operation, data.read(length), schemas)
+
+    def _mcap_record(
+        self, operation: int, content: bytes, schemas: dict[int, _Schema]
+    ) -> Iterator[Record]:
+        if operation == MCAP_MESSAGE:
+            channel_id, _, log_time, _ = struct.unpack_from("<HIQQ", content)
+            if log_time >= LATEST:
+                raise BreakError
+            yield Record(self.channels[channel_id], log_time, content[22:])
+        elif operation == MCAP_SCHEMA:
+            (schema_id,) = struct.unpack_from("<H", content)
+            name, position = _text(content, 2)
+            encoding, position = _text(content, position)
+            text, _ = _text(content, position)
+            schemas[schema_id] = _Schema(name, encoding, text)
+        elif operation == MCAP_CHANNEL:
+            channel_id, schema_id = struct.unpack_from("<HH", content)
+            topic, position = _text(content, 4)
+            encoding, _ = _text(content, position)
+            schema = schemas.get(schema_id, _Schema("", "", ""))
+            form = DEFINITION_FORMATS.get(schema.encoding)
+            definition = MessageDefinition(form, schema.text) if form else NO_DEFINITION
+            self.channels[channel_id] = Channel(
+                topic, ros2_type_name(schema.name), definition, encoding
+            )
+        elif operation == 0:  # no such record; a file system that lost the tail leaves zeros
+            raise BreakError
+
+    def _ros1(self, file: BinaryIO) -> Iterator[Record]:
+        while _rest(file):
+            self.position = file.tell()
+            fields = _ros1_fields(_sized(file))
+            operation = fields[b"op"][0]
+            (length,) = struct.unpack("<L", file.read(4))
+            content = file.read(min(length, _rest(file)))
+            whole = len(content) == length
+            if operation == ROS1_CHUNK:
+                compression = fields[b"compression"].decode()
+                size = struct.unpack("<L", fields[b"size"])[0]
+                data = inflate(content, compression)
+                yield from self._ros1_records(BytesIO(data))
+                if not whole or len(data) != size:
+                    raise BreakError
+            elif not whole:
+                raise BreakError
+            else:
+                yield from self._ros1_record(operation, fields, content)
+
+    def _ros1_records(self, data: BinaryIO) -> Iterator[Record]:
+        while _rest(data):
+            try:
+                fields = _ros1_fields(_sized(data))
+                content = _sized(data)
+            except (BreakError, struct.error):
+                return
+            yield from self._ros1_record(fields[b"op"][0], fields, content)
+
+    def _ros1_record(
+        self, operation: int, fields: dict[bytes, bytes], content: bytes
+    ) -> Iterator[Record]:
+        if operation == ROS1_MESSAGE:
+            (connection,) = struct.unpack("<L", fields[b"conn"])
+            seconds, nanoseconds = struct.unpack("<LL", fields[b"time"])
+            time = seconds * 1_000_000_000 + nanoseconds
+            yield Record(self.channels[connection], time, content)
+        elif operation == ROS1_CONNECTION:
+            (connection,) = struct.unpack("<L", fields[b"conn"])
+            described = _ros1_fields(content)
+            self.channels[connection] = Channel(
+                fields[b"topic"].decode(),
+                ros2_type_name(described[b"type"].decode()),
+                MessageDefinition(
+                    MessageDefinitionFormat.MSG, described[b"message_definition"].decode()
+                ),
+                "ros1",
+            )
+
+
+MCAP_FOOTER, MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
+MCAP_DATA_END = 0x0F
+ROS1_MESSAGE, ROS1_CHUNK, ROS1_CONNECTION = 0x02, 0x05, 0x07
+
+
+class _Schema(NamedTuple):
+    name: str
+    encoding: str
+    text: str
+
+
+def inflate(data: bytes, compression: str) -> bytes:
+    """What can be decompressed of the beginning of a chunk.
+
+    Args:
+        data: the compressed bytes, cut anywhere.
+        compression: "" or "none", "zstd", "lz4" or "bz2".
+
+    Returns:
+        The decompressed bytes up to the break.
+
+    Raises:
+        BreakError: an unknown compression.
+    """
+    if compression in ("", "none"):
+        return data
+    if compression not in STREAM_DECOMPRESSORS:
+        raise BreakError
+    decompressor = STREAM_DECOMPRESSORS[compression]()
+    parts: list[bytes] = []
+    for start in range(0, len(data), PIECE):
+        try:
+            parts.append(decompressor.decompress(data[start : start + PIECE]))
+        except (zstd.ZstdError, RuntimeError, OSError, EOFError):
+            break
+    return b"".join(parts)
+
+
+def _mcap_chunk(content: bytes, length: int) -> tuple[bytes, bool]:
+    """The decompressed records of a chunk, and whether they are all there."""
+    _, _, size, checksum = struct.unpack_from("<QQQI", content)
+    compression, position = _text(content, 28)
+    (compressed,) = struct.unpack_from("<Q", content, position)
+    start = position + 8
+    data = inflate(content[start : start + compressed], compression)
+    whole = len(content) == length and len(data) == size
+    if whole and checksum and crc32(data) != checksum:
+        raise BreakError
+    return data, whole
+
+
+def _text(content: bytes, position: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", content, position)
+    end = position + 4 + length
+    return content[position + 4 : end].decode(), end
+
+
+def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
+    fields: dict[bytes, bytes] = {}
+    position = 0
+    while position < len(header):
+        (length,) = struct.unpack_from("<L", header, position)
+        name, _, value = header[position + 4 : position + 4 + length].partition(b"=")
+        fields[name] = value
+        position += 4 + length
+    return fields
+
+
+def _sized(data: BinaryIO) -> bytes:
+    (length,) = struct.unpack("<L", data.read(4))
+    if length > _rest(data):
+        raise BreakError
+    return data.read(length)
+
+
+def _rest(data: BinaryIO) -> int:
+    here = data.tell()
+    end = data.seek(0, 2)
+    data.seek(here)
+    return end - here

@@ -1,0 +1,146 @@
+"""Bags as files: messages of several topics, in the order of their stamps, into any of the formats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from heapq import merge
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from rosbags import rosbag1, rosbag2
+from rosbags.rosbag2 import StoragePlugin
+
+from icreckon.estimator.base.array_types import Stamps
+from icreckon.replay.bags.bulk_encoding import Packing
+from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.messages import Messages
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import written_beside
+
+Format = Literal["mcap", "sqlite3", "ros1"]
+
+PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
+
+MAGICS = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V2.0\n")
+"""First bytes of the files that may be replaced by a bag."""
+
+LARGEST_STAMP = 2**31 * NANOSECONDS
+"""Both ROS 1 and ROS 2 keep the seconds of a stamp in 32 bits."""
+
+
+class Outbox(NamedTuple):
+    """Messages of one topic.
+
+    Attributes:
+        topic: the topic.
+        msgtype: their type.
+        stamps: (n,) their stamps [ns].
+        make: what makes the i-th of them, otherwise.
+        packing: what makes them all at once, where they differ in numbers only.
+    """
+
+    topic: str
+    msgtype: str
+    stamps: Stamps
+    make: Callable[[Messages, int], Any] | None = None
+    packing: Callable[[Messages], Packing] | None = None
+
+    def serialised(self, messages: Messages) -> Iterator[bytes]:
+        """The messages, one after the other."""
+        if self.packing is not None:
+            yield from self.packing(messages).serialised(messages)
+        elif self.make is not None:
+            for i in range(len(self.stamps)):
+                yield bytes(messages.serialize(self.make(messages, i), self.msgtype))
+
+
+def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool) -> Path:
+    """Write a bag.
+
+    Args:
+        path: where to; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
+            bag gets the suffix `.bag` where it is missing.
+        kind: "mcap" or "sqlite3" (ROS 2), or "ros1".
+        outboxes: what to write.
+        overwrite: whether a bag that is there may be replaced.
+
+    Returns:
+        The path that was written.
+
+    Raises:
+        ReplayError: stamps that ROS cannot hold, something is there already, or the file system
+            refuses.
+    """
+    for outbox in outboxes:
+        _check_stamps(outbox)
+    path = bag_path(path, kind)
+    if kind == "ros1":
+        opened = _ros1_writer
+    else:
+        opened = partial(_ros2_writer, plugin=PLUGINS[kind], bare=path.suffix == SUFFIXES[kind])
+    try:
+        with (
+            written_beside(path, overwrite=overwrite, starts=MAGICS) as new,
+            opened(new) as (writer, messages),
+        ):
+            _send(outboxes, writer, messages)
+    except (OSError, rosbag1.WriterError, rosbag2.WriterError) as problem:
+        raise ReplayError(f"{path}: cannot be written: {problem}") from problem
+    return path
+
+
+def bag_path(path: Path, kind: Format) -> Path:
+    """The path that a bag is written to, see `write_bag`."""
+    if kind != "ros1" or path.suffix == ".bag":
+        return path
+    return path.with_name(f"{path.name}.bag")
+
+
+def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
+    """Write the messages of all outboxes, of which several may share a topic, in the order of stamps."""
+    connections: dict[str, Any] = {}
+
+    def packed(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
+        topic, msgtype = outbox.topic, outbox.msgtype
+        if topic not in connections:
+            connections[topic] = writer.add_connection(topic, msgtype, typestore=messages.store)
+        connection = connections[topic]
+        sent = zip(map(int, outbox.stamps), outbox.serialised(messages), strict=True)
+        return ((stamp, connection, data) for stamp, data in sent)
+
+    for stamp, connection, data in merge(*map(packed, outboxes), key=lambda item: item[0]):
+        writer.write(connection, stamp, data)
+
+
+@contextmanager
+def _ros1_writer(path: Path) -> Iterator[tuple[Any, Messages]]:
+    # Not compressed: ROS 1 itself cannot read the lz4 of rosbags ("malformed data"), and bz2 is slow.
+    with rosbag1.Writer(path) as writer:
+        yield writer, Messages(ros1=True)
+
+
+@contextmanager
+def _ros2_writer(path: Path, plugin: StoragePlugin, bare: bool) -> Iterator[tuple[Any, Messages]]:
+    """A ROS 2 bag: a folder, or only the storage file out of it."""
+    folder = path.with_suffix("") if bare else path
+    writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+    if plugin is StoragePlugin.MCAP:
+        # Covariances are mostly zeros: this makes odometry five times smaller.
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        yield writer, Messages(ros1=False)
+    if bare:
+        (folder / path.name).rename(path)
+
+
+def _check_stamps(outbox: Outbox) -> None:
+    stamps = outbox.stamps
+    if len(stamps) and not (stamps.min() >= 0 and stamps.max() < LARGEST_STAMP):
+        bad = stamps[(stamps < 0) | (stamps >= LARGEST_STAMP)][0]
+        raise ReplayError(
+            f"topic {outbox.topic!r}: the stamp {bad} ns cannot be written; stamps in bags are "
+            f"from 0 to {LARGEST_STAMP - 1} ns"
+        )

@@ -1,0 +1,24 @@
+"""The colour of each variant, the same in figures, on pages and in Foxglove."""
+
+from __future__ import annotations
+
+from icreckon.estimator.streaming.smoother import SMOOTHED
+
+# Okabe and Ito's colours, which people with any colour vision can tell apart, and for the last a dark
+# shade of the one before.
+COLOURS = {
+    "differential": "#999999",
+    "constant-fixed": "#E69F00",
+    "constant-online": "#D55E00",
+    "inertia-fixed": "#56B4E9",
+    "inertia-online": "#0072B2",
+    "friction-fixed": "#CC79A7",
+    "friction-online": "#882255",
+}
+TRUTH_COLOUR = "#000000"
+OTHER_COLOUR = "#009E73"
+
+
+def colour_of(name: str) -> str:
+    """Colour of a variant, smoothed or not, as "#rrggbb"."""
+    return COLOURS.get(name.removesuffix(SMOOTHED), OTHER_COLOUR)

@@ -1,0 +1,111 @@
+"""Results of an identification as plain data: what `results.json` holds, and all else comes from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.calibration import Identification
+from icreckon.estimator.log.log import Log
+from icreckon.replay.comparison.results import FORMAT, Results, digest, versions
+
+
+def summarise_identification(
+    found: Identification,
+    logs: list[Log],
+    *,
+    configuration: dict[str, Any],
+    inputs: dict[str, Path],
+) -> Results:
+    """Everything that tables and figure are made from.
+
+    Args:
+        found: what was found.
+        logs: from which.
+        configuration: options of the command.
+        inputs: files, by the name to show.
+    """
+    return {
+        "format": FORMAT,
+        "command": "identify",
+        "configuration": configuration,
+        "seed": None,
+        "versions": versions(),
+        "inputs": {name: digest(path) for name, path in inputs.items()},
+        "verdict": found.verdict,
+        "notes": list(found.notes),
+        "supported_model": found.comparison.supported,
+        "parameters": {
+            one.name: {
+                "value": one.value,
+                "sigma": one.sigma,
+                "interval_95": None if one.interval is None else list(one.interval),
+                "unit": one.unit,
+                "status": one.status,
+                "before": one.before,
+                "note": one.note,
+            }
+            for one in found.parameters
+        },
+        "correlations": {
+            "names": list(found.correlation_names),
+            "matrix": np.round(found.correlations, 4).tolist(),
+        },
+        "models": {
+            one.model: {
+                "parameters_found": one.parameters,
+                "held_out_drift_percent": one.drift_percent,
+                "held_out_drift_percent_interval_95": [one.drift_low, one.drift_high],
+                "held_out_drift_with_gyro_percent": one.drift_with_gyro_percent,
+                "held_out_log_likelihood_per_segment": one.log_likelihood,
+            }
+            for one in found.comparison.scores
+        },
+        "differences": [
+            {
+                "model": one.model,
+                "than": one.than,
+                "held_out_drift_percent": one.drift,
+                "held_out_drift_percent_interval_95": [one.drift_low, one.drift_high],
+                "held_out_log_likelihood_per_segment": one.log_likelihood,
+                "held_out_log_likelihood_per_segment_interval_95": [
+                    one.log_likelihood_low,
+                    one.log_likelihood_high,
+                ],
+            }
+            for one in found.comparison.differences
+        ],
+        "validation": {
+            "blocks": found.comparison.blocks,
+            "folds": found.comparison.folds,
+            "longest_window_s": found.comparison.window,
+            "distance_m": found.comparison.distance,
+        },
+        "logs": [_of_log(one, log) for one, log in zip(found.logs, logs, strict=True)],
+        "robot": msgspec.to_builtins(found.robot),
+        "series": {
+            "t_s": found.residuals.seconds.round(3).tolist(),
+            "turned_rad": found.residuals.turning.round(5).tolist(),
+            "before": found.residuals.before.round(6).tolist(),
+            "after": found.residuals.after.round(6).tolist(),
+        },
+    }
+
+
+def _of_log(one: Any, log: Log) -> Results:
+    return {
+        "name": one.name,
+        "duration_s": log.duration,
+        "gyro_bias_rad_s": one.gyro_bias[0],
+        "gyro_bias_sigma_rad_s": one.gyro_bias[1],
+        "truth_lag_s": one.lag[0],
+        "truth_lag_sigma_s": one.lag[1],
+        "moving_segments": one.segments,
+        "still_segments": one.still,
+        "distance_m": one.distance,
+        "dropped": log.dropped,
+        "notes": list(log.notes),
+    }

@@ -1,0 +1,326 @@
+"""Running several filter variants over one log, side by side."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
+from multiprocessing.sharedctypes import Synchronized
+from typing import Any, ClassVar
+
+from icreckon.estimator.base.errors import IcreckonError, nearest_hint
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import Truth
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import VARIANTS, find_variant, motion_model
+from icreckon.estimator.streaming.lost import LostFilter, described, loss_of
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.smoother import smooth as smooth_run
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.fixes import LogPart, with_fixes_within
+from icreckon.replay.comparison.initial_pose import Start, start_from_fixes
+from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth
+
+DEFAULT_VARIANTS = tuple(VARIANTS)
+# Which variant the lag and the lever arm of a truth are found against.
+ALIGNMENT_VARIANT = "constant-online"
+# How well a logged truth gives the pose at the start [m, m, rad].
+LOGGED_START_SIGMA = (0.02, 0.02, 0.01)
+POLL_SECONDS = 0.2
+# From so many IMU samples on, variants of the index models run side by side: each is compiled the first
+# time ever that it does, which takes as long as the streaming filter takes for so many.
+MANY_SAMPLES = 200_000
+ENGINES = ("auto", "batch", "streaming")
+
+Progress = Callable[[float], None]
+# Run of a variant, with the smoothed one if asked for; in place of a run, why there is none.
+Outcome = tuple[Run | LostFilter, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of several variants over one log.
+
+    Attributes:
+        log: what was run, with the fixes that were used and the truth as it was scored.
+        runs: by name of the variant, in the order asked for; then the smoothed ones, if asked for, as
+            "inertia-online-smoothed".
+        alignment: what was taken out of a logged truth; None for a simulated one, or none.
+        failed: by name of the variant, why it has no run; never all of them.
+    """
+
+    log: Log
+    runs: dict[str, Run]
+    alignment: TruthAlignment | None
+    failed: dict[str, LostFilter] = field(default_factory=dict)
+
+
+def compare(
+    log: Log,
+    robot: Robot,
+    variants: Sequence[str] = DEFAULT_VARIANTS,
+    *,
+    settings: Settings | None = None,
+    fixes: LogPart | None = None,
+    smooth: bool = False,
+    engine: str = "auto",
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Run filter variants over a log.
+
+    A truth that was logged (it has no twists) is first freed of its lag and lever arm. Runs start at
+    the truth's pose where there is one, or else where fixes show that it is not the origin.
+
+    The variants of the index models go through a log of `MANY_SAMPLES` IMU samples or more side by side,
+    in one pass, unless it holds what only the streaming filter can take, or it is to be smoothed; see
+    `estimator.batch.replay`. What comes out is the same, to rounding; `engine` chooses by hand.
+
+    A variant that is lost or raises an exception has no run; `Comparison.failed` names it, and the others
+    go on.
+
+    Args:
+        log: the log.
+        robot: the robot.
+        variants: names of filter variants.
+        settings: of the pose estimator.
+        fixes: part of the log in which fixes are used, see `replay.comparison.fixes`; None for all that
+            the log has as such.
+        smooth: whether each run is smoothed, too, see `estimator.streaming.smoother`.
+        engine: "auto", as above; "batch", side by side however short the log is; or "streaming".
+        workers: processes to spread the variants over; 1 runs them here. Those that go side by side run
+            here in any case.
+        executor: anything with that interface to run the variants on instead, such as
+            `dask.distributed.Client(address).get_executor()` (extra `cluster`).
+        progress: called now and then with the share that is done, 0 to 1.
+
+    Raises:
+        EstimatorError: no such variant, a log without track speeds, or a robot whose ground does not
+            let it have a friction variant.
+        ReplayError: no such engine, fixes were asked for that the log does not have, or every variant
+            failed.
+        BatchError: the engine "batch" cannot work through this log; the message says why.
+    """
+    if engine not in ENGINES:
+        raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
+    for name in variants:
+        motion_model(robot, find_variant(name))
+    alignment = None
+    if log.truth is not None and log.truth.twists is None:
+        reckoned = _first_run(
+            _Task(replace(log, fixes=None), robot, settings, engine=engine), variants
+        )
+        alignment = align_truth(log.truth, reckoned.trajectory)
+        log = replace(log, truth=alignment.truth)
+    if fixes is not None:
+        log = with_fixes_within(log, fixes)
+    start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if log.truth is not None:
+        start = _pose_at(log.truth, log.start)
+        sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
+    elif log.fixes is not None:
+        start, sigma = _start_from_fixes(log, robot, settings, variants)
+    task = _Task(log, robot, settings, start, sigma, smooth, engine)
+    if executor is not None:
+        runs = _on_executor(task, variants, executor, progress)
+    else:
+        runs = _in_any_way(task, variants, workers, progress)
+    # First all that were filtered, then all that were smoothed.
+    found = [one for kind in zip_longest(*runs) for one in kind if one is not None]
+    failed = {one.variant: one for one in found if isinstance(one, LostFilter)}
+    kept = {one.variant: one for one in found if isinstance(one, Run)}
+    if not kept:
+        raise _all_failed([*failed.values()])
+    return Comparison(log, kept, alignment, failed)
+
+
+def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
+    return ReplayError(f"no variant has a result: {'; '.join(map(str, failed))}")
+
+
+def _first_run(task: _Task, variants: Sequence[str]) -> Run:
+    """Run of the variant that a truth is aligned with; of another if that one fails."""
+    failed = []
+    for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
+        ((one,),) = _in_any_way(task, (name,), 1, None)
+        if isinstance(one, Run):
+            return one
+        failed.append(one)
+    raise _all_failed(failed)
+
+
+def _start_from_fixes(
+    log: Log, robot: Robot, settings: Settings | None, variants: Sequence[str]
+) -> Start:
+    """Pose at the start by the variant that is used for it; by another if that one fails."""
+    failed = []
+    for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
+        try:
+            return start_from_fixes(log, robot, name, settings)
+        except LostFilter as lost:
+            failed.append(lost)
+    raise _all_failed(failed)
+
+
+def _pose_at(truth: Truth, stamp: int) -> tuple[float, float, float]:
+    x, y, yaw = interpolate_poses(truth.poses, truth.poses.stamps[:1] * 0 + stamp)[0].tolist()
+    return x, y, yaw
+
+
+@dataclass(frozen=True)
+class _Task:
+    log: Log
+    robot: Robot
+    settings: Settings | None
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    smooth: bool = False
+    engine: str = "auto"
+
+    def run(self, variant: str, progress: Progress) -> Outcome:
+        begin, length = self.log.start, max(1, self.log.end - self.log.start)
+        runner = smooth_run if self.smooth else run
+        # The truth is not the filter's business.
+        try:
+            found = runner(
+                replace(self.log, truth=None),
+                self.robot,
+                variant,
+                settings=self.settings,
+                start=self.start,
+                start_sigma=self.start_sigma,
+                progress=lambda stamp: progress((stamp - begin) / length),
+            )
+        except LostFilter as lost:
+            return (lost,)
+        except (IcreckonError, MemoryError):
+            raise
+        except Exception as problem:
+            return (LostFilter(variant, described(problem)),)
+        return self.checked((found,) if isinstance(found, Run) else found)
+
+    def checked(self, runs: Sequence[Run]) -> Outcome:
+        """The runs; in place of one that is lost, why."""
+        return tuple(loss_of(one, self.log.start) or one for one in runs)
+
+
+def _in_any_way(
+    task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
+) -> list[Outcome]:
+    """Side by side those that can, then the others here or in processes."""
+    share = 0.0
+
+    def report(done: float) -> None:
+        if progress is not None:
+            progress(share + (1.0 - share) * done)
+
+    index_models = [name for name in variants if find_variant(name).model != "friction"]
+    of_all = len(index_models) / max(1, len(variants))
+    together = _side_by_side(task, index_models, lambda done: report(of_all * done))
+    share = of_all if together else 0.0
+    others = [name for name in variants if name not in together]
+    if workers > 1 and len(others) > 1:
+        runs = _in_processes(task, others, workers, report)
+    else:
+        runs = _here(task, others, report)
+    found = {name: task.checked((one,)) for name, one in together.items()}
+    found |= dict(zip(others, runs, strict=True))
+    return [found[name] for name in variants]
+
+
+def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> dict[str, Run]:
+    """The runs of variants of the index models in one pass; none where only the streaming filter can."""
+    log = task.log
+    samples = 0 if log.imu is None else len(log.imu.stamps)
+    fits = task.engine == "batch" or (task.engine == "auto" and samples >= MANY_SAMPLES)
+    if task.smooth or not variants or not fits:
+        return {}
+    from icreckon.estimator.base.errors import BatchError
+    from icreckon.estimator.batch.replay import run_side_by_side
+
+    begin, length = log.start, max(1, log.end - log.start)
+    try:
+        return run_side_by_side(
+            log,
+            task.robot,
+            variants,
+            settings=task.settings,
+            start=task.start,
+            start_sigma=task.start_sigma,
+            progress=lambda stamp: progress((stamp - begin) / length),
+        )
+    except (BatchError, ArithmeticError):
+        if task.engine == "batch":
+            raise
+        return {}
+
+
+def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[Outcome]:
+    def share_of(index: int) -> Progress:
+        def report(done: float) -> None:
+            if progress is not None:
+                progress((index + done) / len(variants))
+
+        return report
+
+    return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
+
+
+def _run_quietly(task: _Task, variant: str) -> Outcome:
+    return task.run(variant, lambda _: None)
+
+
+def _on_executor(
+    task: _Task, variants: Sequence[str], executor: Executor, progress: Progress | None
+) -> list[Outcome]:
+    futures = [executor.submit(_run_quietly, task, variant) for variant in variants]
+    runs = []
+    for future in futures:
+        runs.append(future.result())
+        if progress is not None:
+            progress(len(runs) / len(futures))
+    return runs
+
+
+class _Worker:
+    """What a worker process works on: set by its initialiser, used by each of its calls."""
+
+    task: ClassVar[_Task]
+    slots: ClassVar[Any]
+
+    @classmethod
+    def begin(cls, task: _Task, slots: Any) -> None:
+        cls.task, cls.slots = task, slots
+
+    @classmethod
+    def work(cls, index: int, variant: str) -> Outcome:
+        def report(done: float) -> None:
+            cls.slots[index] = done
+
+        return cls.task.run(variant, report)
+
+
+def _in_processes(
+    task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
+) -> list[Outcome]:
+    context = multiprocessing.get_context("spawn")
+    slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
+    count = min(workers, len(variants))
+    with ProcessPoolExecutor(count, context, _Worker.begin, (task, slots)) as pool:
+        futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
+        waiting = set(futures)
+        while waiting:
+            _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+            if progress is not None:
+                done = [
+                    1.0 if future.done() else float(slots[index])  # type: ignore[index]
+                    for index, future in enumerate(futures)
+                ]
+                progress(sum(done) / len(done))
+        return [future.result() for future in futures]

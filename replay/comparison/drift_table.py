@@ -1,0 +1,123 @@
+"""Drift of all variants per horizon, with intervals, and which of them drifts least."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from icreckon.estimator.log.drift_by_distance import DISTANCES, drift_by_distance
+from icreckon.estimator.log.scores import HORIZONS, Drift, drift
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
+from icreckon.replay.comparison.truth_alignment import TruthAlignment
+
+# What variants are compared with, the first of these that was run.
+BASELINES = ("constant-online", "constant-fixed", "differential")
+# The horizon of the verdict: the first that has an interval, or else that has segments.
+VERDICT_HORIZONS = ("30s", "10s", "30m", "10m", "5m", "60s", "50m")
+
+Results = dict[str, Any]
+Stretches = list[tuple[int, int]]
+
+
+def horizon_labels() -> list[str]:
+    """Names of the horizons, as in the keys of results."""
+    return [f"{one:g}s" for one in HORIZONS] + [f"{one:g}m" for one in DISTANCES]
+
+
+def paired_drifts(
+    runs: Mapping[str, Run], truths: Mapping[str, TruthAlignment], scored: Stretches
+) -> dict[str, PairedDrift]:
+    """Drift of all variants against the truth by the label of the horizon.
+
+    Args:
+        runs: by name.
+        truths: what each is scored against.
+        scored: intervals of stamps [ns] that segments must lie in.
+    """
+    paths = {name: one.trajectory.pose_series for name, one in runs.items()}
+    found = {}
+    for label in horizon_labels():
+        drifts = {
+            name: _drift(path, truths[name].truth.poses, label, scored)
+            for name, path in paths.items()
+        }
+        found[label] = paired_drift(drifts)
+    return found
+
+
+def _drift(path: PoseSeries, truth: PoseSeries, label: str, scored: Stretches) -> Drift:
+    horizon = float(label[:-1])
+    if label.endswith("m"):
+        return drift_by_distance(path, truth, horizon, within=scored)
+    return drift(path, truth, horizon, within=scored)
+
+
+def baseline_of(names: list[str]) -> str:
+    """What the others are compared with."""
+    return next((name for name in BASELINES if name in names), names[0])
+
+
+def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) -> Results:
+    """The keys of a variant that say how it drifts: by the horizon, with 95 % intervals."""
+    found: Results = {}
+    for label, paired in drifts.items():
+        percent, ratio = paired.percent(name), paired.ratio(name, baseline)
+        found[f"drift_percent_{label}_mean"] = percent.value
+        found[f"drift_percent_{label}_95"] = _listed(percent)
+        found[f"drift_segments_{label}"] = len(paired.distances)
+        found[f"drift_ratio_{label}"] = ratio.value
+        found[f"drift_ratio_{label}_95"] = _listed(ratio)
+    return found
+
+
+def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
+    """Which filter drifts least, and than which others it is not shown to drift less.
+
+    Args:
+        drifts: by the label of the horizon.
+        baseline: what the others are compared with.
+
+    Returns:
+        None where no stretch is long enough to score any.
+    """
+    labels = [label for label in VERDICT_HORIZONS if len(drifts[label].distances)]
+    if not labels:
+        return None
+    sure = [label for label in labels if _known(drifts[label])]
+    label = (sure or labels)[0]
+    paired = drifts[label]
+    names = [name for name in paired.names if not name.endswith(SMOOTHED)]
+    percents = {name: paired.percent(name) for name in names}
+    best = min(names, key=lambda name: percents[name].value)
+    others = {name: paired.ratio(name, best) for name in names if name != best}
+    ratio = paired.ratio(best, baseline)
+    return {
+        "horizon": label,
+        "best": best,
+        "drift_percent": percents[best].value,
+        "drift_percent_95": _listed(percents[best]),
+        "baseline": baseline,
+        "ratio": ratio.value,
+        "ratio_95": _listed(ratio),
+        "segments": len(paired.distances),
+        "blocks": paired.blocks,
+        "ratios_to_best": {name: one.value for name, one in others.items()},
+        "ratios_to_best_95": {name: _listed(one) for name, one in others.items()},
+        "not_shown_worse": [
+            name for name, one in others.items() if one.interval is None or one.interval[0] <= 1.0
+        ],
+    }
+
+
+def _known(paired: PairedDrift) -> bool:
+    return paired.percent(paired.names[0]).interval is not None
+
+
+def _listed(estimate: Estimate) -> list[float] | None:
+    if estimate.interval is None or not all(map(math.isfinite, estimate.interval)):
+        return None
+    return list(estimate.interval)

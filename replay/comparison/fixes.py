@@ -1,0 +1,107 @@
+"""Which fixes a replay uses: those of the log within a part of it, or some taken from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix, PoseFix
+from icreckon.estimator.log.series import FixSeries
+from icreckon.replay.base.errors import ReplayError
+
+# Fixes taken from a truth: how often [s], and how good they are said to be [m, rad].
+TRUTH_FIX_PERIOD = 1.0
+TRUTH_FIX_SIGMA = (0.05, 0.02)
+
+
+class Bound(NamedTuple):
+    """A time in a log: seconds since its start, or a share of its duration."""
+
+    value: float
+    is_share: bool
+
+    def stamp(self, log: Log) -> int:
+        """The stamp [ns] in a log."""
+        seconds = self.value * log.duration if self.is_share else self.value
+        return log.start + round(seconds / NANOSECOND)
+
+
+class LogPart(NamedTuple):
+    """A part of a log."""
+
+    start: Bound
+    end: Bound
+
+
+def parse_part(text: str) -> LogPart:
+    """The part of a log that «0:40%» (a share) or «12:90» (seconds since its start) stands for.
+
+    Raises:
+        ReplayError: the text is nothing of the kind.
+    """
+    try:
+        first, last = text.split(":")
+        return LogPart(_bound(first), _bound(last))
+    except ValueError:
+        raise ReplayError(
+            f"{text!r} is no part of a log; give seconds (12:90) or shares of it (0:40%)"
+        ) from None
+
+
+def _bound(word: str) -> Bound:
+    is_share = word.endswith("%")
+    value = float(word[:-1]) / 100.0 if is_share else float(word)
+    if not 0.0 <= value < float("inf"):
+        raise ValueError(word)
+    return Bound(value, is_share)
+
+
+def with_fixes_within(log: Log, part: LogPart) -> Log:
+    """A log whose fixes are those of a part of it; taken from the truth where it has no fixes.
+
+    Headings without a position and pose fixes are fixes, too.
+
+    Args:
+        log: the log.
+        part: where fixes are to be used.
+
+    Raises:
+        ReplayError: the part is empty, or the log has neither fixes nor truth.
+    """
+    start, end = part.start.stamp(log), part.end.stamp(log)
+    if not start < end:
+        raise ReplayError("the part of the log that fixes are to be used in is empty")
+    fixes = log.fixes if log.fixes is not None else _fixes_from_truth(log)
+    inside = (fixes.stamps >= start) & (fixes.stamps <= end)
+    if not inside.any():
+        first, last = ((int(fixes.stamps[k]) - log.start) * NANOSECOND for k in (0, -1))
+        raise ReplayError(
+            f"the part of the log that fixes are to be used in holds none of its {len(inside)} fixes, "
+            f"which come from {first:.0f} to {last:.0f} s of {log.duration:.0f} s"
+        )
+    return replace(
+        log,
+        fixes=FixSeries(fixes.stamps[inside], fixes.poses[inside], fixes.variances[inside]),
+        others=tuple(
+            other
+            for other in log.others
+            if not isinstance(other, HeadingFix | PoseFix) or start <= other.stamp <= end
+        ),
+    )
+
+
+def _fixes_from_truth(log: Log) -> FixSeries:
+    if log.truth is None:
+        raise ReplayError(
+            f"{log.name}: neither fixes nor a truth to take them from; if the log has some, [log.fixes] "
+            "in the robot file must name their topic (icreckon inspect shows it)"
+        )
+    poses = log.truth.poses
+    period = int(TRUTH_FIX_PERIOD / NANOSECOND)
+    _, first = np.unique((poses.stamps - poses.stamps[0]) // period, return_index=True)
+    variances = np.tile(np.square(TRUTH_FIX_SIGMA), (len(first), 1))
+    return FixSeries(poses.stamps[first], poses.poses[first], variances)

@@ -1,0 +1,155 @@
+"""Where a run starts whose log has fixes but no truth: at the origin, or elsewhere in their frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.run import run
+
+BEGINNING = 20.0
+"""How long a way of the tracks fixes and the reckoned path are compared [m]; longer for rough fixes."""
+SIGMAS = 20.0
+"""So many standard deviations of a fix long [-]."""
+SOON = 5.0
+"""Headings later than this after the start do not tell it [s]."""
+TURN_SIGMA = 0.5
+"""How fast the robot may have turned between the start and the first heading [rad/s]."""
+CLEAR = 4.0
+"""So many standard deviations off is somewhere else [-]."""
+KNOWN_HEADING = 0.3
+"""A heading that the path tells better than this is believed [rad]."""
+DRIFT = 0.05
+"""What reckoning does to a short path: a share of it, and of its direction [-, rad]."""
+ANY_HEADING = 3.0
+"""Standard deviation of a heading that is not known [rad]."""
+
+
+class Start(NamedTuple):
+    """A pose at the start: x, y [m], yaw [rad], and their standard deviations."""
+
+    pose: tuple[float, float, float]
+    sigma: tuple[float, float, float]
+
+
+EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | None) -> Start:
+    """The pose at the start in the frame of the fixes.
+
+    It is the origin, exactly, where the first fixes agree with that, as those in `odom` do. Otherwise
+    the path that is reckoned without them is laid over them; a heading that neither this nor a
+    measured one tells is left open, and the filter finds it as the robot drives.
+
+    Args:
+        log: the log, with the fixes that are used.
+        robot: the robot.
+        variant: what reckons the path.
+        settings: of the pose estimator.
+    """
+    fixes = log.fixes
+    if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):
+        return EXACT_ORIGIN
+    sigma = math.sqrt(float(np.median(fixes.variances[:, 0])))
+    until = _has_gone(log, max(BEGINNING, SIGMAS * sigma))
+    path = run(_beginning(log, until), robot, variant, settings=settings).trajectory.pose_series
+    used = (fixes.stamps <= until) & (fixes.stamps >= path.stamps[0])
+    used &= fixes.stamps <= path.stamps[-1]
+    if not used.any():
+        return EXACT_ORIGIN
+    reckoned = interpolate_poses(path, fixes.stamps[used])[:, :2]
+    places = fixes.poses[used, :2]
+    start = _laid_over(reckoned, places, sigma)
+    heading = _first_heading(log)
+    if heading is not None and (start is None or heading[1] < start.sigma[2]):
+        first = places[0] - _turned(reckoned[0], heading[0])
+        wide = sigma + heading[1] * float(np.hypot(*reckoned[0]))
+        start = Start((float(first[0]), float(first[1]), heading[0]), (wide, wide, heading[1]))
+    if start is None:
+        wide = sigma + float(np.hypot(*reckoned[0]))
+        x, y = places[0].tolist()
+        if math.hypot(x, y) <= CLEAR * wide:
+            return EXACT_ORIGIN
+        return Start((x, y, 0.0), (wide, wide, ANY_HEADING))
+    off = np.abs(start.pose) / np.array(start.sigma)
+    return EXACT_ORIGIN if (off <= CLEAR).all() else start
+
+
+def _has_gone(log: Log, way: float) -> int:
+    """Stamp at which the tracks have gone so far since the first fix [ns]; the last one if never."""
+    stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
+    gone = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
+    before = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, gone))
+    return int(stamps[min(int(np.searchsorted(gone, before + way)), len(stamps) - 1)])
+
+
+def _beginning(log: Log, until: int) -> Log:
+    """What tracks and IMU say up to a stamp."""
+    tracks, imu = log.tracks, log.imu
+    count = max(1, int(np.searchsorted(tracks.stamps, until, side="right")))
+    if imu is not None:
+        kept = imu.stamps <= until
+        forces = imu.linear_acceleration
+        imu = replace(
+            imu,
+            stamps=imu.stamps[kept],
+            angular_velocity=imu.angular_velocity[kept],
+            linear_acceleration=None if forces is None else forces[kept],
+        )
+    tracks = TrackSpeedSeries(tracks.stamps[:count], tracks.speeds[:count])
+    return replace(log, tracks=tracks, imu=imu, fixes=None, truth=None, others=())
+
+
+def _laid_over(path: Floats, places: Floats, sigma: float) -> Start | None:
+    """The start of a path that is turned and shifted onto fixes; None where they tell no heading."""
+    middle, centre = path.mean(axis=0), places.mean(axis=0)
+    a, b = path - middle, places - centre
+    spread = math.sqrt(float((a**2).sum()))
+    if spread == 0.0:
+        return None
+    yaw = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    yaw_sigma = sigma / spread + DRIFT
+    if yaw_sigma > KNOWN_HEADING:
+        return None
+    x, y = (centre - _turned(middle, yaw)).tolist()
+    wide = sigma + yaw_sigma * float(np.hypot(*middle))
+    return Start((x, y, yaw), (wide, wide, yaw_sigma))
+
+
+def _turned(place: Floats, yaw: float) -> Floats:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([c * place[0] - s * place[1], s * place[0] + c * place[1]])
+
+
+def _first_heading(log: Log) -> tuple[float, float] | None:
+    """Yaw at the start and its standard deviation [rad], by the first fix that has one."""
+    found = [
+        (other.stamp, other.yaw, other.variance)
+        for other in log.others
+        if isinstance(other, HeadingFix)
+    ][:1]
+    if log.fixes is not None:
+        told = np.flatnonzero(np.isfinite(log.fixes.poses[:, 2]))[:1]
+        found += [
+            (int(log.fixes.stamps[at]), float(log.fixes.poses[at, 2]), float(variance))
+            for at, variance in zip(told, log.fixes.variances[told, 1], strict=True)
+        ]
+    if not found:
+        return None
+    stamp, yaw, variance = min(found)
+    wait = max(0.0, (stamp - log.start) * NANOSECOND)
+    if wait > SOON:
+        return None
+    return float(wrap_angle(yaw)), math.sqrt(variance) + TURN_SIGMA * wait

@@ -1,0 +1,169 @@
+"""Decimated time series of a comparison, for pictures."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.scores import interpolate_poses, path_length
+from icreckon.estimator.log.series import Truth
+from icreckon.estimator.motion.icr import Icrs, PaperTwist, icrs_from_twist, indices_from_icrs
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.replay.comparison.compare import Comparison
+
+SERIES_POINTS = 1500
+PARAMETER_POINTS = 300
+INNOVATION_POINTS = 700
+# Index values follow from a twist only while the robot turns at least this fast [rad/s].
+LEAST_YAW_RATE = 0.1
+# Between poses of the truth that are further apart than this [s], and than usual, it says nothing.
+LONGEST_BRIDGE = 1.0
+# Of positions [m], which may be far from their origin, and of what is as large as they are.
+DECIMALS = 4
+
+Results = dict[str, Any]
+
+
+def series_of(comparison: Comparison) -> Results:
+    """Decimated time series: most on the same times, parameters and innovations on their own."""
+    log = comparison.log
+    first = next(iter(comparison.runs.values()))
+    stamps = first.stamps[_picks(len(first.stamps), SERIES_POINTS)]
+    truth = None if log.truth is None else log.truth.poses
+    series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
+    true_poses = known = None
+    if log.truth is not None and truth is not None:
+        true_poses = interpolate_poses(truth, np.clip(stamps, truth.stamps[0], truth.stamps[-1]))
+        known = _bridged(truth.stamps, stamps)
+        series["truth"] = _pose_columns(np.where(known[:, None], true_poses, np.nan))
+        series["truth"] |= _true_indices(log.truth, stamps)
+    driven = first.trajectory.pose_series if truth is None else truth
+    travelled = np.interp(stamps, driven.stamps, path_length(driven))
+    series["distance_m"] = _rounded(travelled, DECIMALS)
+    if log.fixes is not None:
+        rows = _picks(len(log.fixes.stamps), SERIES_POINTS)
+        series["fixes"] = {
+            "t_s": _rounded((log.fixes.stamps[rows] - log.start) * NANOSECOND),
+            "x_m": _rounded(log.fixes.poses[rows, 0], DECIMALS),
+            "y_m": _rounded(log.fixes.poses[rows, 1], DECIMALS),
+        }
+    for name, one in comparison.runs.items():
+        rows = np.minimum(np.searchsorted(one.stamps, stamps), len(one.stamps) - 1)
+        poses, covariances = one.trajectory.poses[rows], one.trajectory.pose_covariances[rows]
+        columns = _pose_columns(poses) | {
+            "position_sigma_m": _rounded(largest_sigma(covariances)),
+            "yaw_sigma_rad": _rounded(np.sqrt(covariances[:, 2, 2])),
+            "zeta_m": _rounded(one.indices[rows, 0]),
+            "epsilon_m": _rounded(one.indices[rows, 1]),
+            "eta": _rounded(one.indices[rows, 2]),
+        }
+        if true_poses is not None and known is not None:
+            apart = np.where(known[:, None], poses - true_poses, np.nan)
+            columns["position_error_m"] = _rounded(np.hypot(apart[:, 0], apart[:, 1]))
+            columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(apart[:, 2])))
+        columns["parameters"] = _parameters(one, log.start)
+        columns["innovations"] = _innovations(one, log.start)
+        series["variants"][name] = columns
+    return series
+
+
+def _picks(count: int, most: int) -> NDArray[np.int64]:
+    """At most so many rows, evenly spread, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
+
+
+def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
+    """Whether (n,) stamps lie between poses of the truth that are close together, or next to one."""
+    after = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
+    usual = int(np.median(np.diff(known))) if len(known) > 1 else 0
+    bridge = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)
+    before, after = known[after - 1], known[np.minimum(after, len(known) - 1)]
+    between = (before <= wanted) & (wanted <= after) & (after - before <= bridge)
+    beside = np.minimum(abs(wanted - before), abs(wanted - after)) <= bridge // 2
+    return np.asarray(between | beside)
+
+
+def _parameters(one: Run, start: int) -> Results:
+    """What the filter learns, over time: of each state that is uncertain its value and sigma."""
+    rows = _picks(len(one.stamps), PARAMETER_POINTS)
+    found: Results = {"t_s": _rounded((one.stamps[rows] - start) * NANOSECOND)}
+    for index in range(s.LEARNT.start, s.LEARNT.stop):
+        name, sigma = one.state_names[index], one.state_sigmas[rows, index]
+        if not name.startswith("unused") and sigma.any():
+            found[name] = {
+                "value": _rounded(one.states[rows, index]),
+                "sigma": _rounded(sigma),
+            }
+    return found
+
+
+def _innovations(one: Run, start: int) -> Results:
+    """Normalised innovations of each component of a sensor, on its own times."""
+    found = {}
+    for name, column in zip(one.innovation_names, one.innovations.T, strict=True):
+        there = np.flatnonzero(np.isfinite(column))
+        if len(there):
+            rows = there[_picks(len(there), INNOVATION_POINTS)]
+            found[name] = {
+                "t_s": _rounded((one.stamps[rows] - start) * NANOSECOND, 2),
+                "normalised": _rounded(column[rows], 2),
+            }
+    return found
+
+
+def _true_indices(truth: Truth, stamps: Stamps) -> Results:
+    """Indices of the true motion by (1) to (3) and (17) to (19), up to the gauge of eta."""
+    if truth.twists is None or truth.tracks is None:
+        return {}
+    columns = [
+        _nearest(truth.twists.stamps, truth.twists.twists, stamps),
+        _nearest(truth.tracks.stamps, truth.tracks.speeds, stamps),
+    ]
+    (v_x, v_y, w), (V_l, V_r) = columns[0].T, columns[1].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        icrs = icrs_from_twist(V_l, V_r, PaperTwist(-v_y, v_x, w))
+    turning = np.abs(w) >= LEAST_YAW_RATE
+    shown = Icrs(*(np.where(turning, value, np.nan) for value in icrs))
+    zeta, epsilon, width = indices_from_icrs(shown, 1.0)
+    return {
+        "zeta_m": _rounded(zeta),
+        "epsilon_m": _rounded(epsilon),
+        "icr_distance_m": _rounded(width),
+    }
+
+
+def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
+    after = np.clip(np.searchsorted(known, wanted), 1, len(known) - 1)
+    closer = np.where(known[after] - wanted < wanted - known[after - 1], after, after - 1)
+    return np.asarray(values[closer])
+
+
+def largest_sigma(covariances: Floats) -> Floats:
+    """Standard deviation (n,) of the position along its least certain direction [m]."""
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]))
+
+
+def _pose_columns(poses: Floats) -> Results:
+    return {
+        "x_m": _rounded(poses[:, 0], DECIMALS),
+        "y_m": _rounded(poses[:, 1], DECIMALS),
+        "yaw_rad": _rounded(poses[:, 2], DECIMALS),
+    }
+
+
+def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:
+    """Numbers to five significant digits, or to so many decimals, NaN as None: for pictures."""
+    return [
+        None
+        if not math.isfinite(value)
+        else float(f"{value:.5g}")
+        if decimals is None
+        else round(value, decimals)
+        for value in np.asarray(values, dtype=float).tolist()
+    ]

@@ -1,0 +1,205 @@
+"""The results of a comparison as plain data: what `results.json` holds, and all else is made from.
+
+`variants` holds one object for each filter variant with its scores, units in the key names; `series`
+holds decimated time series for the pictures. A score that a log cannot give is null.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+import re
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import path_length
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.drift_table import (
+    baseline_of,
+    drift_scores,
+    horizon_labels,
+    paired_drifts,
+    verdict,
+)
+from icreckon.replay.comparison.plot_series import series_of
+from icreckon.replay.comparison.scores import differences, scored_intervals, scores, truths_of
+
+FORMAT = 1
+# A time without samples that is worth telling [s].
+LONG_GAP = 1.0
+# So large a share of the gyro's readings is rejected only where it and the tracks contradict each other.
+MANY_REJECTED = 0.05
+# Lists of numbers, which are many, stand in one line of the file; no string holds a line break.
+NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
+PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
+
+Results = dict[str, Any]
+
+
+def summarise(
+    comparison: Comparison,
+    robot: Robot,
+    *,
+    command: str,
+    configuration: dict[str, Any],
+    seed: int | None = None,
+    inputs: dict[str, Path] | None = None,
+) -> Results:
+    """Scores, series and provenance of a comparison, ready for `write_results`.
+
+    Args:
+        comparison: the runs.
+        robot: the robot.
+        command: name of the command that made them.
+        configuration: what the command was told.
+        seed: of a simulated log.
+        inputs: bags that were read, by the name to give them, for their hashes.
+    """
+    log = comparison.log
+    scored = scored_intervals(log)
+    filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
+    reference, baseline = filters[-1], baseline_of(filters)
+    variants, found = {}, None
+    if log.truth is not None:
+        truths = truths_of(comparison)
+        drifts = paired_drifts(comparison.runs, truths, scored)
+        found = verdict(drifts, baseline)
+        for name, one in comparison.runs.items():
+            variants[name] = scores(one, truths[name], scored)
+            variants[name] |= drift_scores(drifts, name, baseline)
+    else:
+        for name, one in comparison.runs.items():
+            variants[name] = differences(one, comparison.runs[reference])
+    results: Results = {
+        "format": FORMAT,
+        "command": command,
+        "configuration": configuration,
+        "seed": seed,
+        "versions": versions(),
+        "inputs": {name: digest(path) for name, path in (inputs or {}).items()},
+        "robot": msgspec.to_builtins(robot),
+        "log": {
+            "name": log.name,
+            "duration_s": log.duration,
+            "track_samples": len(log.tracks.stamps),
+            "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
+            "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
+            "dropped": log.dropped,
+            "notes": [*log.notes, *_holes(log), *_doubts(comparison)],
+            "start_ns": log.start,
+        },
+        "truth": _truth_summary(comparison, scored),
+        "reference_variant": None if log.truth is not None else reference,
+        "baseline_variant": None if log.truth is None else baseline,
+        "horizons": horizon_labels(),
+        "verdict": found,
+        "failed": {
+            name: {"reason": lost.reason, "since_s": lost.seconds}
+            for name, lost in comparison.failed.items()
+        },
+        "variants": variants,
+        "series": series_of(comparison),
+    }
+    cleaned: Results = _clean(results)
+    return cleaned
+
+
+def write_results(path: Path, results: Results) -> None:
+    """Write results as JSON; NaN becomes null."""
+    text = json.dumps(_clean(results), indent=1, allow_nan=False)
+    path.write_text(NUMBERS.sub(_in_one_line, text) + "\n", encoding="utf-8")
+
+
+def _in_one_line(numbers: re.Match[str]) -> str:
+    return "".join(numbers[0].split())
+
+
+def _holes(log: Log) -> list[str]:
+    """What is to be said of times without track speeds or IMU samples."""
+    streams = {"track speeds": log.tracks.stamps}
+    if log.imu is not None:
+        streams["IMU samples"] = log.imu.stamps
+    told = []
+    for name, stamps in streams.items():
+        gaps = np.diff(stamps) * NANOSECOND
+        long = gaps[gaps > LONG_GAP]
+        if len(long):
+            told.append(
+                f"{len(long)} holes of more than {LONG_GAP:.0f} s in the {name}, "
+                f"the longest of {long.max():.1f} s"
+            )
+    return told
+
+
+def _doubts(comparison: Comparison) -> list[str]:
+    """What makes the robot file doubtful: readings of the gyro that all variants reject so often."""
+    shares = []
+    for name, one in comparison.runs.items():
+        gyro = one.health.sensors.get("gyro")
+        if gyro is not None and gyro.judged_count and not name.endswith(SMOOTHED):
+            shares.append(gyro.rejected.get("gate", 0) / gyro.judged_count)
+    if not shares or min(shares) < MANY_REJECTED:
+        return []
+    return [
+        f"every variant rejects {min(shares):.0%} or more of the gyro's readings: are left and right "
+        "swapped, or is the IMU mounted otherwise than the robot file says? icreckon inspect shows both"
+    ]
+
+
+def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:
+    truth, alignment = comparison.log.truth, comparison.alignment
+    if truth is None:
+        return None
+    start = comparison.log.start
+    return {
+        "source": truth.source,
+        "distance_m": float(path_length(truth.poses)[-1]),
+        "lag_s": 0.0 if alignment is None else alignment.lag,
+        "lever_arm_m": [0.0, 0.0] if alignment is None else list(alignment.lever_arm),
+        "scored_s": [[(a - start) * NANOSECOND, (b - start) * NANOSECOND] for a, b in scored],
+    }
+
+
+def _clean(value: Any) -> Any:
+    """The same without NaN and infinity, which JSON does not have, and without numpy's types."""
+    if isinstance(value, dict):
+        return {key: _clean(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_clean(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result hangs on."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, or of all files of a folder in the order of their names."""
+    running = hashlib.sha256()
+    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+        if file.is_file():
+            with file.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    running.update(block)
+    return f"sha256:{running.hexdigest()}"

@@ -1,0 +1,130 @@
+"""What each variant scores over a log, against its truth or, without one, against another variant."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.frames import relative, wrap_angle
+from icreckon.estimator.log.drift_by_distance import DISTANCES, drift_by_distance
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import (
+    HORIZONS,
+    drift,
+    interpolate_poses,
+    path_length,
+    pose_nees,
+    velocity_errors,
+    without_fixes,
+)
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.plot_series import largest_sigma
+from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
+
+# A time without fixes at least this long is scored as dead reckoning [s].
+SCORED_OUTAGE = 15.0
+
+Results = dict[str, Any]
+
+
+def scored_intervals(log: Log) -> list[tuple[int, int]]:
+    """Where drift is scored: all of a log without fixes, otherwise its long gaps between fixes."""
+    if log.fixes is None or len(log.fixes.stamps) == 0:
+        return [(log.start, log.end)]
+    return without_fixes(log.fixes.stamps, log.start, log.end, SCORED_OUTAGE)
+
+
+def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
+    """The truth as each run is scored against it, by name: a logged one with the run's own lever arm.
+
+    Raises:
+        ValueError: the log has no truth.
+    """
+    truth, alignment = comparison.log.truth, comparison.alignment
+    if truth is None:
+        raise ValueError("there is no truth to score against")
+    if alignment is None:
+        return dict.fromkeys(comparison.runs, TruthAlignment(0.0, (0.0, 0.0), truth))
+    found = {}
+    for name, one in comparison.runs.items():
+        own = align_place(truth, one.trajectory)
+        x, y = (a + b for a, b in zip(alignment.lever_arm, own.lever_arm, strict=True))
+        found[name] = TruthAlignment(alignment.lag, (x, y), own.truth)
+    return found
+
+
+def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> Results:
+    """Scores against the truth; drift with its intervals is in `replay.comparison.drift_table`.
+
+    Args:
+        one: the run.
+        aligned: the truth that it is scored against.
+        scored: intervals of stamps [ns] in which drift is scored.
+    """
+    truth = aligned.truth
+    estimate = one.trajectory
+    found: Results = {"lever_arm_m": list(aligned.lever_arm)}
+    for horizon in HORIZONS:
+        segments = drift(estimate.pose_series, truth.poses, horizon, within=scored)
+        label = f"{horizon:.0f}s"
+        found[f"drift_percent_{label}_median"] = segments.percent_median
+        if horizon == 30.0:
+            found["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m
+    errors = velocity_errors(estimate, truth)
+    rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
+    for name, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
+        found[f"rmse_{name}"] = value
+    nees = pose_nees(estimate, truth.poses, within=scored)
+    found["nees_pose_mean"] = float(nees.mean()) if len(nees) else math.nan
+    end = min(truth.poses.stamps[-1], estimate.stamps[-1])
+    at = np.array([end])
+    last = interpolate_poses(estimate.pose_series, at) - interpolate_poses(truth.poses, at)
+    found["final_position_error_m"] = float(np.hypot(*last[0, :2]))
+    found["final_yaw_error_deg"] = float(np.degrees(wrap_angle(last[0, 2])))
+    return found | _consistency(one)
+
+
+def differences(one: Run, reference: Run) -> Results:
+    """What can be said without a truth: where a variant ends, and how far from another."""
+    estimate, other = one.trajectory, reference.trajectory
+    end = estimate.poses[-1]
+    apart = relative(other.poses[-1], end)
+    found: Results = {
+        "distance_m": float(path_length(estimate.pose_series)[-1]),
+        "end_x_m": float(end[0]),
+        "end_y_m": float(end[1]),
+        "end_yaw_deg": float(np.degrees(end[2])),
+        "end_sigma_m": largest_sigma(estimate.pose_covariances[-1:])[0],
+        "end_apart_m": float(np.hypot(apart[0], apart[1])),
+        "end_yaw_apart_deg": float(np.degrees(end[2] - other.poses[-1, 2])),
+    }
+    for horizon in HORIZONS:
+        segments = drift(estimate.pose_series, other.pose_series, horizon)
+        found[f"apart_percent_{horizon:g}s_mean"] = segments.percent_mean
+    for length in DISTANCES:
+        stretches = drift_by_distance(estimate.pose_series, other.pose_series, length)
+        found[f"apart_percent_{length:g}m_mean"] = stretches.percent_mean
+    return found | _consistency(one)
+
+
+def _consistency(one: Run) -> Results:
+    """What the filter says of its own measurements and parameters."""
+    health = one.health
+    names = one.state_names
+    final = dict(zip(names, one.states[-1].tolist(), strict=True))
+    sigmas = dict(zip(names, one.state_sigmas[-1].tolist(), strict=True))
+    kept = [name for name in names[s.LEARNT] if not name.startswith("unused")]
+    return {
+        "nis": {name: sensor.nis_per_degree for name, sensor in health.sensors.items()},
+        "used": {name: sensor.used for name, sensor in health.sensors.items()},
+        "rejected": health.rejections(),
+        "standstill_updates": health.standstill_updates,
+        "track_gaps": health.track_gaps,
+        "stuck_tracks": health.stuck_tracks,
+        "final_parameters": {name: final[name] for name in kept},
+        "final_parameter_sigmas": {name: sigmas[name] for name in kept},
+    }

@@ -1,0 +1,143 @@
+"""Lag and lever arm of a logged truth, found against dead reckoning and taken out before scoring.
+
+A pose from lidar or GPS is stamped late, and it is that of a sensor rather than of `base_link`. Both
+would count as drift. They are found from relative motion over short windows, in which dead reckoning
+is good, and reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import relative
+from icreckon.estimator.log.scores import interpolate_poses, pieces
+from icreckon.estimator.log.series import PoseSeries, Truth
+from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.replay.base.lag_search import beside_lowest
+
+LAGS = np.arange(-0.3, 1.0, 0.01)
+GRID_STEP = 0.1
+LAG_WINDOW = 1.0
+LEVER_WINDOW = 2.0
+# Windows across a longer hole in the truth are left out [s].
+LARGEST_HOLE = 0.5
+# Share of the windows kept for the lever arm: those in which truth and reckoning agree best.
+TRIMMED_SHARE = 0.8
+# A lever arm shows only if the robot turned this much within windows, root mean square [rad].
+LEAST_TURNING = 0.1
+
+
+@dataclass(frozen=True)
+class TruthAlignment:
+    """What was taken out of a truth.
+
+    Attributes:
+        lag: its stamps were this late [s].
+        lever_arm: the point that it follows, in base_link: x forward, y left [m].
+        truth: the truth of `base_link` itself, at the right time.
+    """
+
+    lag: float
+    lever_arm: tuple[float, float]
+    truth: Truth
+
+
+def align_truth(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
+    """Find and take out lag and lever arm of a truth.
+
+    Args:
+        truth: poses of some point of the robot, late by an unknown lag.
+        reckoned: dead reckoning over the same time.
+
+    Returns:
+        The alignment; zero lag or lever arm where the log does not show it (too short, no turning).
+    """
+    lag = _lag(truth.poses, reckoned.pose_series)
+    shifted = PoseSeries(truth.poses.stamps - round(lag / NANOSECOND), truth.poses.poses)
+    aligned = align_place(replace(truth, poses=shifted), reckoned)
+    return replace(aligned, lag=lag)
+
+
+def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
+    """Find and take out the lever arm alone: the truth is at the right time.
+
+    Where in the robot a filter's base_link lies, its turning centre in the mean, is for its model and
+    parameters to say. So the same truth has another lever arm for each filter.
+
+    Args:
+        truth: poses of some point of the robot.
+        reckoned: of a filter over the same time.
+    """
+    lever = _lever_arm(truth.poses, reckoned.pose_series)
+    poses = truth.poses.poses.copy()
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    poses[:, 0] -= cos * lever[0] - sin * lever[1]
+    poses[:, 1] -= sin * lever[0] + cos * lever[1]
+    moved = replace(truth, poses=PoseSeries(truth.poses.stamps, poses))
+    return TruthAlignment(0.0, (float(lever[0]), float(lever[1])), moved)
+
+
+def _windows(
+    truth: PoseSeries, reckoned: PoseSeries, window: float, margin: float
+) -> tuple[Stamps, Stamps]:
+    """Starts and ends [ns] of windows on an even grid that both series cover."""
+    low = max(truth.stamps[0], reckoned.stamps[0]) + int(margin / NANOSECOND)
+    high = min(truth.stamps[-1], reckoned.stamps[-1]) - int((margin + window) / NANOSECOND)
+    starts = np.arange(low, max(low, high), int(GRID_STEP / NANOSECOND))
+    ends = starts + int(window / NANOSECOND)
+    holes = pieces(truth.stamps, LARGEST_HOLE)
+    first = np.searchsorted(truth.stamps, starts, side="right") - 1
+    last = np.minimum(np.searchsorted(truth.stamps, ends), len(holes) - 1)
+    whole = holes[first] == holes[last]
+    return starts[whole], ends[whole]
+
+
+def _lag(truth: PoseSeries, reckoned: PoseSeries) -> float:
+    """Lag [s] at which the yaw changes of truth and reckoning agree best, by a parabola."""
+    starts, ends = _windows(truth, reckoned, LAG_WINDOW, margin=float(LAGS[-1]))
+    if len(starts) < 10:
+        return 0.0
+
+    def turned(series: PoseSeries, shift: float) -> Floats:
+        offset = round(shift / NANOSECOND)
+        later = interpolate_poses(series, ends - offset)[:, 2]
+        return np.asarray(later - interpolate_poses(series, starts - offset)[:, 2])
+
+    true = turned(truth, 0.0)
+    if np.sqrt(np.mean(true**2)) < LEAST_TURNING:
+        return 0.0
+    costs = np.array([np.mean((true - turned(reckoned, float(lag))) ** 2) for lag in LAGS])
+    best = int(np.clip(np.argmin(costs), 1, len(LAGS) - 2))
+    beside = np.clip(beside_lowest(costs, best), -1.0, 1.0)
+    return float(LAGS[best] + beside * (LAGS[1] - LAGS[0]))
+
+
+def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
+    """Lever arm (2,) [m] by trimmed least squares.
+
+    A point at l in base_link moves, seen from where it started, by the motion of base_link plus
+    (R - I) l, where R is the rotation within the window.
+    """
+    starts, ends = _windows(truth, reckoned, LEVER_WINDOW, margin=0.0)
+    if len(starts) < 10:
+        return np.zeros(2)
+    steps = [
+        relative(interpolate_poses(series, starts), interpolate_poses(series, ends))
+        for series in (truth, reckoned)
+    ]
+    angle = steps[0][:, 2]
+    if np.sqrt(np.mean(angle**2)) < LEAST_TURNING:
+        return np.zeros(2)
+    cos, sin = np.cos(angle) - 1.0, np.sin(angle)
+    design = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
+    extra = (steps[0] - steps[1])[:, :2]
+    keep = np.ones(len(extra), dtype=bool)
+    lever = np.zeros(2)
+    for _ in range(3):
+        lever = np.linalg.lstsq(design[keep].reshape(-1, 2), extra[keep].ravel(), rcond=None)[0]
+        misfit = np.hypot(*(extra - design @ lever).T)
+        keep = misfit <= np.quantile(misfit, TRIMMED_SHARE)
+    return np.asarray(lever)

@@ -1,7 +1,0 @@
-"""The error of the replay package."""
-
-from estimator.errors import IcreckonError
-
-
-class ReplayError(IcreckonError):
-    """A log that cannot be read, mapped or replayed as asked."""

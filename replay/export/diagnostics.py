@@ -1,0 +1,162 @@
+"""How a filter fares, over time, as diagnostic_msgs/DiagnosticArray: innovations and uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.messages import Messages
+from icreckon.replay.bags.writer import Outbox
+
+DIAGNOSTICS_TOPIC = "/diagnostics"
+ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
+KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
+OK, WARN, STALE = 0, 1, 3
+# One message per so much time, over which innovations are looked back [s].
+INTERVAL = 1.0
+WINDOW = 10.0
+# A sensor whose innovations squared are this many times what they should be deserves a look, if there
+# are enough of them in a window.
+LARGE_NIS = 4.0
+ENOUGH = 5
+
+
+class _Status(NamedTuple):
+    """One line of a diagnostics panel."""
+
+    level: int
+    name: str
+    message: str
+    values: dict[str, str]
+
+
+class _Sensor(NamedTuple):
+    """One component of a sensor at the times of the messages, (m,) each.
+
+    Attributes:
+        name: of the component.
+        newest: normalised innovation, NaN where there was none in the window.
+        mean_square: of those in the window, NaN likewise.
+        counted: how many these are.
+    """
+
+    name: str
+    newest: Floats
+    mean_square: Floats
+    counted: Floats
+
+
+def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
+    """The diagnostics of all runs that were filtered, one message per second.
+
+    Args:
+        runs: by name of the variant.
+        hardware: name of the robot.
+    """
+    filtered = {name: one for name, one in runs.items() if one.innovation_names}
+    if not filtered:
+        return Outbox(DIAGNOSTICS_TOPIC, ARRAY, np.zeros(0, np.int64))
+    begin = min(int(one.stamps[0]) for one in filtered.values())
+    end = max(int(one.stamps[-1]) for one in filtered.values())
+    stamps = np.arange(begin, end + 1, int(INTERVAL * NANOSECONDS))
+    stamps = np.append(stamps[stamps < end], end)
+    sensors = {name: _sensors(one, stamps) for name, one in filtered.items()}
+    rows = {
+        name: np.maximum(np.searchsorted(one.stamps, stamps, side="right") - 1, 0)
+        for name, one in filtered.items()
+    }
+
+    def make(messages: Messages, i: int) -> Any:
+        statuses = []
+        for name, one in filtered.items():
+            statuses.append(_estimate(name, one, int(rows[name][i])))
+            statuses += [_innovation(name, sensor, i) for sensor in sensors[name]]
+            if i == len(stamps) - 1:
+                statuses.append(_counts(name, one))
+        return messages.new(
+            ARRAY,
+            header=messages.header(stamps[i], ""),
+            status=[_message(messages, status, hardware) for status in statuses],
+        )
+
+    return Outbox(DIAGNOSTICS_TOPIC, ARRAY, stamps, make)
+
+
+def _sensors(one: Run, stamps: Stamps) -> list[_Sensor]:
+    last = np.searchsorted(one.stamps, stamps, side="right")
+    first = np.searchsorted(one.stamps, stamps - int(WINDOW * NANOSECONDS), side="right")
+    found = []
+    for name, column in zip(one.innovation_names, one.innovations.T, strict=True):
+        there = np.isfinite(column)
+        squares = np.where(there, column, 0.0).astype(float) ** 2
+        counts = np.concatenate([[0], np.cumsum(there)])
+        sums = np.concatenate([[0.0], np.cumsum(squares)])
+        count = counts[last] - counts[first]
+        newest = np.concatenate(
+            [[-1], np.maximum.accumulate(np.where(there, np.arange(len(there)), -1))]
+        )
+        some = count > 0
+        values = np.where(some, column[newest[last]], np.nan)
+        mean = np.where(some, (sums[last] - sums[first]) / np.maximum(count, 1), np.nan)
+        found.append(_Sensor(name, values, mean, count))
+    return found
+
+
+def _estimate(variant: str, one: Run, row: int) -> _Status:
+    covariance = one.trajectory.pose_covariances[row]
+    position = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    yaw = float(np.degrees(np.sqrt(covariance[2, 2])))
+    v_x, v_y, w = one.trajectory.twists[row].tolist()
+    values = {
+        "position_sigma_m": f"{position:.4f}",
+        "yaw_sigma_deg": f"{yaw:.4f}",
+        "v_x_m_s": f"{v_x:.4f}",
+        "v_y_m_s": f"{v_y:.4f}",
+        "w_rad_s": f"{w:.4f}",
+    }
+    return _Status(OK, f"{variant}: estimate", f"sigma {position:.2f} m, {yaw:.2f} deg", values)
+
+
+def _innovation(variant: str, sensor: _Sensor, i: int) -> _Status:
+    name, count = f"{variant}: {sensor.name}", int(sensor.counted[i])
+    if not count:
+        return _Status(STALE, name, f"none in {WINDOW:.0f} s", {})
+    newest, mean = float(sensor.newest[i]), float(sensor.mean_square[i])
+    large = count >= ENOUGH and mean > LARGE_NIS
+    values = {
+        "normalised_innovation": f"{newest:.3f}",
+        f"nis_mean_{WINDOW:.0f}s": f"{mean:.3f}",
+        f"count_{WINDOW:.0f}s": str(count),
+    }
+    told = f"NIS {mean:.2f} over {WINDOW:.0f} s (ideal 1)"
+    return _Status(WARN if large else OK, name, told, values)
+
+
+def _counts(variant: str, one: Run) -> _Status:
+    """What became of the measurements of the whole run, which is known at its end."""
+    values = {f"{name}: used": str(sensor.used) for name, sensor in one.health.sensors.items()}
+    values |= {f"{what}, rejected": str(count) for what, count in one.health.rejections().items()}
+    values["standstill updates"] = str(one.health.standstill_updates)
+    values["gaps in the track speeds"] = str(one.health.track_gaps)
+    values["stuck tracks"] = str(one.health.stuck_tracks)
+    seconds = (one.stamps[-1] - one.stamps[0]) * NANOSECOND
+    return _Status(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
+
+
+def _message(messages: Messages, status: _Status, hardware: str) -> Any:
+    return messages.new(
+        STATUS,
+        level=status.level,
+        name=status.name,
+        message=status.message,
+        hardware_id=hardware,
+        values=[
+            messages.new(KEY_VALUE, key=key, value=value) for key, value in status.values.items()
+        ],
+    )

@@ -1,0 +1,64 @@
+"""Trajectories and tables of a comparison, written to a folder in the formats that were asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.export.formats import DEFAULT_FORMATS
+from icreckon.replay.export.replay_bag import write_replay_bag
+from icreckon.replay.export.tables import write_poses, write_run
+from icreckon.replay.export.trajectories import write_kitti, write_tum
+
+ODOMETRY_FILE = "odometry.mcap"
+
+
+ROS1_FILE = "odometry.bag"
+
+
+TRUTH = "ground_truth"
+
+
+def write_exports(
+    folder: Path,
+    comparison: Comparison,
+    robot: Robot,
+    formats: Sequence[str] = DEFAULT_FORMATS,
+) -> None:
+    """Write the trajectories of a comparison in the formats wanted, see `write_report`."""
+    _write_trajectories(folder, comparison, formats)
+    _write_tables(folder, comparison, robot, formats)
+    if "mcap" in formats:
+        write_replay_bag(folder / ODOMETRY_FILE, "mcap", comparison, robot)
+    if "ros1" in formats:
+        write_replay_bag(folder / ROS1_FILE, "ros1", comparison, robot)
+
+
+def _write_trajectories(folder: Path, comparison: Comparison, formats: Sequence[str]) -> None:
+    truth = comparison.log.truth
+    paths: dict[str, PoseSeries] = {
+        name: one.trajectory.pose_series for name, one in comparison.runs.items()
+    }
+    if truth is not None:
+        paths[TRUTH] = truth.poses
+    for name, poses in paths.items():
+        if "tum" in formats:
+            write_tum(folder / f"{name}.tum", poses)
+        if "kitti" in formats:
+            write_kitti(folder / f"{name}.kitti", poses)
+
+
+def _write_tables(
+    folder: Path, comparison: Comparison, robot: Robot, formats: Sequence[str]
+) -> None:
+    truth, start = comparison.log.truth, comparison.log.start
+    for form in ("csv", "parquet"):
+        if form not in formats:
+            continue
+        for name, one in comparison.runs.items():
+            write_run(folder / f"{name}.{form}", form, one, robot, start)
+        if truth is not None:
+            write_poses(folder / f"{TRUTH}.{form}", form, truth.poses, start)

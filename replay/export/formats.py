@@ -1,0 +1,36 @@
+"""What a result folder is to hold of the trajectories."""
+
+from __future__ import annotations
+
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.replay.base.errors import ReplayError
+
+# What each format leaves, for help and messages.
+FORMATS = {
+    "tum": "trajectories, t x y z qx qy qz qw",
+    "kitti": "trajectories, 3x4 matrices, with files of their times",
+    "csv": "time series",
+    "parquet": "time series",
+    "mcap": "messages, for Foxglove, PlotJuggler and ROS 2",
+    "ros1": "the same messages as a ROS 1 bag",
+}
+DEFAULT_FORMATS = ("tum", "mcap")
+
+
+def parse_formats(text: str | None) -> tuple[str, ...]:
+    """Formats by their names, separated by commas, in the order of `FORMATS`; None for the default.
+
+    Raises:
+        ReplayError: there is no such format, or none is named; "none" alone is allowed.
+    """
+    if text is None:
+        return DEFAULT_FORMATS
+    words = [word.strip().lower() for word in text.split(",") if word.strip()]
+    if words == ["none"]:
+        return ()
+    if not words:
+        raise ReplayError("--formats names none; to write no trajectories, say --formats none")
+    for word in words:
+        if word not in FORMATS:
+            raise ReplayError(f"--formats {word!r}{nearest_hint(word, list(FORMATS))}")
+    return tuple(name for name in FORMATS if name in words)

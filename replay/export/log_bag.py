@@ -1,0 +1,218 @@
+"""Writing logs as bags of standard messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Stamps
+from icreckon.estimator.base.frames import yaw_to_quaternion
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import (
+    FixSeries,
+    ImuSeries,
+    PoseSeries,
+    TrackSpeedSeries,
+    TwistSeries,
+)
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.bags.message_types import (
+    IMU,
+    JOINT_STATE,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    STRING,
+    TWIST,
+)
+from icreckon.replay.bags.messages import BASE_LINK, IMU_LINK, ODOM, UNUSED_VARIANCE, Messages
+from icreckon.replay.bags.writer import MAGICS, Outbox, bag_path, write_bag
+from icreckon.replay.bags.writer import Format as Format
+from icreckon.replay.base.outputs import check_replaceable
+from icreckon.replay.mapping.topics import (
+    MAPPING_TOPIC,
+    TopicMap,
+    TrackTopic,
+    topic_map,
+    writable_topics,
+)
+from icreckon.replay.reading.stream import ABSENT
+
+
+def write_log(
+    log: Log,
+    path: Path | str,
+    format: Format,  # noqa: A002
+    robot: Robot,
+    *,
+    overwrite: bool = False,
+) -> Path:
+    """Write a log as a bag, on the topics of the robot's mapping.
+
+    Streams that the robot's file does not map, or maps in a way that cannot be written, go to
+    `replay.mapping.topics.DEFAULT_TOPICS`, and the bag then holds its mapping, by which it is read.
+
+    `read_log` with the same robot gives back what was written: stamps exact, track speeds up to
+    the rounding of sprocket_radius, yaw up to that of the quaternion.
+
+    Args:
+        log: the log.
+        path: where to; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
+            bag gets the suffix `.bag` where it is missing.
+        format: "mcap" or "sqlite3" (ROS 2), or "ros1".
+        robot: the robot, for its topic mapping, joint names and sprocket radius.
+        overwrite: whether a bag that is there may be replaced.
+
+    Returns:
+        The path that was written.
+
+    Raises:
+        ReplayError: a bad mapping, stamps that ROS cannot hold, something is there already, or the
+            file system refuses.
+    """
+    own = topic_map(robot, f"robot {robot.name!r}")
+    topics = writable_topics(own)
+    outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
+    if topics != own:
+        outboxes.append(_mapping(log, topics))
+    return write_bag(Path(path), format, outboxes, overwrite=overwrite)
+
+
+def check_place(
+    path: Path,
+    format: Format,  # noqa: A002
+    robot: Robot,
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Refuse before a long run what `write_log` would refuse after it; arguments as there.
+
+    Raises:
+        ReplayError: a bad mapping, or something is there already that may not be replaced.
+    """
+    topic_map(robot, f"robot {robot.name!r}")
+    check_replaceable(bag_path(path, format), overwrite=overwrite, starts=MAGICS)
+
+
+def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
+    """What to send; `topics` names all streams (see `writable_topics`)."""
+    outboxes = []
+    tracks, truth = topics.tracks, topics.truth
+    if tracks and len(log.tracks.stamps):
+        outboxes.append(_joint_states(tracks.topic, log.tracks, tracks, radius))
+    if topics.imu and log.imu is not None:
+        outboxes.append(_imu(topics.imu.topic, log.imu))
+    if topics.fixes and log.fixes is not None:
+        outboxes.append(fix_messages(topics.fixes.topic, log.fixes))
+    if truth and log.truth is not None:
+        outboxes.append(pose_messages(truth.topic, log.truth.poses))
+        if truth.source_topic:
+            outboxes.append(_text(truth.source_topic, log.truth.poses.stamps[:1], log.truth.source))
+        if truth.twist and log.truth.twists is not None:
+            outboxes.append(_twists(truth.twist, log.truth.twists))
+        if tracks and truth.tracks and log.truth.tracks is not None:
+            outboxes.append(_joint_states(truth.tracks, log.truth.tracks, tracks, radius))
+    return outboxes
+
+
+def _mapping(log: Log, topics: TopicMap) -> Outbox:
+    """The mapping of those streams that the log has."""
+    used = TopicMap(
+        topics.tracks,
+        topics.imu if log.imu is not None else None,
+        topics.fixes if log.fixes is not None else None,
+        topics.truth if log.truth is not None else None,
+    )
+    return _text(MAPPING_TOPIC, np.array([log.start]), msgspec.json.encode(used).decode())
+
+
+def _text(topic: str, stamps: Stamps, text: str) -> Outbox:
+    return Outbox(topic, STRING, stamps, lambda messages, _: messages.new(STRING, data=text))
+
+
+def _joint_states(
+    topic: str, tracks: TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
+) -> Outbox:
+    names = [*mapped.left, *mapped.right]
+    sides = [0] * len(mapped.left) + [1] * len(mapped.right)
+    # rosbags serialises contiguous rows only.
+    rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, sides])
+    nothing = np.empty(0)
+
+    def make(messages: Messages, i: int) -> Any:
+        return messages.new(
+            JOINT_STATE,
+            header=messages.header(tracks.stamps[i], ""),
+            name=names,
+            position=nothing,
+            velocity=rates[i],
+            effort=nothing,
+        )
+
+    return Outbox(topic, JOINT_STATE, tracks.stamps, make)
+
+
+def _imu(topic: str, imu: ImuSeries) -> Outbox:
+    absent, unknown = np.zeros(9), np.zeros(9)
+    absent[0] = ABSENT
+    forces = imu.linear_acceleration
+    no_force = (0.0, 0.0, 0.0)
+
+    def make(messages: Messages, i: int) -> Any:
+        return messages.new(
+            IMU,
+            header=messages.header(imu.stamps[i], IMU_LINK),
+            orientation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
+            orientation_covariance=absent,
+            angular_velocity=messages.vector(imu.angular_velocity[i]),
+            angular_velocity_covariance=unknown,
+            linear_acceleration=messages.vector(no_force if forces is None else forces[i]),
+            linear_acceleration_covariance=absent if forces is None else unknown,
+        )
+
+    return Outbox(topic, IMU, imu.stamps, make)
+
+
+def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
+    """Fixes as geometry_msgs/PoseWithCovarianceStamped in odom."""
+    no_heading = np.isnan(fixes.poses[:, 2])
+    quaternions = yaw_to_quaternion(np.where(no_heading, 0.0, fixes.poses[:, 2]))
+    yaw_variances = np.where(no_heading, UNUSED_VARIANCE, fixes.variances[:, 1])
+
+    def make(messages: Messages, i: int) -> Any:
+        position_variance = fixes.variances[i, 0]
+        covariance = np.diag([position_variance, position_variance, yaw_variances[i]])
+        return messages.new(
+            POSE_WITH_COVARIANCE,
+            header=messages.header(fixes.stamps[i], ODOM),
+            pose=messages.pose_with_covariance(fixes.poses[i], quaternions[i], covariance),
+        )
+
+    return Outbox(topic, POSE_WITH_COVARIANCE, fixes.stamps, make)
+
+
+def pose_messages(topic: str, poses: PoseSeries) -> Outbox:
+    """Poses as geometry_msgs/PoseStamped in odom."""
+    quaternions = yaw_to_quaternion(poses.poses[:, 2])
+
+    def make(messages: Messages, i: int) -> Any:
+        return messages.new(
+            POSE,
+            header=messages.header(poses.stamps[i], ODOM),
+            pose=messages.pose(poses.poses[i], quaternions[i]),
+        )
+
+    return Outbox(topic, POSE, poses.stamps, make)
+
+
+def _twists(topic: str, twists: TwistSeries) -> Outbox:
+    def make(messages: Messages, i: int) -> Any:
+        return messages.new(
+            TWIST,
+            header=messages.header(twists.stamps[i], BASE_LINK),
+            twist=messages.twist(twists.twists[i]),
+        )
+
+    return Outbox(topic, TWIST, twists.stamps, make)

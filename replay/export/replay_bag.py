@@ -1,0 +1,273 @@
+"""A comparison as a bag, to be looked at in Foxglove, RViz or PlotJuggler.
+
+Frames are those of REP-105. A tf tree gives each frame one parent, so each variant moves a frame of its
+own, `inertia_online/base_link`, in `odom`; `base_link` itself goes with the last variant that was asked
+for (of the filters), and `ground_truth/base_link` with the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import yaw_to_quaternion
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.bags.bulk_encoding import Numbers, Packing
+from icreckon.replay.bags.message_types import ODOMETRY, POSE, TF
+from icreckon.replay.bags.messages import BASE_LINK, ODOM, PLANAR, UNUSED_VARIANCE, Messages
+from icreckon.replay.bags.writer import Format, Outbox, write_bag
+from icreckon.replay.base.colours import colour_of
+from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.export.diagnostics import diagnostics
+from icreckon.replay.export.log_bag import fix_messages
+from icreckon.replay.export.tables import icr_series
+
+PATH, MARKERS = "nav_msgs/msg/Path", "visualization_msgs/msg/MarkerArray"
+TRUTH = "ground_truth"
+FIXES_TOPIC, TF_TOPIC = "/fixes", "/tf"
+# At most so many per second; odometry and truth are there with each of their samples.
+TF_RATE = 20.0
+MARKER_RATE = 5.0
+# Poses of a path, which is one message.
+PATH_POSES = 1000
+ICR_DIAMETER = 0.08
+ICR_LINE = 0.015
+SPHERE_LIST, LINE_STRIP = 7, 4
+
+
+def write_replay_bag(
+    path: Path, form: Format, comparison: Comparison, robot: Robot, *, overwrite: bool = False
+) -> Path:
+    """Write what the variants made of a log as a bag.
+
+    It holds, with `-` in names of variants written as `_`: `/<variant>/odom` (nav_msgs/Odometry),
+    `/<variant>/path` (nav_msgs/Path), `/<variant>/icrs` (visualization_msgs/MarkerArray), `/tf`, `/fixes`
+    that were used, `/ground_truth/pose` and `/ground_truth/path`, and `/diagnostics`
+    (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
+
+    Args:
+        path: where to, see `replay.bags.writer.write_bag`.
+        form: "mcap", "sqlite3" or "ros1".
+        comparison: the runs.
+        robot: the robot, for its gauge.
+        overwrite: whether a bag that is there may be replaced.
+
+    Returns:
+        The path.
+
+    Raises:
+        ReplayError: stamps that ROS cannot hold, something is there already, or the file system
+            refuses.
+    """
+    log, outboxes = comparison.log, []
+    base = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
+    for name, one in comparison.runs.items():
+        topic, frame = frame_of(name), f"{frame_of(name)}/{BASE_LINK}"
+        poses = one.trajectory.pose_series
+        outboxes += [
+            _odometry(f"/{topic}/odom", one.trajectory, frame),
+            _path(f"/{topic}/path", poses),
+            _transforms(poses, frame),
+            _icrs(f"/{topic}/icrs", one.stamps, one.indices, robot, frame, colour_of(name)),
+        ]
+        if name == base:
+            outboxes.append(_transforms(poses, BASE_LINK))
+    if log.truth is not None:
+        truth = log.truth.poses
+        outboxes += [
+            _poses(f"/{TRUTH}/pose", truth),
+            _path(f"/{TRUTH}/path", truth),
+            _transforms(truth, f"{TRUTH}/{BASE_LINK}"),
+        ]
+    if log.fixes is not None and len(log.fixes.stamps):
+        outboxes.append(fix_messages(FIXES_TOPIC, log.fixes))
+    outboxes.append(diagnostics(comparison.runs, robot.name))
+    return write_bag(path, form, [one for one in outboxes if len(one.stamps)], overwrite=overwrite)
+
+
+def frame_of(variant: str) -> str:
+    """Name of a variant in topics and frames."""
+    return variant.replace("-", "_")
+
+
+def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
+    """nav_msgs/Odometry from odom to a frame; what is not planar has a variance of 1e6."""
+    quaternions = yaw_to_quaternion(trajectory.poses[:, 2])
+
+    def packing(messages: Messages) -> Packing:
+        nothing = np.diag(np.full(3, UNUSED_VARIANCE))
+        twist = messages.new(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=messages.twist((0.0, 0.0, 0.0)),
+            covariance=np.zeros(36),
+        )
+        pattern = messages.new(
+            ODOMETRY,
+            header=messages.header(0, ODOM),
+            child_frame_id=frame,
+            pose=messages.pose_with_covariance((0.0, 0.0), (0.0, 0.0, 0.0, 1.0), nothing),
+            twist=twist,
+        )
+        numbers: dict[str, Numbers] = {
+            "header.stamp": trajectory.stamps,
+            **_pose_numbers("pose.pose", "position", trajectory.poses, quaternions),
+            "pose.covariance": _planar(trajectory.pose_covariances),
+            "twist.twist.linear.x": trajectory.twists[:, 0],
+            "twist.twist.linear.y": trajectory.twists[:, 1],
+            "twist.twist.angular.z": trajectory.twists[:, 2],
+            "twist.covariance": _planar(trajectory.twist_covariances),
+        }
+        return Packing(ODOMETRY, pattern, trajectory.stamps, numbers)
+
+    return Outbox(topic, ODOMETRY, trajectory.stamps, packing=packing)
+
+
+def _poses(topic: str, series: PoseSeries) -> Outbox:
+    quaternions = yaw_to_quaternion(series.poses[:, 2])
+
+    def packing(messages: Messages) -> Packing:
+        pose = messages.pose((0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        pattern = messages.new(POSE, header=messages.header(0, ODOM), pose=pose)
+        numbers = {
+            "header.stamp": series.stamps,
+            **_pose_numbers("pose", "position", series.poses, quaternions),
+        }
+        return Packing(POSE, pattern, series.stamps, numbers)
+
+    return Outbox(topic, POSE, series.stamps, packing=packing)
+
+
+def _transforms(series: PoseSeries, frame: str) -> Outbox:
+    """From odom to a frame, on /tf."""
+    rows = thinned(series.stamps, TF_RATE)
+    stamps, poses = series.stamps[rows], series.poses[rows]
+    quaternions = yaw_to_quaternion(poses[:, 2])
+
+    def packing(messages: Messages) -> Packing:
+        transform = messages.new(
+            "geometry_msgs/msg/TransformStamped",
+            header=messages.header(0, ODOM),
+            child_frame_id=frame,
+            transform=messages.new(
+                "geometry_msgs/msg/Transform",
+                translation=messages.vector((0.0, 0.0, 0.0)),
+                rotation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
+            ),
+        )
+        numbers = {
+            "transforms.0.header.stamp": stamps,
+            **_pose_numbers(
+                "transforms.0.transform", "translation", poses, quaternions, "rotation"
+            ),
+        }
+        return Packing(TF, messages.new(TF, transforms=[transform]), stamps, numbers)
+
+    return Outbox(TF_TOPIC, TF, stamps, packing=packing)
+
+
+def _path(topic: str, series: PoseSeries) -> Outbox:
+    """The whole path as one message at its start."""
+    count = len(series.stamps)
+    rows = np.unique(np.linspace(0, count - 1, min(PATH_POSES, count)).astype(int))
+    stamps, poses = series.stamps[rows], series.poses[rows]
+    quaternions = yaw_to_quaternion(poses[:, 2])
+
+    def make(messages: Messages, _: int) -> Any:
+        stamped = [
+            messages.new(
+                POSE,
+                header=messages.header(stamp, ODOM),
+                pose=messages.pose(pose, quaternion),
+            )
+            for stamp, pose, quaternion in zip(
+                stamps.tolist(), poses.tolist(), quaternions.tolist(), strict=True
+            )
+        ]
+        return messages.new(PATH, header=messages.header(stamps[0], ODOM), poses=stamped)
+
+    return Outbox(topic, PATH, stamps[:1], make)
+
+
+def _icrs(
+    topic: str, all_stamps: Stamps, indices: Floats, robot: Robot, frame: str, colour: str
+) -> Outbox:
+    """The ICRs of both tracks as spheres with a line from one to the other, in the robot's frame."""
+    rows = thinned(all_stamps, MARKER_RATE)
+    stamps = all_stamps[rows]
+    icrs = icr_series(indices[rows], robot.vehicle.track_gauge)
+
+    def packing(messages: Messages) -> Packing:
+        markers = [
+            _marker(messages, frame, number, kind, size, colour)
+            for number, (kind, size) in enumerate(
+                ((SPHERE_LIST, ICR_DIAMETER), (LINE_STRIP, ICR_LINE))
+            )
+        ]
+        numbers: dict[str, Numbers] = {}
+        for number in range(len(markers)):
+            numbers[f"markers.{number}.header.stamp"] = stamps
+            for point, (x, y) in enumerate(
+                ((icrs.left_x, icrs.left_y), (icrs.right_x, icrs.right_y))
+            ):
+                numbers[f"markers.{number}.points.{point}.x"] = x
+                numbers[f"markers.{number}.points.{point}.y"] = y
+        return Packing(MARKERS, messages.new(MARKERS, markers=markers), stamps, numbers)
+
+    return Outbox(topic, MARKERS, stamps, packing=packing)
+
+
+def _marker(
+    messages: Messages, frame: str, number: int, kind: int, size: float, colour: str
+) -> Any:
+    red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
+    return messages.blank(
+        "visualization_msgs/msg/Marker",
+        header=messages.header(0, frame),
+        ns="icrs",
+        id=number,
+        type=kind,
+        pose=messages.pose((0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+        scale=messages.vector((size, size, size)),
+        color=messages.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+        frame_locked=True,
+        points=[messages.point((0.0, 0.0, 0.0)) for _ in range(2)],
+    )
+
+
+def _pose_numbers(
+    path: str, place: str, poses: Floats, quaternions: Floats, turn: str = "orientation"
+) -> dict[str, Numbers]:
+    return {
+        f"{path}.{place}.x": poses[:, 0],
+        f"{path}.{place}.y": poses[:, 1],
+        f"{path}.{turn}.z": quaternions[:, 2],
+        f"{path}.{turn}.w": quaternions[:, 3],
+    }
+
+
+def _planar(covariances: Floats) -> Callable[[slice], Floats]:
+    """What gives row-major 6x6 covariances (m, 36) of a part of (n, 3, 3) ones of x, y, yaw."""
+    rows = np.array(PLANAR)
+
+    def give(part: slice) -> Floats:
+        some = covariances[part]
+        full = np.tile(np.diag(np.full(6, UNUSED_VARIANCE)), (len(some), 1, 1))
+        full[:, rows[:, None], rows] = some
+        return full.reshape(-1, 36)
+
+    return give
+
+
+def thinned(stamps: Stamps, rate: float) -> Any:
+    """Rows (m,) of stamps [ns], at most `rate` of them in a second, evenly if they are."""
+    if not len(stamps):
+        return np.zeros(0, int)
+    slot = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)
+    return np.flatnonzero(np.diff(slot, prepend=-1))

@@ -1,0 +1,161 @@
+"""A run as a table of time series, as CSV or Parquet: one row for each pair of track speeds.
+
+Units end the column names. What a row does not know is empty (null).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import written_beside
+from icreckon.replay.base.units import column
+
+Format = Literal["csv", "parquet"]
+
+POSE_COVARIANCES = {
+    "cov_x_x_m2": (0, 0),
+    "cov_x_y_m2": (0, 1),
+    "cov_x_yaw_m_rad": (0, 2),
+    "cov_y_y_m2": (1, 1),
+    "cov_y_yaw_m_rad": (1, 2),
+    "cov_yaw_yaw_rad2": (2, 2),
+}
+TWIST_COVARIANCES = {
+    "cov_v_x_v_x_m2_s2": (0, 0),
+    "cov_v_x_v_y_m2_s2": (0, 1),
+    "cov_v_x_w_m_rad_s2": (0, 2),
+    "cov_v_y_v_y_m2_s2": (1, 1),
+    "cov_v_y_w_m_rad_s2": (1, 2),
+    "cov_w_w_rad2_s2": (2, 2),
+}
+# Noise compresses badly, but its bytes of a kind beside each other do so better.
+ENCODING = "BYTE_STREAM_SPLIT"
+
+
+class IcrSeries(NamedTuple):
+    """ICRs of the tracks over time in base_link: x forward, y left, (n,) each [m]."""
+
+    left_x: Floats
+    left_y: Floats
+    right_x: Floats
+    right_y: Floats
+
+
+def icr_series(indices: Floats, gauge: float) -> IcrSeries:
+    """ICRs by (28) to (30).
+
+    Args:
+        indices: (n, 3) zeta [m], epsilon [m], eta [-].
+        gauge: of the tracks [m].
+    """
+    icrs = icrs_from_indices(IndexValues(*indices.T), gauge)
+    left_x, left_y = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
+    right_x, right_y = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
+    return IcrSeries(*(np.asarray(one, dtype=float) for one in (left_x, left_y, right_x, right_y)))
+
+
+def run_columns(one: Run, robot: Robot, start: int) -> dict[str, Any]:
+    """The columns (n,) of a run by name, float64 where digits matter, otherwise float32.
+
+    Args:
+        one: the run.
+        robot: the robot, for its gauge.
+        start: stamp [ns] that `t_s` counts from.
+    """
+    moved = one.trajectory
+    columns = _pose_columns(moved.stamps, moved.poses, start)
+    single: dict[str, Any] = dict(
+        zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), moved.twists.T, strict=True)
+    )
+    for name, (row, other) in POSE_COVARIANCES.items():
+        single[name] = moved.pose_covariances[:, row, other]
+    for name, (row, other) in TWIST_COVARIANCES.items():
+        single[name] = moved.twist_covariances[:, row, other]
+    single |= dict(zip(("zeta_m", "epsilon_m", "eta"), one.indices.T, strict=True))
+    icrs = icr_series(one.indices, robot.vehicle.track_gauge)
+    for side, x, y in (("left", icrs.left_x, icrs.left_y), ("right", icrs.right_x, icrs.right_y)):
+        single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = x, y
+    for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.LEARNT.stop)):
+        name = one.state_names[index]
+        if not name.startswith("unused"):
+            single[column(name)] = one.states[:, index]
+            single[column(name, "sigma")] = one.state_sigmas[:, index]
+    for index, name in enumerate(one.innovation_names):
+        single[f"innovation_{name}"] = one.innovations[:, index]
+    return columns | {name: np.asarray(value, np.float32) for name, value in single.items()}
+
+
+def write_run(
+    path: Path,
+    form: Format,
+    one: Run,
+    robot: Robot,
+    start: int,
+    *,
+    overwrite: bool = False,
+) -> Path:
+    """Write a run as a table.
+
+    Args:
+        path: the file.
+        form: "csv" or "parquet".
+        one: the run.
+        robot: the robot, for its gauge.
+        start: stamp [ns] that `t_s` counts from.
+        overwrite: whether a file that is there may be replaced.
+
+    Raises:
+        ReplayError: the file is there already, or cannot be written.
+    """
+    return _write(path, form, run_columns(one, robot, start), overwrite=overwrite)
+
+
+def write_poses(
+    path: Path, form: Format, poses: PoseSeries, start: int, *, overwrite: bool = False
+) -> Path:
+    """Write poses alone as a table, such as the ground truth's; arguments and errors as `write_run`."""
+    columns = _pose_columns(poses.stamps, poses.poses, start)
+    return _write(path, form, columns, overwrite=overwrite)
+
+
+def _pose_columns(stamps: Stamps, poses: Floats, start: int) -> dict[str, Any]:
+    return {
+        "stamp_ns": stamps,
+        "t_s": (stamps - start) * NANOSECOND,
+        "x_m": poses[:, 0],
+        "y_m": poses[:, 1],
+        "yaw_rad": poses[:, 2],
+    }
+
+
+def _write(path: Path, form: Format, columns: dict[str, Any], *, overwrite: bool) -> Path:
+    import pyarrow as pa
+    from pyarrow import csv, parquet
+
+    arrays = {
+        name: pa.array(np.ascontiguousarray(value), from_pandas=True)
+        for name, value in columns.items()
+    }
+    table = pa.table(arrays)
+    with written_beside(path, overwrite=overwrite) as new:
+        try:
+            if form == "csv":
+                csv.write_csv(table, new)
+            else:
+                parquet.write_table(
+                    table, new, compression="zstd", use_dictionary=False, column_encoding=ENCODING
+                )
+        except OSError as problem:
+            raise ReplayError(f"{path}: cannot be written: {problem}") from None
+    return path

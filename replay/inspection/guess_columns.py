@@ -1,0 +1,155 @@
+"""Guessing which columns of an unknown table are which stream, by their names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA, is_command, is_truth, sides
+from icreckon.replay.mapping.columns import (
+    ColumnMap,
+    ImuColumns,
+    PoseColumns,
+    TimeUnit,
+    TrackColumns,
+)
+from icreckon.replay.mapping.track_units import TrackUnit
+from icreckon.replay.reading.tables import Table
+
+TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
+TIME_WORDS = re.compile(r"time|stamp")
+SPEED_WORDS = re.compile(r"vel|speed|rate|omega|rpm|count|tick|enc")
+GYRO = re.compile(
+    r"^(?:imu_?)?(?:gyro(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
+)
+ACCELEROMETER = re.compile(
+    r"^(?:imu_?)?(?:acc(?:el(?:eration|erometer)?)?|lin(?:ear)?_?acc(?:el(?:eration)?)?|a)[_.]?([xyz])$"
+)
+LATITUDE, LONGITUDE, ALTITUDE = (
+    re.compile(rf"(^|_){short}({long})?(_deg)?$")
+    for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
+)
+UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
+    ("rpm", "rpm"),
+    ("rad", "rad/s"),
+    ("deg", "deg/s"),
+    ("mm", "mm/s"),
+    ("km", "km/h"),
+)
+SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+ENDINGS: tuple[tuple[str, TimeUnit], ...] = (
+    ("ns", "ns"),
+    ("nsec", "ns"),
+    ("us", "us"),
+    ("ms", "ms"),
+    ("msec", "ms"),
+)
+
+
+def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
+    """Which columns are which stream; None where no column looks like a time.
+
+    Columns of the truth have "truth", "ground" or "icp" in their names, those of commands are passed
+    over.
+
+    Args:
+        tables: all tables of a log.
+    """
+    times = [_time_column(table) for table in tables]
+    if not times or None in times:
+        return None
+    time, unit = str(times[0]), _time_unit(tables[0], str(times[0]))
+    tracks, imu, fixes, truth = None, None, None, None
+    for table, own in zip(tables, times, strict=True):
+        other = None if own == time else own
+        names = [one.name for one in table.columns if one.is_number and one.name != own]
+        measured = [name for name in names if not is_truth(name) and not is_command(name)]
+        tracks = tracks or _tracks(measured, other)
+        imu = imu or _imu(measured, other)
+        fixes = fixes or _fixes(measured, other)
+        truth = truth or _truth([name for name in names if is_truth(name)], other)
+    return ColumnMap(time, unit, tracks, imu, fixes, truth)
+
+
+def _time_column(table: Table) -> str | None:
+    names = [column.name for column in table.columns]
+    dates = [column.name for column in table.columns if column.kind.startswith("timestamp")]
+    exact = [name for name in names if TIME.match(name.lower())]
+    likely = [name for name in names if TIME_WORDS.search(name.lower())]
+    found = [*exact, *dates, *likely]
+    return found[0] if found else None
+
+
+def _time_unit(table: Table, name: str) -> TimeUnit:
+    words = re.split(r"[^a-z]+", name.lower())
+    for ending, unit in ENDINGS:
+        if ending in words:
+            return unit
+    try:
+        values = table.numbers([name])[:, 0]
+    except ReplayError:
+        return "s"
+    largest = np.nanmax(np.abs(values)) if np.isfinite(values).any() else 0.0
+    return next((unit for size, unit in SINCE_1970 if largest > size), "s")
+
+
+def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
+    left, right = sides([name for name in names if SPEED_WORDS.search(name.lower())])
+    if not (left and right):
+        left, right = sides(list(names))
+    if not (left and right) or len(left) != len(right):
+        return None
+    said = left[0].lower()
+    if re.search("count|tick|enc", said):
+        return TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
+    unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in said), "m/s")
+    return TrackColumns(left, right, unit, time=time)
+
+
+def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
+    found = {match.group(1): name for name in names if (match := pattern.match(name.lower()))}
+    if set("xyz") <= set(found):
+        return tuple(found[axis] for axis in "xyz")
+    return (found["z"],) if "z" in found and "x" not in found else ()
+
+
+def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
+    # Bare x, y and z are a place rather than rates.
+    named = [name for name in names if len(name) > 1]
+    rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
+    if not rates:
+        return None
+    degrees = any("deg" in name.lower() for name in rates)
+    return ImuColumns(
+        rates, forces if len(forces) == 3 else (), "deg/s" if degrees else "rad/s", time=time
+    )
+
+
+def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
+    def first(pattern: re.Pattern[str]) -> str | None:
+        return next((name for name in names if pattern.search(name.lower())), None)
+
+    latitude, longitude = first(LATITUDE), first(LONGITUDE)
+    if latitude is None or longitude is None:
+        return None
+    return PoseColumns(
+        latitude=latitude,
+        longitude=longitude,
+        altitude=first(ALTITUDE),
+        position_sigma=PLACEHOLDER_SIGMA,
+        time=time,
+    )
+
+
+def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
+    def ending(*words: str) -> str | None:
+        return next(
+            (name for name in names for word in words if re.search(rf"[_.]{word}$", name.lower())),
+            None,
+        )
+
+    x, y, yaw = ending("x"), ending("y"), ending("yaw", "heading", "theta")
+    return PoseColumns(x=x, y=y, yaw=yaw, time=time) if x and y and yaw else None

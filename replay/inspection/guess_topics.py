@@ -1,0 +1,178 @@
+"""Guessing which topic of an unknown bag is which stream, by types and names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from icreckon.replay.bags.message_types import (
+    IMU,
+    JOINT_STATE,
+    NAVSATFIX,
+    ODOMETRY,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    STRING,
+    TWIST,
+)
+from icreckon.replay.mapping.topics import (
+    FixTopic,
+    HeadingTopic,
+    ImuTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+)
+from icreckon.replay.reading.stream import ABSENT
+
+DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
+LEFT = {"l", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
+RIGHT = {"r", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
+PLACEHOLDER_SIGMA = 0.05
+"""Of fixes without a covariance [m], and of headings [rad], until someone fills in the right one."""
+
+
+class Sample(NamedTuple):
+    """A topic: its type, number of messages, and some decoded ones (of some types only)."""
+
+    msgtype: str
+    number: int
+    messages: list[Any]
+
+
+def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
+    """Which topic is which stream.
+
+    Track speeds come from a JointState with velocities of joints with a left and a right, or else
+    from an odometry; the IMU is the fastest topic that measures rates, and another Imu with an
+    orientation but no rates is a heading; poses are the truth where the topic's name says "truth" or
+    "ground", otherwise fixes.
+
+    Args:
+        samples: the topics by name; those without messages are passed over.
+
+    Returns:
+        The mapping; None for what was not found.
+    """
+    found = {topic: sample for topic, sample in sorted(samples.items()) if sample.number}
+    told = {topic: sample for topic, sample in found.items() if is_truth(topic)}
+    own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
+    tracks = _tracks(own)
+    taken = {tracks.topic} if tracks else set()
+    return TopicMap(
+        tracks=tracks,
+        imu=_imu(own),
+        fixes=_fixes({topic: sample for topic, sample in own.items() if topic not in taken}),
+        truth=_truth(told, tracks),
+        heading=_heading(own),
+    )
+
+
+def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Which joints drive the left and which the right side, by their names."""
+
+    def on(side: str, abbreviations: set[str]) -> list[str]:
+        return [
+            name
+            for name in names
+            if side in name.lower() or abbreviations & set(re.split(r"[^a-z]+", name.lower()))
+        ]
+
+    def driving(side: list[str]) -> tuple[str, ...]:
+        drives = [name for name in side if any(word in name.lower() for word in DRIVE_WORDS)]
+        return tuple(drives or side)
+
+    return driving(on("left", LEFT)), driving(on("right", RIGHT))
+
+
+def is_truth(topic: str) -> bool:
+    """Whether a topic or a column is the truth, by its name."""
+    return "truth" in topic.lower() or "ground" in topic.lower()
+
+
+def is_command(topic: str) -> bool:
+    """Whether a topic or a column is a command and no measurement, by its name."""
+    return re.search(r"cmd|command|desired|target|setpoint", topic.lower()) is not None
+
+
+def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
+    for topic, sample in samples.items():
+        if sample.msgtype != JOINT_STATE:
+            continue
+        for message in sample.messages:
+            left, right = sides(list(message.name))
+            if left and right and len(message.velocity) == len(message.name):
+                return TrackTopic(topic, left, right)
+    candidates = [
+        topic
+        for topic, sample in samples.items()
+        if sample.msgtype in (ODOMETRY, TWIST) and not is_command(topic)
+    ]
+
+    def unlikely(topic: str) -> tuple[bool, bool]:
+        wheels = any(word in topic.lower() for word in (*DRIVE_WORDS, "controller", "odom"))
+        return (samples[topic].msgtype != ODOMETRY, not wheels)
+
+    return TrackTopic(min(candidates, key=unlikely)) if candidates else None
+
+
+def _measures_rates(sample: Sample) -> bool:
+    return any(
+        message.angular_velocity_covariance[0] != ABSENT
+        and (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z)
+        != (0.0, 0.0, 0.0)
+        for message in sample.messages
+    )
+
+
+def _heading(samples: Mapping[str, Sample]) -> HeadingTopic | None:
+    for topic, sample in samples.items():
+        if sample.msgtype != IMU or _measures_rates(sample):
+            continue
+        turned = [one for one in sample.messages if one.orientation_covariance[0] != ABSENT]
+        if any(abs(one.orientation.z) > 0.0 for one in turned):
+            known = any(one.orientation_covariance[8] > 0.0 for one in turned)
+            return HeadingTopic(topic, sigma=None if known else PLACEHOLDER_SIGMA)
+    return None
+
+
+def _imu(samples: Mapping[str, Sample]) -> ImuTopic | None:
+    rates = {
+        topic: sample.number
+        for topic, sample in samples.items()
+        if sample.msgtype == IMU and _measures_rates(sample)
+    }
+    return ImuTopic(max(rates, key=lambda topic: rates[topic])) if rates else None
+
+
+def _fixes(samples: Mapping[str, Sample]) -> FixTopic | None:
+    for msgtype in (POSE_WITH_COVARIANCE, POSE):
+        for topic, sample in samples.items():
+            if sample.msgtype == msgtype and not is_command(topic):
+                sigma = PLACEHOLDER_SIGMA if msgtype == POSE else None
+                return FixTopic(topic, position_sigma=sigma)
+    for topic, sample in samples.items():
+        if sample.msgtype == NAVSATFIX:
+            known = any(one.position_covariance_type for one in sample.messages)
+            return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
+    return None
+
+
+def _truth(samples: Mapping[str, Sample], tracks: TrackTopic | None) -> TruthTopic | None:
+    def first(*msgtypes: str) -> str | None:
+        return next(
+            (
+                topic
+                for kind in msgtypes
+                for topic, sample in samples.items()
+                if sample.msgtype == kind
+            ),
+            None,
+        )
+
+    topic = first(POSE, POSE_WITH_COVARIANCE, ODOMETRY)
+    if topic is None:
+        return None
+    joints = first(JOINT_STATE) if tracks and tracks.left else None
+    return TruthTopic(topic, twist=first(TWIST), tracks=joints, source_topic=first(STRING))

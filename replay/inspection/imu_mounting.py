@@ -1,0 +1,230 @@
+"""How an IMU is mounted and how noisy it is, as far as a log shows it.
+
+Gravity says which way is up; the track speeds say which way is forward (the accelerometer must
+follow the speed's changes and the centripetal acceleration), and when the robot stood still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+
+STILL_SPEED = 0.005
+"""Track speeds below this share of the fastest count as none [-]."""
+STILL_MARGIN = 0.5
+"""Time after a stop and before a start that does not count as standstill [s]."""
+ENOUGH_STILL = 2.0
+"""Standstill from which a bias can be told [s]."""
+ABSURD = 1e6
+"""No IMU reads as much, in rad/s or m/s²; a track speed in rad/s neither."""
+SMOOTHING = 0.5
+"""Time over which accelerations are averaged before they are compared [s]."""
+CLEAR_SCORE = 0.4
+"""Sum of two correlations from which on a heading of the mount is believed [-]."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """What a log tells about its IMU.
+
+    Attributes:
+        rotation_rpy_deg: roll, pitch by which the mean specific force points up, and yaw to the
+            next 90 deg [deg].
+        yaw_shown: whether the track speeds showed that yaw; otherwise it is 0 because unknown.
+        specific_force: (3,) mean specific force in the IMU's axes [m/s²].
+        still_seconds: how long the robot stood still, of what was logged [s].
+        gyro_axes: "z" where the other two gyros read zero all the time, otherwise "xyz".
+        turning_correlation: of the rate about the vertical with V_r - V_l, or None where the
+            track speeds do not show any turning.
+        gyro_bias: (3,) mean rates at standstill in the IMU's axes [rad/s], or None.
+        gyro_noise_density: of the rate about the vertical at standstill [rad/s/√Hz], or None.
+        accelerometer_noise_density: of the specific force to the left, vibration, slopes and all that
+            does not follow from the tracks' motion included, over half a second [m/s²/√Hz], or None.
+    """
+
+    rotation_rpy_deg: tuple[float, float, float]
+    yaw_shown: bool
+    specific_force: Floats
+    still_seconds: float
+    gyro_axes: str
+    turning_correlation: float | None
+    gyro_bias: Floats | None
+    gyro_noise_density: float | None
+    accelerometer_noise_density: float | None
+
+
+def estimate_mounting(log: Log) -> Mounting | None:
+    """The mounting and noise of a log's IMU; None where it has no IMU or no accelerometer.
+
+    None too where its readings are so far off that they show nothing (1e200 m/s², say).
+    """
+    imu = log.imu
+    if imu is None or imu.linear_acceleration is None or len(imu.stamps) < 2:
+        return None
+    if max(np.abs(imu.linear_acceleration).max(), np.abs(imu.angular_velocity).max()) > ABSURD:
+        return None
+    force = imu.linear_acceleration.mean(axis=0)
+    roll, pitch, _ = level(force)
+    levelled = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
+    rates = imu.angular_velocity
+    gyro_axes = "xyz" if rates[:, :2].any() else "z"
+    vertical = rates @ levelled[2] if gyro_axes == "xyz" else rates[:, 2] / levelled[2, 2]
+    horizontal = imu.linear_acceleration @ levelled[:2].T
+    still = standstill(log.tracks, imu.stamps)
+    step = float(np.median(np.diff(imu.stamps))) * NANOSECOND
+    yaw = forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
+    stood = float(still.sum()) * step >= ENOUGH_STILL
+    return Mounting(
+        rotation_rpy_deg=(roll, pitch, 0.0 if yaw is None else yaw),
+        yaw_shown=yaw is not None,
+        specific_force=force,
+        still_seconds=float(still.sum()) * step,
+        gyro_axes=gyro_axes,
+        turning_correlation=turning_correlation(log.tracks, imu, vertical),
+        gyro_bias=rates[still].mean(axis=0) if stood else None,
+        gyro_noise_density=_density(vertical, still, step) if stood else None,
+        accelerometer_noise_density=_density_while_driving(
+            log.tracks, imu.stamps, horizontal, vertical, still, step
+        ),
+    )
+
+
+def forward_yaw(
+    tracks: TrackSpeedSeries, stamps: NDArray[np.int64], horizontal: Floats, vertical: Floats
+) -> float | None:
+    """Yaw of a levelled mount to the next 90 deg, or None where the log does not show it.
+
+    Of the four candidates the one whose forward axis follows the change of the tracks' mean speed
+    v, and whose left axis follows v w; both are averaged over half a second.
+
+    Args:
+        tracks: the track speeds.
+        stamps: (n,) stamps of the IMU [ns].
+        horizontal: (n, 2) specific force in the levelled axes [m/s²].
+        vertical: (n,) rate about the vertical [rad/s].
+    """
+    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+        return None
+    seconds = (stamps - stamps[0]) * NANOSECOND
+    width = max(1, round(SMOOTHING / float(np.median(np.diff(seconds)))))
+    if len(stamps) < 20 * width:
+        return None
+
+    def smooth(values: Floats) -> Floats:
+        return np.convolve(values, np.full(width, 1.0 / width), "same")
+
+    speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
+    change = smooth(np.gradient(smooth(speed), seconds))
+    centripetal = smooth(speed * vertical)
+    x, y = smooth(horizontal[:, 0]), smooth(horizontal[:, 1])
+    if min(map(np.ptp, (change, centripetal, x, y))) == 0.0:
+        return None
+    table = np.corrcoef([x, y, change, centripetal])[:2, 2:]
+    along, across = table[0, 0] + table[1, 1], table[0, 1] - table[1, 0]
+    scores = {0.0: along, 90.0: across, 180.0: -along, -90.0: -across}
+    best, second = sorted(scores, key=lambda yaw: scores[yaw], reverse=True)[:2]
+    return best if scores[best] >= CLEAR_SCORE and scores[best] >= 2.0 * scores[second] else None
+
+
+def vertical_rate(imu: ImuSeries, mounting: Mounting) -> Floats:
+    """(n,) rate about the vertical [rad/s] of an IMU that is mounted so."""
+    roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
+    upward = rpy_to_matrix(roll, pitch, 0.0)[2]
+    rates = imu.angular_velocity
+    if mounting.gyro_axes == "xyz":
+        return np.asarray(rates @ upward)
+    return np.asarray(rates[:, 2] / upward[2])
+
+
+def level(specific_force: Floats) -> tuple[float, float, float]:
+    """Roll, pitch and yaw = 0 [deg] of a mount in which gravity gives this specific force (3,)."""
+    x, y, z = specific_force
+    roll, pitch = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
+    return float(np.degrees(roll)), float(np.degrees(pitch)), 0.0
+
+
+def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the stamps (n,) [ns] lie well inside a time in which both tracks stood still.
+
+    A stop counts from the first to the last of at least two track-speed samples in a row that are
+    as good as zero, less a margin at either end.
+    """
+    result = np.zeros(len(stamps), dtype=bool)
+    if not len(tracks.stamps):
+        return result
+    speed = np.abs(tracks.speeds).max(axis=1)
+    still = speed <= STILL_SPEED * speed.max()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    margin = round(STILL_MARGIN / NANOSECOND)
+    for first, end in edges.reshape(-1, 2):
+        start, stop = tracks.stamps[first] + margin, tracks.stamps[end - 1] - margin
+        result |= (stamps >= start) & (stamps <= stop)
+    return result
+
+
+def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
+    """Correlation of V_r - V_l with the rate about the vertical, or None where either is constant.
+
+    Args:
+        tracks: the track speeds.
+        imu: the IMU, for its stamps.
+        vertical: (n,) its rate about the vertical [rad/s].
+    """
+    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+        return None
+    difference = np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
+    if np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
+        return None
+    return float(np.corrcoef(difference, vertical)[0, 1])
+
+
+def _density_while_driving(
+    tracks: TrackSpeedSeries,
+    stamps: NDArray[np.int64],
+    horizontal: Floats,
+    vertical: Floats,
+    still: NDArray[np.bool_],
+    step: float,
+) -> float | None:
+    """Density of what the horizontal specific forces have besides the change of the speed and v w.
+
+    The larger of that of neighbouring samples, which is fast vibration, and that of means over
+    `SMOOTHING`, which slopes and shocks add to.
+    """
+    driving = ~still
+    if driving.sum() <= 10:
+        return None
+    fast = max(_density(axis, driving, step) for axis in horizontal.T)
+    width = max(1, round(SMOOTHING / step))
+    count = (len(stamps) - 1) // width
+    if count < 20 or len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+        return fast
+
+    def means(values: Floats) -> Floats:
+        return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
+
+    speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
+    change = np.diff(speed[: count * width + 1 : width]) / (width * step)
+    design = np.column_stack([change, means(speed * vertical), np.ones(count)])
+    moving = means(driving.astype(float)) > 0.5
+    if moving.sum() < 20:
+        return fast
+    slow = 0.0
+    for axis in horizontal.T:
+        force = means(axis)[moving]
+        fitted = design[moving] @ np.linalg.lstsq(design[moving], force, rcond=None)[0]
+        slow = max(slow, float((force - fitted).std()) * np.sqrt(width * step))
+    return max(fast, slow)
+
+
+def _density(values: Floats, where: NDArray[np.bool_], step: float) -> float:
+    """Density of the noise in some samples, from the differences of neighbours (white noise)."""
+    neighbours = where[1:] & where[:-1]
+    return float(np.diff(values)[neighbours].std() / np.sqrt(2.0) * np.sqrt(step))

@@ -1,0 +1,288 @@
+"""Inspection: what a log holds, topic by topic, and a robot file to start from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from dataclasses import replace as with_changed
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, Vehicle
+from icreckon.replay.bags.bag_files import over_bag
+from icreckon.replay.bags.decoding import Definitions
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.inspection.guess_columns import guess_columns
+from icreckon.replay.inspection.guess_topics import Sample, guess_topics
+from icreckon.replay.inspection.imu_mounting import (
+    ABSURD,
+    Mounting,
+    estimate_mounting,
+    vertical_rate,
+)
+from icreckon.replay.inspection.latency import Latency, heading_latency, track_latency
+from icreckon.replay.inspection.robot_file import has_tracks, in_rates, robot_file_text
+from icreckon.replay.inspection.topic_survey import Survey, TopicReport, survey_bag
+from icreckon.replay.inspection.wheels import (
+    WheelEstimates,
+    heading_offset,
+    standstills,
+    unit_suspicions,
+    wheel_estimates,
+)
+from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.reading.clocks import Choice, choose_clocks
+from icreckon.replay.reading.gather import as_paths, gather
+from icreckon.replay.reading.tables import Table, is_table
+from icreckon.replay.reading.to_log import assemble, evidence_of
+
+MOST_STOPS = 8
+"""So many standstills are listed."""
+NO_ESTIMATES = WheelEstimates(None, "", None)
+UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
+"""A robot by whose file rates are read as speeds: its radius is 1 m."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What a bag holds.
+
+    Attributes:
+        path: the log, or the first of its files.
+        duration: from the first to the last message, by time of recording [s].
+        topics: one report for each topic, by name; of tables one for each column.
+        mapping: which topic is which stream, as guessed.
+        mounting: what the log tells about its IMU, or None.
+        findings: what the log shows: clocks, standstills, gyro bias, units that look wrong.
+        dropped: what screening would drop, as in `Log`.
+        notes: what is worth telling of the bag.
+        proposed_robot_file: a robot file to start from, as TOML; what no log can tell is a
+            placeholder, marked in a comment.
+    """
+
+    path: Path
+    duration: float
+    topics: tuple[TopicReport, ...]
+    mapping: TopicMap
+    mounting: Mounting | None
+    findings: tuple[str, ...]
+    dropped: dict[str, int]
+    notes: tuple[str, ...]
+    proposed_robot_file: str
+
+
+def inspect(
+    path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
+) -> Inspection:
+    """Look into a log; a bag that was cut short is looked into up to the break.
+
+    Args:
+        path: the file or folder, or several that make one log, as for `read_log`.
+        definitions: message types that bags lack, as for `read_log`.
+
+    Raises:
+        ReplayError: no such file, no bag or table, or nothing of it can be read.
+    """
+    paths = as_paths(path)
+    surveys, notes, tables = _look_through(paths, definitions)
+    reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
+    mapping = guess_topics(
+        {
+            survey.channel.topic: Sample(
+                survey.channel.msgtype, len(survey.recorded), survey.messages
+            )
+            for survey in surveys.values()
+        }
+    )
+    if tables:
+        mapping = replace(mapping, columns=guess_columns(tables))
+        if mapping.columns is None:
+            notes.append("not all tables have a column that looks like a time: none is proposed")
+    log: Log | None = None
+    clocks: dict[str, Choice] = {}
+    try:
+        gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
+        clocks = choose_clocks(evidence_of(gathered.streams))
+        log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+    except ReplayError as problem:
+        if not tables or mapping.columns is not None:
+            notes.append(f"the proposed topics cannot be read: {problem}")
+    for purpose, repeated in (_repeated_shares(log) if log is not None else {}).items():
+        entry = mapping.tracks if purpose == "tracks" else mapping.imu
+        if entry is not None and entry.topic in reports:
+            reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
+    mounting = estimate_mounting(log) if log is not None else None
+    estimates = NO_ESTIMATES
+    latencies: dict[str, Latency] = {}
+    if log is not None:
+        vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
+        correlation = mounting.turning_correlation if mounting else None
+        estimates = wheel_estimates(log, vertical, correlation)
+        latencies = _latencies(log, vertical)
+    times = [survey.recorded for survey in surveys.values() if survey.recorded]
+    duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
+    if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
+        duration = max(duration, log.duration)
+    listed = [reports[name] for name in sorted(reports)]
+    listed += [report for table in tables for report in _column_reports(table)]
+    return Inspection(
+        path=paths[0],
+        duration=duration,
+        topics=tuple(listed),
+        mapping=mapping,
+        mounting=mounting,
+        findings=tuple(_findings(log, mapping, mounting, estimates, clocks, latencies)),
+        dropped=log.dropped if log is not None else {},
+        notes=tuple(notes),
+        proposed_robot_file=robot_file_text(
+            paths[0],
+            _with_clocks(mapping, clocks),
+            mounting,
+            log,
+            estimates,
+            clocks,
+            heading_offset(log) if log is not None else None,
+            latencies.get("tracks"),
+        ),
+    )
+
+
+def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency]:
+    """How late streams are against the gyro, of those that clearly are, by purpose."""
+    if log.imu is None or vertical is None:
+        return {}
+    found = {}
+    if not len(log.tracks.speeds) or np.abs(log.tracks.speeds).max() <= ABSURD:
+        found["tracks"] = track_latency(log.tracks, log.imu, vertical)
+    if log.truth is not None:
+        truth = log.truth.poses
+        found["truth"] = heading_latency(truth.stamps, truth.poses[:, 2], log.imu, vertical)
+    return {purpose: one for purpose, one in found.items() if one is not None and one.clear}
+
+
+def _look_through(
+    paths: Sequence[Path], definitions: Definitions
+) -> tuple[dict[tuple[str, str], Survey], list[str], list[Table]]:
+    """One pass over all files: their topics by name and type, what is worth telling, the tables."""
+    surveys: dict[tuple[str, str], Survey] = {}
+    notes: list[str] = []
+    tables = []
+    for path in paths:
+        if path.is_file() and is_table(path):
+            tables.append(Table(path))
+            continue
+        read = partial(survey_bag, source=str(path), definitions=definitions)
+        found, told = over_bag(path, read)
+        notes += told
+        for survey in found:
+            name = (survey.channel.topic, survey.channel.msgtype)
+            if name in surveys:
+                surveys[name].extend(survey)
+            else:
+                surveys[name] = survey
+    return surveys, notes, tables
+
+
+def _column_reports(table: Table) -> Iterator[TopicReport]:
+    for column in table.columns:
+        yield TopicReport(
+            topic=column.name,
+            msgtype=column.kind,
+            frame_id=table.path.name,
+            count=column.filled,
+            mean_rate=None,
+            largest_gap=None,
+            clock_offset=None,
+        )
+
+
+def _findings(
+    log: Log | None,
+    mapping: TopicMap,
+    mounting: Mounting | None,
+    estimates: WheelEstimates,
+    clocks: dict[str, Choice],
+    latencies: dict[str, Latency],
+) -> Iterator[str]:
+    for purpose, choice in clocks.items():
+        clock = "header stamps" if choice.clock == "header" else "time of recording"
+        if not mapping.columns or purpose in _mapped_purposes(mapping):
+            yield f"{purpose}: {clock}; {choice.reason}"
+    if not has_tracks(mapping):
+        yield (
+            "no track speeds: nothing here looks like them, and without them nothing can be replayed; "
+            "where messages of another type hold them, name topic and fields in [log.tracks]"
+        )
+    if log is None:
+        return
+    yield from (f"{note}" for note in log.notes if "out of order" in note)
+    for purpose, latency in latencies.items():
+        late = "late" if latency.seconds > 0.0 else "early"
+        yield (
+            f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
+            "the gyro's, by what both turn"
+        )
+    if len(log.tracks.stamps):
+        stops = standstills(log)
+        total = sum(end - begin for begin, end in stops)
+        spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
+        more = ", ..." if len(stops) > MOST_STOPS else ""
+        yield (
+            f"standstills: {len(stops)}, {total:.0f} s in all ({spans}{more})"
+            if stops
+            else "standstills: none of a second or more"
+        )
+    if mounting is not None and mounting.gyro_bias is not None:
+        bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
+        yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
+    yield from (
+        f"suspicious: {said}"
+        for said in unit_suspicions(
+            log,
+            mounting,
+            estimates,
+            rates=in_rates(mapping),
+            vertical=vertical_rate(log.imu, mounting) if log.imu and mounting else None,
+            from_twist=mapping.tracks is not None and not mapping.tracks.left,
+        )
+    )
+
+
+def _mapped_purposes(mapping: TopicMap) -> list[str]:
+    return [
+        name
+        for name in ("tracks", "imu", "fixes", "heading", "truth")
+        if getattr(mapping, name) is not None
+    ]
+
+
+def _with_clocks(mapping: TopicMap, clocks: dict[str, Choice]) -> TopicMap:
+    """The mapping with the time of recording where that was chosen."""
+    changes = {
+        purpose: replace(getattr(mapping, purpose), time="recording")
+        for purpose in _mapped_purposes(mapping)
+        if purpose in clocks and clocks[purpose].clock == "recording"
+    }
+    return replace(mapping, **changes)
+
+
+def _repeated_shares(log: Log) -> dict[str, float]:
+    """Share of values that only repeat the one before, of tracks that move; of samples, of the IMU."""
+    shares = {}
+    speeds = log.tracks.speeds
+    moving = (speeds[:-1] != 0.0).any(axis=1)
+    if moving.any():
+        shares["tracks"] = float((speeds[1:] == speeds[:-1])[moving].mean())
+    if log.imu is not None and len(log.imu.stamps) > 1:
+        rates = log.imu.angular_velocity
+        same = (rates[1:] == rates[:-1]).all(axis=1)
+        if log.imu.linear_acceleration is not None:
+            forces = log.imu.linear_acceleration
+            same &= (forces[1:] == forces[:-1]).all(axis=1)
+        shares["imu"] = float(same.mean())
+    return shares

@@ -1,0 +1,160 @@
+"""How late track speeds and headings are against the gyro, by the turning that both see.
+
+Drivers report a speed that was averaged, filtered or fetched a while ago, and loggers repeat it until
+the next one. A speed that comes 0.2 s late puts a robot that has started or stopped since 0.2 s of
+driving off, which is more than slip does in such a time. Neither a truth nor fixes are needed to see it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.log.scores import pieces
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.replay.base.lag_search import beside_lowest
+
+LATENCIES = np.arange(-0.5, 1.0, 0.02)
+"""Those tried [s]; negative where the gyro is late."""
+WINDOW, WINDOW_STEP = 1.0, 0.1
+"""Turning is compared over windows of this length that start so often [s]."""
+LEAST_TURNING = 0.02
+"""Turning within the windows from which on a latency can show, root mean square [rad]."""
+LARGEST_HOLE = 0.5
+"""Windows with a longer time without samples are left out [s]."""
+TRIMMED_SHARE = 0.8
+"""Share of the windows that count: those in which both agree best."""
+BLOCKS = 8
+"""Stretches of the log that are left out in turn for the standard error (jackknife)."""
+LEAST_CORRELATION = 0.7
+"""Tracks and gyro that agree less show no latency [-]."""
+CERTAIN, LEAST = 0.04, 0.03
+"""A latency is told where it is known this well, and is at least this and three standard errors [s]."""
+
+
+class Latency(NamedTuple):
+    """How much later one sensor's stamps are than another's.
+
+    Attributes:
+        seconds: estimate [s].
+        sigma: its standard error [s].
+    """
+
+    seconds: float
+    sigma: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether there is one to speak of, and it is known well enough to be taken out."""
+        return self.sigma <= CERTAIN and abs(self.seconds) > max(3.0 * self.sigma, LEAST)
+
+
+def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Latency | None:
+    """How late the stamps of track speeds are against those of the gyro.
+
+    Args:
+        tracks: the track speeds, in any unit; each holds until the next.
+        imu: for its stamps.
+        vertical: (n,) its rate about the vertical [rad/s].
+
+    Returns:
+        The latency, or None where the log does not show it: too short, too little turning, or tracks
+        and gyro that do not agree.
+    """
+    if len(tracks.stamps) < 2:
+        return None
+    difference = tracks.speeds[:, 1] - tracks.speeds[:, 0]
+    steps = np.diff(tracks.stamps) * NANOSECOND
+    angle = np.concatenate([[0.0], np.cumsum(steps * difference[:-1])])
+    return _latency(tracks.stamps, angle, imu, vertical)
+
+
+def heading_latency(
+    stamps: Stamps, yaw: Floats, imu: ImuSeries, vertical: Floats
+) -> Latency | None:
+    """How late the stamps of a heading are against those of the gyro; None as for `track_latency`.
+
+    Args:
+        stamps: (m,) of the heading [ns].
+        yaw: (m,) the heading [rad].
+        imu: for its stamps.
+        vertical: (n,) its rate about the vertical [rad/s].
+    """
+    return _latency(stamps, np.unwrap(yaw), imu, vertical)
+
+
+def _latency(stamps: Stamps, angle: Floats, imu: ImuSeries, vertical: Floats) -> Latency | None:
+    """How late an angle (m,), in any unit, is against the integral of the gyro."""
+    if len(stamps) < 2 or len(imu.stamps) < 2:
+        return None
+    margin = float(np.abs(LATENCIES).max())
+    origin = max(stamps[0], imu.stamps[0])
+    end = (min(stamps[-1], imu.stamps[-1]) - origin) * NANOSECOND - margin - WINDOW
+    starts = np.arange(margin, end, WINDOW_STEP)
+    starts = starts[_whole(stamps, origin, starts, margin) & _whole(imu.stamps, origin, starts)]
+    if len(starts) < 10 * BLOCKS:
+        return None
+    steps = np.diff(imu.stamps) * NANOSECOND * 0.5 * (vertical[1:] + vertical[:-1])
+    turned = _turned(imu.stamps, np.concatenate([[0.0], np.cumsum(steps)]), origin, starts)
+    if np.sqrt(np.mean(turned**2)) < LEAST_TURNING:
+        return None
+    shifted = np.stack([_turned(stamps, angle, origin, starts + late) for late in LATENCIES])
+    best = _best(turned, shifted)
+    if best is None or best.correlation < LEAST_CORRELATION:
+        return None
+    blocks = np.array_split(np.arange(len(starts)), BLOCKS)
+    parts = [_best(np.delete(turned, block), np.delete(shifted, block, axis=1)) for block in blocks]
+    values = np.array([part.latency for part in parts if part is not None])
+    if len(values) < BLOCKS:
+        return None
+    spread = float(np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean()) ** 2).sum()))
+    return Latency(best.latency, spread)
+
+
+class _Best(NamedTuple):
+    latency: float
+    correlation: float
+
+
+def _best(turned: Floats, shifted: Floats) -> _Best | None:
+    """The latency of the smallest misfit after a straight line, by a parabola through it."""
+    misfits = np.array([_misfit(turned, row) for row in shifted])
+    if not np.isfinite(misfits).all():
+        return None
+    at = int(np.argmin(misfits))
+    if at in (0, len(LATENCIES) - 1):
+        return None
+    latency = LATENCIES[at] + beside_lowest(misfits, at) * (LATENCIES[1] - LATENCIES[0])
+    return _Best(float(latency), float(np.corrcoef(turned, shifted[at])[0, 1]))
+
+
+def _misfit(turned: Floats, other: Floats) -> float:
+    keep = np.ones(len(turned), dtype=bool)
+    misfit = turned
+    for _ in range(3):
+        if np.ptp(other[keep]) == 0.0:
+            return np.inf
+        slope, offset = np.polyfit(other[keep], turned[keep], 1)
+        misfit = np.abs(turned - slope * other - offset)
+        keep = misfit <= np.quantile(misfit, TRIMMED_SHARE)
+    return float(np.mean(misfit[keep] ** 2))
+
+
+def _turned(stamps: Stamps, angle: Floats, origin: int, starts: Floats) -> Floats:
+    """What an angle changes by within the windows."""
+    seconds = (stamps - origin) * NANOSECOND
+    return np.asarray(
+        np.interp(starts + WINDOW, seconds, angle) - np.interp(starts, seconds, angle)
+    )
+
+
+def _whole(stamps: Stamps, origin: int, starts: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
+    """Which windows, widened by a margin, hold no hole of the stamps."""
+    seconds = (stamps - origin) * NANOSECOND
+    holes = pieces(stamps, LARGEST_HOLE)
+    first = np.searchsorted(seconds, starts - margin, side="right") - 1
+    last = np.searchsorted(seconds, starts + WINDOW + margin)
+    return np.asarray(holes[np.clip(first, 0, None)] == holes[np.minimum(last, len(holes) - 1)])

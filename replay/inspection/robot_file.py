@@ -1,0 +1,265 @@
+"""A proposed robot file: what a log shows, and placeholders for what no log can tell."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from icreckon.estimator.log.log import Log
+from icreckon.replay.inspection.imu_mounting import Mounting
+from icreckon.replay.inspection.latency import Latency
+from icreckon.replay.inspection.wheels import WheelEstimates
+from icreckon.replay.mapping.columns import ColumnMap
+from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.mapping.track_units import OF_GROUND
+from icreckon.replay.reading.clocks import Choice
+
+FIRST_WORDS = "# Proposed by inspecting"
+FILL_IN = "# not in the log: fill in"
+
+
+def robot_file_text(
+    path: Path,
+    mapping: TopicMap,
+    mounting: Mounting | None,
+    log: Log | None,
+    estimates: WheelEstimates,
+    clocks: Mapping[str, Choice],
+    heading_offset: float | None,
+    track_latency: Latency | None = None,
+) -> str:
+    """The text of a robot file that `load_robot` and `topic_map` accept.
+
+    Args:
+        path: the bag, for the robot's name.
+        mapping: the topics as guessed.
+        mounting: what the log tells about the IMU, or None.
+        log: the log read by that mapping with a sprocket radius of 1 m, or None.
+        estimates: what the log says of the wheels.
+        clocks: which clock stamps each stream, and why, by purpose.
+        heading_offset: from a heading to the direction of driving [deg], or None.
+        track_latency: how late the track speeds are against the gyro, where they clearly are.
+    """
+    lines = [
+        f"{FIRST_WORDS} {path.name}: check every line.",
+        f"name = {_text(path.stem)}",
+        "format = 1",
+        "",
+        *_vehicle(mapping, log, estimates),
+        "",
+        *_imu(mounting, log),
+        *_log(mapping, clocks, heading_offset, _latency_lines(track_latency)),
+        *(columns_text(mapping.columns, _latency_lines(track_latency)) if mapping.columns else []),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def in_rates(mapping: TopicMap) -> bool:
+    """Whether the mapping's track speeds are multiplied by the sprocket radius."""
+    if mapping.columns is not None and mapping.columns.tracks is not None:
+        return mapping.columns.tracks.unit not in OF_GROUND
+    tracks = mapping.tracks
+    return tracks is not None and bool(tracks.left) and tracks.unit not in OF_GROUND
+
+
+def has_tracks(mapping: TopicMap) -> bool:
+    """Whether the mapping has track speeds."""
+    return mapping.tracks is not None or bool(mapping.columns and mapping.columns.tracks)
+
+
+def _vehicle(mapping: TopicMap, log: Log | None, estimates: WheelEstimates) -> list[str]:
+    # Not a number: a robot file that was not completed is refused rather than believed.
+    radius_matters = in_rates(mapping)
+    lines = [
+        "[vehicle]",
+        f"mass = nan               {FILL_IN} (kg, with load)",
+        f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)",
+        f"sprocket_radius = nan    {FILL_IN} (m, effective)"
+        if radius_matters
+        else "sprocket_radius = 0.1    # not used for this log",
+        f"max_track_speed = 2.0    {FILL_IN} (m/s)",
+    ]
+    if not has_tracks(mapping):
+        lines.append("# Nothing in the log looks like track speeds: no track speeds, no replay.")
+    elif log is not None and len(log.tracks.speeds):
+        fastest = float(np.abs(log.tracks.speeds).max())
+        if radius_matters:
+            lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
+        else:
+            lines.append(f"# Fastest in the log: {fastest:.1f} m/s.")
+    way, track = estimates.way_ratio, estimates.track_ratio
+    if radius_matters and way is not None:
+        lines.append(
+            f"# Effective radius by the {estimates.way_source}: {way:.3f} m, where it hardly turned."
+        )
+    if track is not None:
+        size = _effective_track(mapping, track, way)
+        lines.append(f"# Effective track by the gyro: {size}; eta0 is it over track_gauge.")
+    return lines
+
+
+def _effective_track(mapping: TopicMap, track: float, way: float | None) -> str:
+    if in_rates(mapping):
+        known = "" if way is None else f", {track * way:.2f} m"
+        return f"{track:.3g} times the effective radius{known}"
+    if mapping.tracks is not None and not mapping.tracks.left:
+        # Speed and yaw rate of a controller are read with a gauge of 1 m here.
+        return f"{track:.2f} times the gauge of its controller ([log.tracks])"
+    return f"{track:.2f} m"
+
+
+def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
+    if mounting is None:
+        if log is None or log.imu is None:
+            return ["# The log holds no IMU that measures rates.", ""]
+        return ["# The IMU has no (usable) accelerometer, so nothing shows how it is mounted.", ""]
+    x, y, z = mounting.specific_force
+    roll, pitch, yaw = mounting.rotation_rpy_deg
+    lines = [
+        f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²; roll and pitch turn it upright.",
+        "# Yaw: accelerations follow the track speeds with it."
+        if mounting.yaw_shown
+        else f"# Yaw {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward.",
+        _turning_comment(mounting.turning_correlation),
+        "[imu]",
+        f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]",
+        f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up)",
+    ]
+    if mounting.gyro_axes == "z":
+        lines.append('gyro_axes = "z"    # the x and y gyros read zero all the time')
+    if mounting.gyro_bias is None:
+        lines.append("# No standstill long enough to show the gyro bias.")
+    else:
+        bias = mounting.gyro_bias
+        lines.append(
+            f"# Gyro bias at standstill ({mounting.still_seconds:.0f} s): "
+            f"({bias[0]:.5f}, {bias[1]:.5f}, {bias[2]:.5f}) rad/s in the IMU's axes."
+        )
+    if mounting.gyro_noise_density:
+        lines.append(
+            f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
+            "    # rad/s/√Hz, at standstill; vibration while driving adds to it"
+        )
+    if mounting.accelerometer_noise_density:
+        lines.append(
+            f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
+            f"    # m/s²/√Hz, {_seen_of_noise(log)}"
+        )
+    return [*lines, ""]
+
+
+def _seen_of_noise(log: Log | None) -> str:
+    if log is None or not len(log.tracks.stamps):
+        return "fast vibration; slow disturbances add to it"
+    return "while driving, over 0.5 s, what the tracks do not explain"
+
+
+def _turning_comment(correlation: float | None) -> str:
+    if correlation is None:
+        return "# No track speeds to check the sign of turning with."
+    said = f"# Track speeds and the rate about the vertical have a correlation of {correlation:.2f}"
+    if correlation > 0.3:
+        return f"{said}: the sign of turning is right."
+    if correlation < -0.3:
+        return f"{said}: TURNS THE WRONG WAY, left and right may be swapped."
+    return f"{said}: too little to check the sign of turning."
+
+
+def _latency_lines(latency: Latency | None) -> list[str]:
+    if latency is None:
+        return []
+    return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.3f}: late against the gyro"]
+
+
+def _log(
+    mapping: TopicMap,
+    clocks: Mapping[str, Choice],
+    heading_offset: float | None,
+    track_latency: list[str],
+) -> list[str]:
+    def time(purpose: str) -> list[str]:
+        choice = clocks.get(purpose)
+        if choice is None or choice.clock == "header":
+            return []
+        return [f'time = "recording"    # {choice.reason}']
+
+    lines: list[str] = []
+    if mapping.tracks:
+        lines += ["[log.tracks]", f"topic = {_text(mapping.tracks.topic)}"]
+        if mapping.tracks.left:
+            lines += [
+                f"left = {_texts(mapping.tracks.left)}",
+                f"right = {_texts(mapping.tracks.right)}",
+            ]
+        else:
+            lines.append(f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)")
+        lines += [*time("tracks"), *track_latency, ""]
+    if mapping.imu:
+        lines += ["[log.imu]", f"topic = {_text(mapping.imu.topic)}", *time("imu"), ""]
+    if mapping.fixes:
+        lines += ["[log.fixes]", f"topic = {_text(mapping.fixes.topic)}"]
+        if mapping.fixes.position_sigma is not None:
+            lines.append(f"position_sigma = {mapping.fixes.position_sigma}    {FILL_IN} (m)")
+        lines += [*time("fixes"), ""]
+    if mapping.heading:
+        lines += ["[log.heading]", f"topic = {_text(mapping.heading.topic)}"]
+        if mapping.heading.sigma is not None:
+            lines.append(f"sigma = {mapping.heading.sigma}    {FILL_IN} (rad)")
+        lines += [
+            f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
+            if heading_offset is None
+            else f"offset_deg = {_round(heading_offset)}    # course over ground less heading, if it"
+            " drives forward",
+            *time("heading"),
+            "",
+        ]
+    if mapping.truth:
+        lines += ["[log.truth]", f"topic = {_text(mapping.truth.topic)}"]
+        if mapping.truth.twist:
+            lines.append(f"twist = {_text(mapping.truth.twist)}")
+        if mapping.truth.tracks:
+            lines.append(f"tracks = {_text(mapping.truth.tracks)}")
+        if mapping.truth.source_topic:
+            lines.append(f"source_topic = {_text(mapping.truth.source_topic)}")
+        lines += [*time("truth"), ""]
+    return lines[:-1]
+
+
+def columns_text(columns: ColumnMap, track_latency: Sequence[str] = ()) -> list[str]:
+    """The lines of a column map, with one of the tracks' latency."""
+    lines = ["[log.columns]", f"time = {_text(columns.time)}"]
+    lines.append(f"time_unit = {_text(columns.time_unit)}    # check it")
+    for purpose in ("tracks", "imu", "fixes", "truth"):
+        spec = getattr(columns, purpose)
+        if spec is None:
+            continue
+        lines += ["", f"[log.columns.{purpose}]"]
+        for name in spec.__struct_fields__:
+            value = getattr(spec, name)
+            if value is None or value in ((), "") or name == "latency":
+                continue
+            text = _texts(value) if isinstance(value, tuple) else _text(value)
+            if name == "counts_per_turn":
+                text = "nan"
+            guessed = {"unit": "# check it", "rate_unit": "# check it"}
+            filled = {"position_sigma": FILL_IN, "counts_per_turn": FILL_IN}
+            remark = {**guessed, "acceleration_unit": "# check it", **filled}.get(name)
+            lines.append(f"{name} = {text}{f'    {remark}' if remark else ''}")
+        lines += track_latency if purpose == "tracks" else []
+    return lines
+
+
+def _text(value: object) -> str:
+    """A TOML basic string or number; JSON's escapes are a subset of TOML's."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _texts(values: tuple[str, ...]) -> str:
+    return f"[{', '.join(map(_text, values))}]"
+
+
+def _round(degrees: float) -> float:
+    return round(degrees, 1) + 0.0

@@ -1,0 +1,144 @@
+"""Surveys: one pass over a bag's messages, topic by topic."""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.replay.bags.bag_files import Bag
+from icreckon.replay.bags.decoding import Definitions, decoder, header_reader
+from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX
+from icreckon.replay.bags.records import Channel
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.reading.message_rows import imu_row
+
+SAMPLES = 200
+"""Messages of a topic that are looked into to guess what it is."""
+SHAPE_CHECKS: dict[str, Callable[[Any], object]] = {
+    JOINT_STATE: lambda message: (message.name, message.velocity),
+    IMU: imu_row,
+    NAVSATFIX: lambda message: (message.status.status, message.position_covariance_type),
+}
+"""The types that are looked into; each raises when a definition is not the one of that name."""
+GAP = 5.0
+"""So many times the usual time between two messages is a gap [-]."""
+
+
+@dataclass(frozen=True)
+class TopicReport:
+    """What a topic holds.
+
+    Attributes:
+        topic: name.
+        msgtype: message type.
+        frame_id: frame of the first message, "" where it has none.
+        count: number of messages.
+        mean_rate: messages per second of recording [Hz], or None for fewer than two.
+        largest_gap: longest time between two messages, by recording [s], or None likewise.
+        gaps: how many times between two messages are more than `GAP` times the usual one, or None.
+        clock_offset: median of header stamp minus time of recording [s], or None without headers.
+        repeated_share: share of what only repeats the one before: of the values of track speeds
+            while the tracks moved, of the samples of the IMU; None for other topics.
+    """
+
+    topic: str
+    msgtype: str
+    frame_id: str
+    count: int
+    mean_rate: float | None
+    largest_gap: float | None
+    clock_offset: float | None
+    gaps: int | None = None
+    repeated_share: float | None = None
+
+
+@dataclass
+class Survey:
+    """What was found of a topic.
+
+    Attributes:
+        channel: the topic and its type.
+        recorded: times of recording [ns].
+        offsets: header stamps less these [ns], of messages with a header.
+        frame_id: frame of the first message that has one.
+        messages: some decoded ones, of the types in `SHAPE_CHECKS`.
+    """
+
+    channel: Channel
+    recorded: array[int] = field(default_factory=lambda: array("q"))
+    offsets: array[int] = field(default_factory=lambda: array("q"))
+    frame_id: str = ""
+    messages: list[Any] = field(default_factory=list)
+
+    def extend(self, other: Survey) -> None:
+        """Add what was found of the topic in another file."""
+        self.recorded.extend(other.recorded)
+        self.offsets.extend(other.offsets)
+        self.frame_id = self.frame_id or other.frame_id
+        self.messages.extend(other.messages[: SAMPLES - len(self.messages)])
+
+    def report(self) -> TopicReport:
+        """The same as figures."""
+        times = np.sort(np.array(self.recorded, dtype=np.int64))
+        several = len(times) > 1 and times[-1] > times[0]
+        steps = np.diff(times)
+        return TopicReport(
+            topic=self.channel.topic,
+            msgtype=self.channel.msgtype,
+            frame_id=self.frame_id,
+            count=len(times),
+            mean_rate=(len(times) - 1) / float((times[-1] - times[0]) * NANOSECOND)
+            if several
+            else None,
+            largest_gap=float(steps.max() * NANOSECOND) if several else None,
+            gaps=int((steps > GAP * np.median(steps)).sum()) if several else None,
+            clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
+        )
+
+
+def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Survey], list[str]]:
+    """Look at all messages of a bag.
+
+    Args:
+        bag: the bag.
+        source: its name, for messages.
+        definitions: message types that it may lack.
+
+    Returns:
+        A survey of each of its channels, and what is worth telling of the bag.
+    """
+    surveys = {channel: Survey(channel) for channel in bag.counts}
+    headers = {channel: header_reader(channel) for channel in surveys}
+    decoders = {}
+    for channel in surveys:
+        if channel.msgtype in SHAPE_CHECKS:
+            # A type that cannot be decoded is listed all the same.
+            with suppress(ReplayError):
+                decoders[channel] = decoder(channel, source, definitions)
+    for record in bag.messages({channel.topic for channel in surveys}):
+        survey = surveys[record.channel]
+        survey.recorded.append(record.time)
+        read_header = headers[record.channel]
+        if read_header is not None:
+            try:
+                header = read_header(record.data)
+            except (struct.error, IndexError, TypeError, UnicodeDecodeError):
+                continue
+            survey.offsets.append(header.stamp - record.time)
+            survey.frame_id = survey.frame_id or header.frame_id
+        if record.channel in decoders and len(survey.messages) < SAMPLES:
+            try:
+                message = decoders[record.channel](record.data)
+                SHAPE_CHECKS[record.channel.msgtype](message)
+                survey.messages.append(message)
+            except Exception:  # noqa: S112
+                # Not a message of its type; `read_log` counts these.
+                continue
+    return list(surveys.values()), list(bag.notes)

@@ -1,0 +1,221 @@
+"""What a log says of units, wheels and standstills, before any filter: first estimates and suspicions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.replay.inspection.imu_mounting import ABSURD, STILL_MARGIN, Mounting, standstill
+
+GRAVITY = 9.81
+WRONG_GRAVITY = 0.1
+"""A mean specific force that is off by more than this share is suspicious [-]."""
+FAST_TURNING = 6.0
+"""A ground robot hardly turns faster [rad/s]."""
+FAST_SPEED, FAST_RATE = 20.0, 120.0
+"""Nor does it drive, or turn its wheels, faster [m/s, rad/s]."""
+DEGREES = (20.0, 180.0)
+"""Yaw rates this many times those of the odometry are in degrees (57.3, with some slip)."""
+TOO_MUCH_TURNING = 2.5
+"""Slip makes odometry overestimate the yaw rate, but hardly by this much [-]."""
+STRAIGHT = 1.0
+"""Turning within a window up to which its way is taken for an arc [rad]."""
+WINDOWS = {"truth": 2.0, "fixes": 10.0}
+FEWEST_WINDOWS = 5
+COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
+"""A course over ground: least way [m], longest time [s]; least mean vector of its offsets [-]."""
+CLEAR_TURNING = 0.7
+"""Correlation of turning from which on an effective track is believed [-]."""
+
+
+class WheelEstimates(NamedTuple):
+    """What the way over ground and the gyro say of the wheels, None where they say nothing.
+
+    Attributes:
+        way_ratio: way over ground over that of the track speeds: where these are rates [rad/s], the
+            effective radius [m], otherwise 1 [-].
+        way_source: "truth" or "fixes".
+        track_ratio: V_r - V_l over the yaw rate: effective track over effective radius where track
+            speeds are rates [-], otherwise the effective track [m].
+    """
+
+    way_ratio: float | None
+    way_source: str
+    track_ratio: float | None
+
+
+def wheel_estimates(log: Log, vertical: Floats | None, correlation: float | None) -> WheelEstimates:
+    """First estimates of the effective radius and track.
+
+    Args:
+        log: the log; its track speeds may be rates.
+        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
+        correlation: of that with V_r - V_l, or None.
+    """
+    track_ratio = None
+    speeds = log.tracks.speeds
+    usable = len(speeds) > 1 and np.abs(speeds).max() <= ABSURD
+    if (
+        usable
+        and log.imu is not None
+        and vertical is not None
+        and (correlation or 0.0) > CLEAR_TURNING
+    ):
+        difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
+        slope = np.cov(vertical, difference)[0, 1] / np.var(difference, ddof=1)
+        track_ratio = float(1.0 / slope)
+    if not usable or vertical is None or log.imu is None:
+        return WheelEstimates(None, "", track_ratio)
+    if log.truth is not None:
+        source, stamps, places = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
+    elif log.fixes is not None:
+        source, stamps, places = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
+    else:
+        return WheelEstimates(None, "", track_ratio)
+    ratio = _way_ratio(log, vertical, stamps, places, WINDOWS[source])
+    return WheelEstimates(ratio, source, track_ratio)
+
+
+def _way_ratio(
+    log: Log, vertical: Floats, stamps: Stamps, places: Floats, window: float
+) -> float | None:
+    """Median of chord over way of the tracks, of windows [s] of gentle driving."""
+    assert log.imu is not None  # noqa: S101 - the caller has looked
+    start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
+    edges = np.arange(start, end, round(window / NANOSECOND))
+    if len(edges) < FEWEST_WINDOWS + 1:
+        return None
+    mean = log.tracks.speeds.mean(axis=1)
+    way = np.interp(edges, log.tracks.stamps, _integral(log.tracks.stamps, mean))
+    turned, yaw = (
+        np.interp(edges, log.imu.stamps, _integral(log.imu.stamps, rate))
+        for rate in (np.abs(vertical), vertical)
+    )
+    at = np.column_stack([np.interp(edges, stamps, column) for column in places.T])
+    # The chord of an arc that turns by so much.
+    shortened = np.sinc(np.diff(yaw) / (2.0 * np.pi))
+    chords, ways = np.hypot(*np.diff(at, axis=0).T), np.abs(np.diff(way)) * shortened
+    gaps = np.diff(np.searchsorted(stamps, edges)) < 2
+    straight = (np.diff(turned) < STRAIGHT) & (ways > 0.3 * np.abs(mean).max() * window) & ~gaps
+    if straight.sum() < FEWEST_WINDOWS:
+        return None
+    return float(np.median(chords[straight] / ways[straight]))
+
+
+def _integral(stamps: Stamps, values: Floats) -> Floats:
+    steps = np.diff(stamps) * NANOSECOND
+    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * steps)])
+
+
+def standstills(log: Log) -> list[tuple[float, float]]:
+    """When both tracks stood still: seconds from the log's start, of stops of a second and more."""
+    if not len(log.tracks.stamps):
+        return []
+    still = standstill(log.tracks, log.tracks.stamps)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    stops = []
+    for first, end in edges.reshape(-1, 2):
+        begin, finish = (
+            (int(log.tracks.stamps[place]) - log.start) * NANOSECOND for place in (first, end - 1)
+        )
+        stops.append((max(0.0, begin - STILL_MARGIN), finish + STILL_MARGIN))
+    return stops
+
+
+def unit_suspicions(
+    log: Log,
+    mounting: Mounting | None,
+    estimates: WheelEstimates,
+    *,
+    vertical: Floats | None,
+    rates: bool,
+    from_twist: bool,
+) -> list[str]:
+    """What looks as if it were in another unit.
+
+    Args:
+        log: the log; its track speeds may be rates.
+        mounting: what the log tells about the IMU, or None.
+        estimates: as of `wheel_estimates`.
+        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
+        rates: whether track speeds are in rad/s.
+        from_twist: whether they were made of speed and yaw rate, with a gauge of 1 m.
+    """
+    found = []
+    if mounting is not None:
+        force = float(np.linalg.norm(mounting.specific_force))
+        if abs(force - GRAVITY) > WRONG_GRAVITY * GRAVITY:
+            guess = _unit_of_gravity(force)
+            found.append(f"mean specific force is {force:.3g}, not {GRAVITY} m/s²{guess}")
+    if log.imu is not None:
+        fast = float(np.percentile(np.abs(log.imu.angular_velocity), 99))
+        if fast > FAST_TURNING:
+            found.append(
+                f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
+            )
+        if from_twist and vertical is not None and len(log.tracks.stamps) > 1:
+            found += _turning_suspicion(log, vertical)
+    if len(log.tracks.speeds):
+        fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
+        if rates and fast > FAST_RATE:
+            found.append(f"joint rates of {fast:.3g}; rad/s, or rather rpm or deg/s?")
+        if not rates and fast > FAST_SPEED:
+            found.append(f"track speeds of {fast:.3g}; m/s, or rather mm/s?")
+    if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:
+        found.append(
+            f"the way over ground is {estimates.way_ratio:.3g} times that of the track speeds, "
+            f"by the {estimates.way_source}"
+        )
+    return found
+
+
+def _turning_suspicion(log: Log, vertical: Floats) -> list[str]:
+    """Of track speeds made of speed and yaw rate with a gauge of 1 m, so that V_r - V_l is that rate."""
+    turning = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std())
+    gyro = float((vertical - vertical.mean()).std())
+    if not (turning > 0.0 and gyro > 0.0):
+        return []
+    if DEGREES[0] < gyro / turning < DEGREES[1]:
+        return [f"the gyro reads {gyro / turning:.0f} times the odometry's yaw rate; in deg/s?"]
+    if turning / gyro > TOO_MUCH_TURNING:
+        return [
+            f"the odometry's yaw rate is {turning / gyro:.1f} times the gyro's, more than slip explains;"
+            " is the gauge of its controller known?"
+        ]
+    return []
+
+
+def _unit_of_gravity(force: float) -> str:
+    for unit, size in (("g", 1.0), ("mg", 1000.0), ("cm/s²", 981.0), ("ft/s²", 32.2)):
+        if abs(force - size) <= 0.015 * size or (unit == "g" and abs(force - size) < 0.05):
+            return f"; in {unit}?"
+    return ""
+
+
+def heading_offset(log: Log) -> float | None:
+    """From a measured heading to the course over ground [deg], or None where that is not clear."""
+    headings = [one for one in log.others if isinstance(one, HeadingFix)]
+    if log.fixes is None or len(log.fixes.stamps) < 2 or len(headings) < 2:
+        return None
+    stamps, places = log.fixes.stamps, log.fixes.poses[:, :2]
+    sigma = float(np.sqrt(np.median(log.fixes.variances[:, 0])))
+    offsets = []
+    last = 0
+    for place in range(1, len(stamps)):
+        step = places[place] - places[last]
+        if np.hypot(*step) < max(COURSE_LENGTH, 5.0 * sigma):
+            continue
+        seconds = (stamps[place] - stamps[last]) * NANOSECOND
+        if seconds < COURSE_TIME:
+            at = (stamps[place] + stamps[last]) // 2
+            nearest = min(headings, key=lambda one: abs(one.stamp - at))
+            offsets.append(np.exp(1j * (np.arctan2(step[1], step[0]) - nearest.yaw)))
+        last = place
+    if len(offsets) < FEWEST_WINDOWS:
+        return None
+    mean = complex(np.mean(offsets))
+    return float(np.degrees(np.angle(mean))) if abs(mean) > CLEAR_COURSE else None

@@ -1,0 +1,147 @@
+"""The column map: which columns of a table (CSV, Parquet) are which stream.
+
+It is the `[log.columns]` table of a robot file.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import msgspec
+
+from icreckon.replay.mapping.geodesy import check_origin
+from icreckon.replay.mapping.track_units import TrackUnit, check_latency, check_unit
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
+
+
+class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Columns of the track speeds.
+
+    Attributes:
+        left: columns of the left side, which are averaged.
+        right: columns of the right side.
+        unit: of their values.
+        counts_per_turn: of the sprocket, for unit "counts".
+        wrap: where the counter starts again, in `unit`; None if it does not.
+        time: column of their time where it is not that of the map.
+        latency: how late these stamps are, which is taken off them [s].
+    """
+
+    left: tuple[str, ...]
+    right: tuple[str, ...]
+    unit: TrackUnit = "m/s"
+    counts_per_turn: float | None = None
+    wrap: float | None = None
+    time: str | None = None
+    latency: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_latency(self.latency)
+        if not (self.left and self.right):
+            raise ValueError("left and right must name columns")
+        on_a_side = max(len(self.left), len(self.right))
+        check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
+
+
+class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Columns of the IMU, in its own axes.
+
+    Attributes:
+        angular_velocity: columns of x, y and z, or of z alone.
+        linear_acceleration: columns of x, y and z (specific force); empty for none.
+        rate_unit: of the angular velocity.
+        acceleration_unit: of the acceleration.
+        time: column of their time where it is not that of the map.
+        latency: how late these stamps are, which is taken off them [s].
+    """
+
+    angular_velocity: tuple[str, ...]
+    linear_acceleration: tuple[str, ...] = ()
+    rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    acceleration_unit: Literal["m/s2", "g"] = "m/s2"
+    time: str | None = None
+    latency: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_latency(self.latency)
+        if len(self.angular_velocity) not in (1, 3):
+            raise ValueError("angular_velocity must name three columns, or that of z alone")
+        if len(self.linear_acceleration) not in (0, 3):
+            raise ValueError("linear_acceleration must name three columns, or none")
+
+
+class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Columns of fixes or of the truth.
+
+    Attributes:
+        x: column of x in `odom` [m]; with `y`, or else `latitude` and `longitude`.
+        y: column of y [m].
+        yaw: column of the heading, counter-clockwise from x [rad]; None for none.
+        latitude: column [deg].
+        longitude: column [deg].
+        altitude: column [m], or None.
+        sigma: column of the standard deviation of each coordinate [m], or None.
+        position_sigma: the same for all rows [m], where there is no column of it.
+        heading_sigma: standard deviation of yaw [rad]; fixes have no heading where left out.
+        least_sigma: what rows that claim to be better are taken for [m].
+        origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
+        source: what the truth is, for reports.
+        time: column of their time where it is not that of the map.
+        latency: how late these stamps are, which is taken off them [s].
+    """
+
+    x: str | None = None
+    y: str | None = None
+    yaw: str | None = None
+    latitude: str | None = None
+    longitude: str | None = None
+    altitude: str | None = None
+    sigma: str | None = None
+    position_sigma: float | None = None
+    heading_sigma: float | None = None
+    least_sigma: float | None = None
+    origin: tuple[float, float, float] | None = None
+    source: str = ""
+    time: str | None = None
+    latency: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_latency(self.latency)
+        plane, globe = (self.x, self.y), (self.latitude, self.longitude)
+        if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
+            raise ValueError("x and y must name columns, or else latitude and longitude")
+        for name in ("position_sigma", "heading_sigma", "least_sigma"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive number, found {value!r}")
+        check_origin(self.origin)
+
+
+class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Which columns are which stream; None where the tables have none of it.
+
+    A stream is read from each file that has all of its columns. Cells that are empty in all columns
+    of a stream are rows of other streams.
+
+    Attributes:
+        time: column of the time.
+        time_unit: its unit, where the column holds numbers and no timestamps.
+        tracks: columns of the track speeds.
+        imu: columns of the IMU.
+        fixes: columns of the fixes.
+        truth: columns of the truth; x, y and yaw.
+    """
+
+    time: str
+    time_unit: TimeUnit = "s"
+    tracks: TrackColumns | None = None
+    imu: ImuColumns | None = None
+    fixes: PoseColumns | None = None
+    truth: PoseColumns | None = None
+
+    def __post_init__(self) -> None:
+        if self.truth is not None and not (self.truth.x and self.truth.yaw):
+            raise ValueError("truth must name the columns x, y and yaw")

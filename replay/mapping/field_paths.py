@@ -1,0 +1,66 @@
+"""Field paths: «wheels.left.rate» or «data[0]» of a message of any type."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from icreckon.replay.base.errors import ReplayError
+
+STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
+
+
+def field_getter(path: str) -> Callable[[Any], float]:
+    """A function that takes a field of a message as a number.
+
+    The function raises `ReplayError` where a field is not there or no number, and IndexError where
+    an array is too short.
+
+    Args:
+        path: names with dots between them, and indices of arrays.
+
+    Raises:
+        ReplayError: the path is none.
+    """
+    steps: list[str | int] = []
+    position = 0
+    while position < len(path):
+        step = STEP.match(path, position)
+        if step is None or (step.group(0).startswith(".") and not steps):
+            raise ReplayError(f"{path!r} is no path of a field; write it as wheels.left or data[0]")
+        steps.append(step.group(1) or int(step.group(2)))
+        position = step.end()
+
+    def get(message: Any) -> float:
+        value = message
+        for step in steps:
+            if isinstance(step, int):
+                value = value[step]
+            elif hasattr(value, step):
+                value = getattr(value, step)
+            else:
+                raise ReplayError(f"no field {step!r} of {path!r}{_fields_of(value)}")
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise ReplayError(f"field {path!r} is no number{_fields_of(value)}") from None
+
+    return get
+
+
+def _fields_of(value: Any) -> str:
+    names = [name for name in getattr(value, "__dataclass_fields__", ()) if name[:2] != "__"]
+    kind = getattr(value, "__msgtype__", type(value).__name__)
+    return f"; {kind} has {', '.join(names)}" if names else f"; it is of type {kind}"
+
+
+class FieldReader:
+    """Called with a message: the means of the fields of either side, (left, right)."""
+
+    def __init__(self, left: Sequence[str], right: Sequence[str]) -> None:
+        self._sides = [[field_getter(path) for path in side] for side in (left, right)]
+
+    def __call__(self, message: Any) -> tuple[float, float]:  # noqa: D102
+        left, right = (sum(get(message) for get in side) / len(side) for side in self._sides)
+        return (left, right)

@@ -1,0 +1,51 @@
+"""Geodesy: latitude and longitude as metres east and north of an origin."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+
+Origin = tuple[float, float, float]
+"""Latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid."""
+
+
+def check_origin(origin: Origin | None) -> None:
+    """Refuse an origin that is not on the globe.
+
+    Raises:
+        ValueError: what is wrong.
+    """
+    if origin is None:
+        return
+    if not (np.isfinite(origin).all() and abs(origin[0]) <= 90.0 and abs(origin[1]) <= 360.0):
+        raise ValueError(
+            "origin must be latitude, longitude [deg] and altitude [m], found " + repr(list(origin))
+        )
+
+
+def on_globe(places: Floats) -> NDArray[np.bool_]:
+    """Which of the places (n, 3 or more: latitude, longitude [deg], ...) can be one.
+
+    Zero for both is what a receiver without a fix says.
+    """
+    latitude, longitude = places[:, 0], places[:, 1]
+    with np.errstate(invalid="ignore"):
+        inside = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 360.0)
+    return np.asarray(inside & ~((latitude == 0.0) & (longitude == 0.0)))
+
+
+def east_north(places: Floats, origin: Origin) -> Floats:
+    """(n, 2) metres east and north of an origin, in the plane that touches the ellipsoid there.
+
+    Args:
+        places: (n, 3) latitude, longitude [deg], altitude [m]; NaN for an altitude that is not
+            known, which is then the origin's.
+        origin: of the plane.
+    """
+    from pymap3d import geodetic2enu
+
+    altitude = np.where(np.isfinite(places[:, 2]), places[:, 2], origin[2])
+    east, north, _ = geodetic2enu(places[:, 0], places[:, 1], altitude, *origin)
+    return np.column_stack([east, north])

@@ -1,0 +1,113 @@
+"""From what track sensors count to track speeds: rates, speeds, angles, encoder counts."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+
+TrackUnit = Literal[
+    "rad/s", "deg/s", "rpm", "m/s", "mm/s", "km/h", "rad", "deg", "turns", "counts", "m", "mm"
+]
+
+OF_SPROCKET = {
+    "rad/s": 1.0,
+    "deg/s": math.pi / 180.0,
+    "rpm": 2.0 * math.pi / 60.0,
+    "rad": 1.0,
+    "deg": math.pi / 180.0,
+    "turns": 2.0 * math.pi,
+}
+"""Rates and angles of the sprocket in rad/s and rad; counts depend on the encoder."""
+OF_GROUND = {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "m": 1.0, "mm": 1e-3}
+"""Speeds and ways of the track in m/s and m."""
+ADDS_UP = {"rad", "deg", "turns", "counts", "m", "mm"}
+"""Units of what is counted from the start on, whose differences are the motion."""
+
+LONGEST_DIFFERENCE = 1.0
+"""Samples of a counter that are further apart give no speed [s]."""
+TOO_FAST = 10.0
+"""A counter has jumped where the speed is this many times the fastest track's [-]."""
+
+
+def check_unit(
+    unit: TrackUnit, counts_per_turn: float | None, wrap: float | None, on_a_side: int
+) -> None:
+    """Refuse a unit that does not go with what else is said.
+
+    Args:
+        unit: of the values.
+        counts_per_turn: of the sprocket.
+        wrap: where counters start again, in `unit`.
+        on_a_side: how many values a side has at most.
+
+    Raises:
+        ValueError: what is missing or wrong.
+    """
+    for name, value in (("counts_per_turn", counts_per_turn), ("wrap", wrap)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be a positive number, found {value!r}")
+    if (unit == "counts") != (counts_per_turn is not None):
+        raise ValueError('unit = "counts" and counts_per_turn need each other')
+    if wrap is not None and unit not in ADDS_UP:
+        raise ValueError(f"wrap is for what adds up ({', '.join(sorted(ADDS_UP))}), not for {unit}")
+    if wrap is not None and on_a_side > 1:
+        raise ValueError("wrap is for one counter a side: the mean of several does not wrap")
+
+
+def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | None) -> float:
+    """What to multiply values of a unit by to get m/s, or m where they add up."""
+    if unit in OF_GROUND:
+        return OF_GROUND[unit]
+    angle = 2.0 * math.pi / (counts_per_turn or 1.0) if unit == "counts" else OF_SPROCKET[unit]
+    return angle * sprocket_radius
+
+
+def differences(
+    stamps: Stamps, ways: Floats, wrap: float | None, fastest: float
+) -> tuple[Stamps, Floats, dict[str, int]]:
+    """Mean speeds between the samples of two counters.
+
+    Args:
+        stamps: (n,) [ns], rising.
+        ways: (n, 2) what the counters say [m].
+        wrap: where they start again [m], or None.
+        fastest: highest speed of a track [m/s].
+
+    Returns:
+        (m,) stamps in the middle between two samples, (m, 2) speeds [m/s], and how many differences
+        were left out, by reason.
+    """
+    seconds = np.diff(stamps) * NANOSECOND
+    steps = np.diff(ways, axis=0)
+    if wrap is not None:
+        steps = (steps + 0.5 * wrap) % wrap - 0.5 * wrap
+    speeds = steps / seconds[:, None]
+    middles = stamps[:-1] + np.diff(stamps) // 2
+    apart = seconds > LONGEST_DIFFERENCE
+    jumps = (np.abs(speeds) > TOO_FAST * fastest).any(axis=1) & ~apart
+    lost = {
+        f"counter not read for {LONGEST_DIFFERENCE:g} s": int(apart.sum()),
+        "counter jumps": int(jumps.sum()),
+    }
+    keep = ~apart & ~jumps
+    return middles[keep], speeds[keep], {reason: count for reason, count in lost.items() if count}
+
+
+LONGEST = 10.0
+"""Stamps that are later than this are another clock's [s]."""
+
+
+def check_latency(latency: float) -> None:
+    """Refuse what cannot be a latency.
+
+    Raises:
+        ValueError: it is no number, or more than `LONGEST`.
+    """
+    if not (math.isfinite(latency) and abs(latency) <= LONGEST):
+        raise ValueError(
+            f"latency must be a number of seconds, {LONGEST:g} at most, found {latency!r}"
+        )

@@ -1,0 +1,307 @@
+"""Gathering: the streams of a mapping out of one or several files, bags and tables, as one log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+from icreckon.replay.bags.bag_files import Bag, over_bag
+from icreckon.replay.bags.decoding import Definitions, decoder
+from icreckon.replay.bags.message_types import IMU, JOINT_STATE, STRING, TWIST
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.mapping.field_paths import FieldReader
+from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
+from icreckon.replay.mapping.track_units import ADDS_UP
+from icreckon.replay.reading.fast_rows import quick_reader
+from icreckon.replay.reading.message_rows import (
+    GEODETIC_READERS,
+    HEADING_READERS,
+    POSE_READERS,
+    imu_row,
+    track_readers,
+    twist_row,
+)
+from icreckon.replay.reading.stream import RowReader, Stream
+from icreckon.replay.reading.tables import Table, is_table, table_streams, wanted_columns
+from icreckon.replay.reading.tf import TRANSFORM_READERS, TransformStream
+
+PROGRESS_EVERY = 2000
+"""Messages between two reports of progress."""
+
+Progress = Callable[[float], None]
+
+
+@dataclass
+class Gathered:
+    """What was found in some files.
+
+    Attributes:
+        source: name of the files, for messages.
+        mapping: by which the streams were gathered.
+        streams: those that are there, by purpose.
+        found: the topics that are there, with their types; columns for tables.
+        notes: what is worth telling of the files.
+        truth_source: what the truth is, as the files say, or None.
+    """
+
+    source: str
+    mapping: TopicMap
+    streams: dict[str, Stream] = field(default_factory=dict)
+    found: dict[str, int] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    truth_source: str | None = None
+
+
+def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
+    """One or several paths of files that make one log.
+
+    Raises:
+        ReplayError: none at all, or one twice.
+    """
+    paths = [Path(path)] if isinstance(path, Path | str) else [Path(one) for one in path]
+    if not paths:
+        raise ReplayError("no log: give at least one file")
+    seen: set[Path] = set()
+    for one in paths:
+        if one.resolve() in seen:
+            raise ReplayError(f"{one} is given twice")
+        seen.add(one.resolve())
+    return paths
+
+
+def source_name(paths: Sequence[Path]) -> str:
+    """What to call some paths in messages."""
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    return f"{paths[0]}{more}"
+
+
+def gather(
+    paths: Sequence[Path],
+    mapping: TopicMap,
+    *,
+    own_mapping: bool = True,
+    definitions: Definitions = (),
+    progress: Progress | None = None,
+) -> Gathered:
+    """Read the streams of a mapping.
+
+    Args:
+        paths: bags and tables that make one log.
+        mapping: which topic or column is which stream.
+        own_mapping: whether a mapping that a bag holds is used instead.
+        definitions: of message types that bags may lack.
+        progress: called now and then with the share of the messages that is read, 0 to 1.
+
+    Raises:
+        ReplayError: no bag or table, no track speeds where the mapping has them, or a message type
+            that a stream cannot be read from.
+    """
+    result = Gathered(source_name(paths), mapping)
+    bags = [path for path in paths if path.is_dir() or not is_table(path)]
+    if own_mapping:
+        _use_own_mapping(result, bags, definitions)
+    for number, path in enumerate(paths):
+        if path in bags:
+            read = partial(
+                _of_bag,
+                path=path,
+                mapping=result.mapping,
+                definitions=definitions,
+                report=_part_of(progress, number, len(paths)),
+            )
+            part = over_bag(path, read)
+        else:
+            part = _of_table(path, result.mapping)
+        result.notes += part.notes
+        result.truth_source = result.truth_source or part.truth_source
+        for name, count in part.found.items():
+            result.found[name] = result.found.get(name, 0) + count
+        for purpose, stream in part.streams.items():
+            if purpose in result.streams:
+                result.streams[purpose].extend(stream)
+            else:
+                result.streams[purpose] = stream
+    _check_all_there(result, bags, paths)
+    return result
+
+
+def _part_of(progress: Progress | None, number: int, parts: int) -> Progress:
+    """Progress of one of several parts, as progress of all."""
+
+    def report(done: float) -> None:
+        if progress is not None:
+            progress((number + done) / parts)
+
+    return report
+
+
+def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Definitions) -> None:
+    """Take the mapping that a bag holds, if one does, in place of the robot file's."""
+    for path in bags:
+        read = partial(_first_text, path=path, topic=MAPPING_TOPIC, definitions=definitions)
+        text, notes = over_bag(path, read)
+        result.notes += notes
+        if text is None:
+            continue
+        try:
+            result.mapping = msgspec.json.decode(text, type=TopicMap)
+        except msgspec.DecodeError as problem:
+            result.notes.append(f"topic {MAPPING_TOPIC!r} cannot be read: {problem}")
+        else:
+            result.notes.append(
+                f"topics as the bag itself names them ({MAPPING_TOPIC}), not as the robot file does"
+            )
+            return
+
+
+def _first_text(
+    bag: Bag, path: Path, topic: str, definitions: Definitions
+) -> tuple[str | None, list[str]]:
+    """The first std_msgs/String on a topic that can be read, or None; and what went wrong."""
+    notes: list[str] = []
+    if all(channel.topic != topic for channel in bag.counts):
+        return None, notes
+    for record in bag.messages([topic]):
+        if record.channel.msgtype != STRING:
+            break
+        try:
+            decode = decoder(record.channel, str(path), definitions)
+            return str(decode(record.data).data), notes
+        except Exception as problem:
+            notes.append(f"topic {topic!r} cannot be read: {problem}")
+    return None, notes
+
+
+def _of_table(path: Path, mapping: TopicMap) -> Gathered:
+    table = Table(path)
+    if mapping.columns is None:
+        raise ReplayError(
+            f"{path}: a table needs [log.columns] in the robot file (`icreckon inspect {path}` "
+            f"proposes it); its columns are {table.names()}"
+        )
+    part = Gathered(str(path), mapping)
+    part.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
+    part.found = {f"{path.name}: {column.name}": len(table) for column in table.columns}
+    return part
+
+
+def _of_bag(
+    bag: Bag, path: Path, mapping: TopicMap, definitions: Definitions, report: Progress
+) -> Gathered:
+    part = Gathered(str(path), mapping)
+    messages: dict[str, int] = {}
+    for channel, count in bag.counts.items():
+        messages[channel.topic] = messages.get(channel.topic, 0) + count
+        name = f"{channel.topic} ({channel.msgtype})"
+        part.found[name] = part.found.get(name, 0) + count
+    types = {channel.topic: channel.msgtype for channel in bag.counts}
+    by_topic: dict[str, list[Stream]] = {}
+    for stream in wanted_streams(mapping, str(path), definitions, types):
+        if not messages.get(stream.topic):
+            continue
+        part.streams[stream.purpose] = stream
+        for topic in stream.topics:
+            by_topic.setdefault(topic, []).append(stream)
+    total = sum(messages.get(topic, 0) for topic in by_topic)
+    for count, record in enumerate(bag.messages(by_topic), start=1):
+        if count % PROGRESS_EVERY == 0:
+            report(min(1.0, count / total))
+        for stream in by_topic[record.channel.topic]:
+            stream.take(record)
+    if mapping.truth is not None and mapping.truth.source_topic and "truth" in part.streams:
+        part.truth_source, notes = _first_text(bag, path, mapping.truth.source_topic, definitions)
+        part.notes += notes
+    part.notes[:0] = bag.notes
+    return part
+
+
+def wanted_streams(
+    mapping: TopicMap, source: str, definitions: Definitions, types: dict[str, str]
+) -> Iterator[Stream]:
+    """The streams of a mapping, empty.
+
+    Args:
+        mapping: which topic is which stream.
+        source: name of the bag, for messages.
+        definitions: of message types that the bag may lack.
+        types: the type of the messages of each topic.
+    """
+
+    def stream(purpose: str, topic: str, time: Clock, readers: dict[str, RowReader]) -> Stream:
+        return Stream(
+            purpose, topic, source, time, readers, definitions=definitions, quick=quick_reader
+        )
+
+    joints: dict[str, RowReader] = {}
+    if tracks := mapping.tracks:
+        readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+        joints = {name: reader for name, reader in readers.items() if name == JOINT_STATE}
+        speeds = stream("tracks", tracks.topic, tracks.time, readers)
+        if tracks.left and types.get(tracks.topic) not in readers:
+            speeds.any_reader = FieldReader(tracks.left, tracks.right)
+        yield speeds
+    if imu := mapping.imu:
+        yield stream("imu", imu.topic, imu.time, {IMU: imu_row})
+    if fixes := mapping.fixes:
+        yield _poses("fixes", fixes, source, definitions)
+    if heading := mapping.heading:
+        yield stream("heading", heading.topic, heading.time, HEADING_READERS)
+    if truth := mapping.truth:
+        yield _poses("truth", truth, source, definitions)
+        if truth.twist:
+            yield stream("truth twist", truth.twist, truth.time, {TWIST: twist_row})
+        if truth.tracks:
+            yield stream("truth tracks", truth.tracks, truth.time, joints)
+
+
+def _poses(
+    purpose: str, mapped: FixTopic | TruthTopic, source: str, definitions: Definitions
+) -> Stream:
+    if mapped.frames is not None:
+        return TransformStream(
+            purpose,
+            mapped.topic,
+            source,
+            mapped.time,
+            TRANSFORM_READERS,
+            definitions=definitions,
+            frames=mapped.frames,
+        )
+    geodetic = GEODETIC_READERS if isinstance(mapped, FixTopic) else {}
+    readers = POSE_READERS | geodetic
+    return Stream(purpose, mapped.topic, source, mapped.time, readers, definitions=definitions)
+
+
+def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:
+    """Note what of the mapping is nowhere in the files; refuse if it is the track speeds."""
+    there = ", ".join(sorted(result.found)) or "none at all"
+    missing: dict[str, list[str]] = {}
+    if bags:
+        for stream in wanted_streams(result.mapping, result.source, (), {}):
+            listed = any(name.split(" (")[0] == stream.topic for name in result.found)
+            what = "has no messages" if listed else "is not in the bag"
+            missing.setdefault(stream.purpose, []).append(
+                f"topic {stream.topic!r} for {stream.purpose} {what}"
+            )
+    if len(bags) < len(paths) and result.mapping.columns is not None:
+        for purpose, spec, names in wanted_columns(result.mapping.columns):
+            listed_names = [spec.time or result.mapping.columns.time, *names]
+            missing.setdefault(purpose, []).append(
+                f"columns {', '.join(listed_names)} for {purpose} are not all in one table"
+            )
+    for purpose, said in missing.items():
+        if purpose in result.streams:
+            continue
+        if purpose == "tracks":
+            raise ReplayError(
+                f"{result.source}: {' and '.join(said)}; there is {there}. Name the right one in "
+                "the robot file's [log.tracks], or leave that table out"
+                if bags
+                else f"{result.source}: {' and '.join(said)}; there is {there}. Correct the robot "
+                "file's [log.columns.tracks], or leave that table out"
+            )
+        result.notes.append(f"{' and '.join(said)}; there is {there}")

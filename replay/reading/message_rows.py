@@ -1,0 +1,196 @@
+"""From messages to rows of numbers: what each stream takes of each message type."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import quaternion_to_yaw
+from icreckon.replay.bags.message_types import (
+    IMU,
+    JOINT_STATE,
+    NAVSATFIX,
+    ODOMETRY,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    QUATERNION,
+    TWIST,
+)
+from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, UnusableError
+
+
+def track_readers(
+    left: Sequence[str], right: Sequence[str], positions: bool = False
+) -> dict[str, RowReader]:
+    """Rows for track speeds.
+
+    Args:
+        left: joints of the left side.
+        right: joints of the right side.
+        positions: whether to take the joints' positions instead of their velocities.
+
+    Returns:
+        Of JointState the means (left, right), as they are; of Odometry and TwistStamped the forward
+        speed [m/s] and the yaw rate [rad/s].
+    """
+    readers: dict[str, RowReader] = {ODOMETRY: _odometry_speeds, TWIST: _twist_speeds}
+    if left and right:
+        readers[JOINT_STATE] = JointReader(left, right, positions)
+    return readers
+
+
+class JointReader:
+    """Called with a JointState: means of the sides (left, right); None if it has no such joint.
+
+    Attributes:
+        seen: names of the joints that were met.
+        positions: whether positions are taken instead of velocities.
+    """
+
+    def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
+        self.seen: set[str] = set()
+        self.positions = positions
+        self._sides = (left, right)
+        self._places: dict[tuple[str, ...], list[list[int]]] = {}
+
+    def __call__(self, message: Any) -> Row | None:  # noqa: D102
+        places = self.places(tuple(message.name))
+        if not places:
+            return None
+        return self.means(message.position if self.positions else message.velocity, places)
+
+    def places(self, names: tuple[str, ...]) -> list[list[int]]:
+        """Places of the joints of either side among some names; none if no joint is there."""
+        places = self._places.get(names)
+        if places is None:
+            places = self._places[names] = self._find(names)
+        return places
+
+    def means(self, values: Sequence[float], places: list[list[int]]) -> Row:
+        """Mean of each side."""
+        left, right = (sum(float(values[i]) for i in side) / len(side) for side in places)
+        return (left, right)
+
+    def _find(self, names: tuple[str, ...]) -> list[list[int]]:
+        self.seen.update(names)
+        if not any(name in names for side in self._sides for name in side):
+            return []
+        return [[names.index(name) for name in side] for side in self._sides]
+
+
+def _odometry_speeds(message: Any) -> Row:
+    twist = message.twist.twist
+    return (twist.linear.x, twist.angular.z)
+
+
+def _twist_speeds(message: Any) -> Row:
+    return (message.twist.linear.x, message.twist.angular.z)
+
+
+def imu_row(message: Any) -> Row:
+    """Angular velocity and specific force, NaN where the message says that it has none."""
+    rate, force = message.angular_velocity, message.linear_acceleration
+    rates = (rate.x, rate.y, rate.z)
+    forces = (force.x, force.y, force.z)
+    if message.angular_velocity_covariance[0] == ABSENT:
+        rates = (NAN, NAN, NAN)
+    if message.linear_acceleration_covariance[0] == ABSENT:
+        forces = (NAN, NAN, NAN)
+    return (*rates, *forces)
+
+
+def twist_row(message: Any) -> Row:
+    """Body velocity v_x, v_y, w of a TwistStamped."""
+    twist = message.twist
+    return (twist.linear.x, twist.linear.y, twist.angular.z)
+
+
+def _pose(pose: Any) -> Row:
+    at, q = pose.position, pose.orientation
+    return (at.x, at.y, q.x, q.y, q.z, q.w)
+
+
+def _variances(covariance: Any) -> Row:
+    """Of position (the larger one) and yaw; NaN where the covariance is left at zeros: unknown."""
+    variances = (max(covariance[0], covariance[7]), covariance[35])
+    return variances if any(variances) else (NAN, NAN)
+
+
+def _pose_stamped_row(message: Any) -> Row:
+    return (*_pose(message.pose), NAN, NAN, NAN, NAN, NAN)
+
+
+def _pose_with_covariance_row(message: Any) -> Row:
+    return (*_pose(message.pose.pose), *_variances(message.pose.covariance), NAN, NAN, NAN)
+
+
+def _odometry_row(message: Any) -> Row:
+    twist = message.twist.twist
+    return (
+        *_pose(message.pose.pose),
+        *_variances(message.pose.covariance),
+        twist.linear.x,
+        twist.linear.y,
+        twist.angular.z,
+    )
+
+
+POSE_READERS: dict[str, RowReader] = {
+    POSE: _pose_stamped_row,
+    POSE_WITH_COVARIANCE: _pose_with_covariance_row,
+    ODOMETRY: _odometry_row,
+}
+"""Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w; NaN for none."""
+
+
+def planar_poses(rows: Floats) -> Floats:
+    """(n, 3) x, y, yaw of rows of `POSE_READERS`; yaw NaN where the quaternion is zero."""
+    quaternions = rows[:, 2:6]
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    norms[~((norms > 1e-6) & np.isfinite(norms))] = np.nan
+    return np.column_stack([rows[:, :2], quaternion_to_yaw(quaternions / norms)])
+
+
+STATUS_NO_FIX, COVARIANCE_UNKNOWN = -1, 0
+"""Of sensor_msgs/NavSatStatus and NavSatFix."""
+
+
+def _navsatfix_row(message: Any) -> Row:
+    if message.status.status <= STATUS_NO_FIX:
+        raise UnusableError("receiver without a fix")
+    variance = NAN
+    if message.position_covariance_type != COVARIANCE_UNKNOWN:
+        covariance = message.position_covariance
+        variance = max(covariance[0], covariance[4])
+    return (message.latitude, message.longitude, message.altitude, variance)
+
+
+GEODETIC_READERS: dict[str, RowReader] = {NAVSATFIX: _navsatfix_row}
+"""Rows latitude, longitude [deg], altitude [m], variance of position [m²]; NaN for not known."""
+
+
+def _heading(orientation: Any, variance: float) -> Row:
+    quaternion = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
+    size = float(np.linalg.norm(quaternion))
+    if not 1e-6 < size < float("inf"):
+        raise UnusableError("no orientation")
+    return (float(quaternion_to_yaw(quaternion / size)), variance)
+
+
+def _imu_heading_row(message: Any) -> Row:
+    covariance = message.orientation_covariance
+    if covariance[0] == ABSENT:
+        raise UnusableError("no orientation")
+    return _heading(message.orientation, covariance[8] if covariance.any() else NAN)
+
+
+def _quaternion_row(message: Any) -> Row:
+    return _heading(message.quaternion, NAN)
+
+
+HEADING_READERS: dict[str, RowReader] = {IMU: _imu_heading_row, QUATERNION: _quaternion_row}
+"""Rows yaw [rad], its variance [rad²]; NaN for not known."""

@@ -1,0 +1,249 @@
+"""Tables as logs: CSV and Parquet files, by a column map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.frames import yaw_to_quaternion
+from icreckon.replay.bags.message_types import NAVSATFIX
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.mapping.columns import (
+    NANOSECONDS_OF,
+    ColumnMap,
+    ImuColumns,
+    PoseColumns,
+    TimeUnit,
+    TrackColumns,
+)
+from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
+
+PARQUET_MAGIC = b"PAR1"
+CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".csv.bz2")
+DELIMITERS = "\t;,"
+STANDARD_GRAVITY = 9.80665
+LARGEST_TIME = 2.0**63
+
+
+def is_table(path: Path) -> bool:
+    """Whether a path is a table: Parquet by its first bytes, CSV by its name."""
+    if not path.is_file():
+        return False
+    if path.name.lower().endswith(CSV_SUFFIXES):
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
+    except OSError:
+        # Whoever reads it says what is wrong.
+        return False
+
+
+class Column(NamedTuple):
+    """A column: its name, its type, whether it holds numbers, and how many of its cells hold any."""
+
+    name: str
+    kind: str
+    is_number: bool
+    filled: int
+
+
+class Table:
+    """A table file.
+
+    Attributes:
+        path: the file.
+        columns: what columns it has.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read the file.
+
+        Raises:
+            ReplayError: it cannot be read, is empty, or two columns have one name.
+        """
+        import pyarrow as pa
+
+        self.path = path
+        try:
+            self._table = _read(path)
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as problem:
+            reason = " ".join(str(problem).split())
+            raise ReplayError(f"{path}: the table cannot be read: {reason}") from None
+        names = [name.lstrip("\ufeff").lstrip("#").strip() for name in self._table.column_names]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ReplayError(f"{path}: several columns are named {', '.join(map(repr, twice))}")
+        self._table = self._table.rename_columns(names)
+        if not self._table.num_rows:
+            raise ReplayError(f"{path}: the table has no rows")
+        self.columns = tuple(
+            Column(
+                field.name,
+                str(field.type),
+                pa.types.is_floating(field.type) or pa.types.is_integer(field.type),
+                len(self._table) - self._table.column(place).null_count,
+            )
+            for place, field in enumerate(self._table.schema)
+        )
+
+    def __len__(self) -> int:
+        return int(self._table.num_rows)
+
+    def has(self, names: Sequence[str]) -> bool:
+        """Whether it has all of these columns."""
+        return set(names) <= {column.name for column in self.columns}
+
+    def names(self) -> str:
+        """Its columns, for messages."""
+        return ", ".join(column.name for column in self.columns)
+
+    def numbers(self, names: Sequence[str]) -> Floats:
+        """(n, k) columns as numbers; NaN where a cell is empty.
+
+        Raises:
+            ReplayError: a column holds something else.
+        """
+        return np.column_stack([self._numbers(name) for name in names])
+
+    def _numbers(self, name: str) -> Floats:
+        import pyarrow as pa
+
+        column = self._table.column(name)
+        if pa.types.is_null(column.type):
+            return np.full(len(column), NAN)
+        if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+            text = next((str(value) for value in column.to_pylist() if value is not None), "")
+            raise ReplayError(
+                f"{self.path}: column {name!r} holds {column.type}, not numbers (such as {text!r})"
+            )
+        return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+
+    def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
+        """(n,) times of a column as stamps [ns], and (n,) which of them there are.
+
+        Raises:
+            ReplayError: the column holds no times, or none that fit the unit.
+        """
+        import pyarrow as pa
+
+        column = self._table.column(name)
+        there = ~np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
+        if pa.types.is_timestamp(column.type):
+            whole = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
+            return np.asarray(whole.fill_null(0).to_numpy(), dtype=np.int64), there
+        factor = NANOSECONDS_OF[unit]
+        values = self._numbers(name)
+        there &= np.isfinite(values)
+        if there.any() and not np.abs(values[there]).max() * factor < LARGEST_TIME:
+            raise ReplayError(
+                f"{self.path}: column {name!r} holds {values[there][0]:.6g}, too much for times in "
+                f"{unit}; set time_unit in [log.columns]"
+            )
+        if pa.types.is_integer(column.type):
+            exact = np.asarray(column.fill_null(0).cast(pa.int64()).to_numpy(), dtype=np.int64)
+            return exact * factor, there
+        # Whole units first: a float of ns since 1970 would be coarse by hundreds of ns.
+        values = np.where(there, values, 0.0)
+        whole = np.floor(values)
+        rest = np.round((values - whole) * factor).astype(np.int64)
+        return whole.astype(np.int64) * factor + rest, there
+
+
+def _read(path: Path) -> Any:
+    with path.open("rb") as file:
+        if file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC:
+            from pyarrow import parquet
+
+            return parquet.read_table(path)
+    from pyarrow import csv, input_stream
+
+    with input_stream(path, compression="detect") as stream:
+        first = stream.read(1 << 16).split(b"\n", 1)[0].decode("utf-8", "replace")
+    delimiter = max(DELIMITERS, key=first.count)
+    return csv.read_csv(path, parse_options=csv.ParseOptions(delimiter=delimiter))
+
+
+def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
+    """The streams that a table holds all columns of.
+
+    Raises:
+        ReplayError: a column holds no numbers, or no times.
+    """
+    found = []
+    for purpose, spec, names in wanted_columns(columns):
+        time = spec.time or columns.time
+        if not table.has([time, *names]):
+            continue
+        stamps, timed = table.stamps(time, columns.time_unit)
+        values = table.numbers(names)
+        own = ~np.isnan(values).all(axis=1)
+        stream = Stream(purpose, f"columns {', '.join(names)}", str(table.path), "auto", {})
+        stream.from_table = True
+        stream.lose("no time", int((own & ~timed).sum()))
+        stream.msgtype, rows = _rows(spec, names, values)
+        stream.add(stamps[own & timed], rows[own & timed])
+        found.append(stream)
+    return found
+
+
+def wanted_columns(
+    columns: ColumnMap,
+) -> Iterator[tuple[str, TrackColumns | ImuColumns | PoseColumns, list[str]]]:
+    """Each stream of a column map: its purpose, its part of the map, and its columns but the time."""
+    if tracks := columns.tracks:
+        yield "tracks", tracks, [*tracks.left, *tracks.right]
+    if imu := columns.imu:
+        yield "imu", imu, [*imu.angular_velocity, *imu.linear_acceleration]
+    for purpose, poses in (("fixes", columns.fixes), ("truth", columns.truth)):
+        if poses:
+            named = (poses.x, poses.y, poses.yaw, poses.latitude, poses.longitude)
+            yield purpose, poses, [one for one in (*named, poses.altitude, poses.sigma) if one]
+
+
+def _rows(
+    spec: TrackColumns | ImuColumns | PoseColumns, names: list[str], values: Floats
+) -> tuple[str, Floats]:
+    """What stands for the type of message, and rows as its reader would make them."""
+    if isinstance(spec, TrackColumns):
+        left = values[:, : len(spec.left)].mean(axis=1)
+        return COLUMNS, np.column_stack([left, values[:, len(spec.left) :].mean(axis=1)])
+    if isinstance(spec, ImuColumns):
+        return COLUMNS, _imu_rows(spec, values)
+    by_name = dict(zip(names, values.T, strict=True))
+    unknown = np.full(len(values), NAN)
+    variance = by_name[spec.sigma] ** 2 if spec.sigma else unknown
+    if spec.latitude and spec.longitude:
+        altitude = by_name[spec.altitude] if spec.altitude else unknown
+        places = (by_name[spec.latitude], by_name[spec.longitude], altitude, variance)
+        return NAVSATFIX, np.column_stack(places)
+    yaw = by_name[spec.yaw] if spec.yaw else unknown
+    yaw_variance = np.full(len(values), spec.heading_sigma**2 if spec.heading_sigma else NAN)
+    return COLUMNS, np.column_stack(
+        [
+            by_name[spec.x or ""],
+            by_name[spec.y or ""],
+            yaw_to_quaternion(yaw),
+            variance,
+            np.where(np.isnan(variance), NAN, yaw_variance),
+            *([unknown] * 3),
+        ]
+    )
+
+
+def _imu_rows(spec: ImuColumns, values: Floats) -> Floats:
+    axes = len(spec.angular_velocity)
+    rates, forces = values[:, :axes], values[:, axes:]
+    if axes == 1:
+        rates = np.column_stack([np.zeros_like(rates), np.zeros_like(rates), rates])
+    if spec.rate_unit == "deg/s":
+        rates = np.radians(rates)
+    if not forces.shape[1]:
+        forces = np.full((len(values), 3), NAN)
+    elif spec.acceleration_unit == "g":
+        forces = forces * STANDARD_GRAVITY
+    return np.column_stack([rates, forces])

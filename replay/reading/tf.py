@@ -1,0 +1,200 @@
+"""Poses from tf: the chain of transforms from one frame to another, at the stamps of its slowest link."""
+
+from __future__ import annotations
+
+from array import array
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.message_types import TF, TF_ROS1, TRANSFORM
+from icreckon.replay.bags.records import Record
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.reading.stream import NAN, Stream
+
+LONGEST_INTERPOLATION = 1.0
+"""Between transforms that are further apart no pose is made [s]."""
+WIDTH = 7
+
+Link = tuple[str, str]
+Poses = tuple[Floats, Floats]
+"""(n, 3) translations [m] and (n, 3, 3) rotations."""
+
+
+def _unread(_: Any) -> None:
+    """Stands among the readers: `TransformStream` reads these types itself."""
+
+
+TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
+
+
+@dataclass
+class _Transforms:
+    """Those of one link: recorded and stamped [ns], x, y, z, q_x, q_y, q_z, q_w."""
+
+    recorded: array[int] = field(default_factory=lambda: array("q"))
+    stamped: array[int] = field(default_factory=lambda: array("q"))
+    rows: array[float] = field(default_factory=lambda: array("d"))
+
+
+@dataclass
+class TransformStream(Stream):
+    """The poses of one frame in another, of transforms on a topic and on its `_static` companion.
+
+    Attributes:
+        frames: the frame that poses are in, and the one whose poses they are.
+    """
+
+    frames: tuple[str, str] = ("", "")
+    _links: dict[Link, _Transforms] = field(default_factory=dict)
+    _static: dict[Link, Floats] = field(default_factory=dict)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topic and its static companion."""
+        return (self.topic, f"{self.topic}_static")
+
+    def extend(self, other: Stream) -> None:
+        """Add what was gathered for the same purpose elsewhere."""
+        super().extend(other)
+        if isinstance(other, TransformStream):
+            self._static.update(other._static)
+            for link, found in other._links.items():
+                mine = self._links.setdefault(link, _Transforms())
+                mine.recorded.extend(found.recorded)
+                mine.stamped.extend(found.stamped)
+                mine.rows.extend(found.rows)
+
+    def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+        """(n,) stamps [ns] and (n, 11) rows as of `readers.POSE_READERS`.
+
+        Raises:
+            ReplayError: no chain of transforms leads from the one frame to the other, or all of it
+                is static.
+        """
+        chain = self._chain()
+        moving = [link for link, _ in chain if link in self._links]
+        if not moving:
+            raise ReplayError(
+                f"{self.source}: topic {self.topic!r}: all transforms from {self.frames[0]!r} to "
+                f"{self.frames[1]!r} are static, so they show no motion"
+            )
+        series = {link: self._series(link, clock) for link in moving}
+        slowest = min(moving, key=lambda link: len(series[link][0]))
+        stamps = series[slowest][0]
+        pose = (np.zeros((len(stamps), 3)), np.tile(np.eye(3), (len(stamps), 1, 1)))
+        known = np.ones(len(stamps), dtype=bool)
+        for link, forward in chain:
+            if link in series:
+                step, there = _interpolated(*series[link], stamps)
+                known &= there
+            else:
+                step = _repeated(self._static[link], len(stamps))
+            pose = _composed(pose, step if forward else _inverse(step))
+        self.lose("tf: no transforms near in time", int((~known).sum()))
+        return stamps[known], _rows(pose)[known]
+
+    def _take(self, record: Record, message: Any) -> None:
+        transforms = getattr(message, "transforms", None)
+        for one in [message] if transforms is None else transforms:
+            parent, child = one.header.frame_id.strip("/"), one.child_frame_id.strip("/")
+            at, q = one.transform.translation, one.transform.rotation
+            row = (at.x, at.y, at.z, q.x, q.y, q.z, q.w)
+            size = float(np.linalg.norm(row[3:]))
+            if not (np.isfinite(row).all() and size > 1e-6):
+                self.lose("tf: not finite or no rotation")
+                continue
+            if record.channel.topic != self.topic:
+                self._static[parent, child] = np.array(row)
+                continue
+            stamp = one.header.stamp.sec * NANOSECONDS + one.header.stamp.nanosec
+            link = self._links.setdefault((parent, child), _Transforms())
+            link.recorded.append(record.time)
+            link.stamped.append(stamp)
+            link.rows.extend(row)
+            self._recorded.append(record.time)
+            self._stamped.append(stamp)
+
+    def _chain(self) -> list[tuple[Link, bool]]:
+        """The links from the first frame to the second, and whether each is walked forward."""
+        start, goal = (frame.strip("/") for frame in self.frames)
+        known = [*self._links, *self._static]
+        came: dict[str, tuple[str, Link, bool] | None] = {start: None}
+        queue = deque([start])
+        while queue and goal not in came:
+            here = queue.popleft()
+            for link in known:
+                for source, target, forward in ((*link, True), (*link[::-1], False)):
+                    if source == here and target not in came:
+                        came[target] = (here, link, forward)
+                        queue.append(target)
+        if goal not in came:
+            there = ", ".join(f"{parent} -> {child}" for parent, child in sorted(known))
+            raise ReplayError(
+                f"{self.source}: topic {self.topic!r}: no chain of transforms from {start!r} to "
+                f"{goal!r}; there is {there or 'none at all'}"
+            )
+        chain = []
+        while (step := came[goal]) is not None:
+            goal, link, forward = step
+            chain.append((link, forward))
+        return chain[::-1]
+
+    def _series(self, link: Link, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+        found = self._links[link]
+        stamps, rows = self._in_order(
+            clock,
+            np.array(found.recorded, dtype=np.int64),
+            np.array(found.stamped, dtype=np.int64),
+            np.array(found.rows, dtype=float),
+        )
+        stamps, first = np.unique(stamps, return_index=True)
+        return stamps, rows[first]
+
+
+def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[Poses, Any]:
+    """Poses at stamps between those of a link, and which of them there are."""
+    from scipy.spatial.transform import Rotation, Slerp  # type: ignore[import-untyped]
+
+    within = (wanted >= stamps[0]) & (wanted <= stamps[-1])
+    after = np.clip(np.searchsorted(stamps, wanted), 0, len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    gap = (stamps[after] - stamps[before]) * NANOSECOND
+    there = within & ((stamps[after] == wanted) | (gap <= LONGEST_INTERPOLATION))
+    seconds = (stamps - stamps[0]) * NANOSECOND
+    at = np.clip((wanted - stamps[0]) * NANOSECOND, 0.0, seconds[-1])
+    places = np.column_stack([np.interp(at, seconds, column) for column in rows[:, :3].T])
+    turns = Rotation.from_quat(rows[:, 3:])
+    if len(stamps) > 1:
+        turns = Slerp(seconds, turns)(at)
+        return (places, turns.as_matrix()), there
+    return (places, np.repeat(turns.as_matrix(), len(wanted), axis=0)), there
+
+
+def _repeated(row: Floats, count: int) -> Poses:
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(row[3:]).as_matrix()
+    return np.tile(row[:3], (count, 1)), np.tile(turn, (count, 1, 1))
+
+
+def _composed(first: Poses, second: Poses) -> Poses:
+    places = first[0] + np.einsum("nij,nj->ni", first[1], second[0])
+    return places, first[1] @ second[1]
+
+
+def _inverse(pose: Poses) -> Poses:
+    back = np.swapaxes(pose[1], 1, 2)
+    return -np.einsum("nij,nj->ni", back, pose[0]), back
+
+
+def _rows(pose: Poses) -> Floats:
+    from scipy.spatial.transform import Rotation
+
+    quaternions = Rotation.from_matrix(pose[1]).as_quat()
+    unknown = np.full((len(quaternions), 5), NAN)
+    return np.column_stack([pose[0][:, :2], quaternions, unknown])

@@ -1,0 +1,335 @@
+"""Assembling a log of what was gathered: units, clocks, screening."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log, screen
+from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.series import (
+    FixSeries,
+    ImuSeries,
+    PoseSeries,
+    TrackSpeedSeries,
+    Truth,
+    TwistSeries,
+)
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX, ODOMETRY, TWIST
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.mapping.geodesy import east_north, on_globe
+from icreckon.replay.mapping.track_units import ADDS_UP, differences, metres
+from icreckon.replay.reading.clock_steps import doubled_times, in_both
+from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
+from icreckon.replay.reading.gather import Gathered
+from icreckon.replay.reading.message_rows import JointReader, planar_poses
+from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
+
+OVERLAID = ("tracks", "imu")
+"""Streams that show, where both have twice their rate, that a clock was set back."""
+NO_HEADING_VARIANCE = 1e3
+"""Yaw variance [rad²] from which on a fix is taken to have no heading."""
+
+
+def assemble(gathered: Gathered, robot: Robot, name: str) -> Log:
+    """A log of what was gathered.
+
+    Args:
+        gathered: the streams.
+        robot: the robot, for its sprocket radius and gauge.
+        name: of the log.
+
+    Raises:
+        ReplayError: no usable track speeds where there should be some, or values that mean nothing
+            without what the robot file does not say.
+    """
+    return _Assembly(gathered, robot, choose_clocks(evidence_of(gathered.streams))).log(name)
+
+
+def evidence_of(streams: Mapping[str, Stream]) -> dict[str, Evidence]:
+    """What streams show of their clocks, by purpose."""
+    return {purpose: stream.evidence() for purpose, stream in streams.items()}
+
+
+@dataclass
+class _Assembly:
+    gathered: Gathered
+    robot: Robot
+    clocks: dict[str, Choice]
+    dropped: dict[str, int] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    _arrays_of: dict[str, tuple[Stamps, Floats]] = field(default_factory=dict)
+    _overlaid: list[tuple[int, int]] = field(default_factory=list)
+
+    def log(self, name: str) -> Log:
+        streams = self.gathered.streams
+        self.notes += self.gathered.notes
+        for purpose, choice in self.clocks.items():
+            if not choice.by_default:
+                self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
+        self._find_overlaid()
+        tracks = self._tracks(streams.get("tracks"))
+        if tracks is None:
+            self.notes.append("no track speeds: the robot file maps no topic for them")
+            tracks = TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
+        imu = self._imu(streams.get("imu"))
+        fixes = self._fixes(streams.get("fixes"))
+        headings = self._headings(streams.get("heading"))
+        truth = self._truth(streams)
+        for stream in streams.values():
+            for reason, count in stream.lost.items():
+                self._drop(f"{stream.purpose}: {reason}", count)
+            self.notes += stream.notes
+        return Log(
+            name=name,
+            tracks=tracks,
+            imu=imu,
+            fixes=fixes,
+            truth=truth,
+            dropped=self.dropped,
+            notes=tuple(self.notes),
+            others=headings,
+        )
+
+    def _drop(self, reason: str, count: int) -> None:
+        self.dropped[reason] = self.dropped.get(reason, 0) + count
+
+    def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
+        stamps, rows = self._ordered(stream)
+        for begin, end in self._overlaid:
+            if stream.purpose in OVERLAID:
+                inside = (stamps >= begin) & (stamps <= end)
+                stream.lose("two times one over the other", int(inside.sum()))
+                stamps, rows = stamps[~inside], rows[~inside]
+        late = round(self._latency(stream) / NANOSECOND)
+        return stamps - late, rows.reshape(-1, width)
+
+    def _ordered(self, stream: Stream) -> tuple[Stamps, Floats]:
+        if stream.purpose not in self._arrays_of:
+            self._arrays_of[stream.purpose] = stream.arrays(self.clocks[stream.purpose].clock)
+        return self._arrays_of[stream.purpose]
+
+    def _find_overlaid(self) -> None:
+        """When both track speeds and IMU have twice the usual rate: the recorder's clock was set back."""
+        streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
+        doubled = [doubled_times(self._ordered(one)[0]) for one in streams if one is not None]
+        if len(doubled) < len(OVERLAID):
+            return
+        self._overlaid = in_both(*doubled)
+        for begin, end in self._overlaid:
+            self.notes.append(
+                f"for {(end - begin) * NANOSECOND:.1f} s there are twice as many track speeds and IMU "
+                "samples as usual, as where the recorder's clock was set back: that time is left out "
+                "and bridged"
+            )
+
+    def _latency(self, stream: Stream) -> float:
+        """How late a stream's stamps are, as the robot file says [s]."""
+        mapping = self.gathered.mapping
+        table = stream.from_table and mapping.columns is not None
+        spec = getattr(mapping.columns if table else mapping, stream.purpose, None)
+        return 0.0 if spec is None else float(spec.latency)
+
+    def _screened(
+        self, stream: Stream, stamps: Stamps, values: Floats, positive: Floats | None = None
+    ) -> NDArray[np.bool_]:
+        keep, reasons = np.empty(0, dtype=bool), dict[str, int]()
+        if len(stamps):
+            keep, reasons = screen(stream.purpose, stamps, values, positive=positive)
+        for reason, count in reasons.items():
+            self._drop(reason, count)
+        if not keep.any():
+            losses = "".join(f", {count} x {reason}" for reason, count in reasons.items())
+            losses += "".join(f", {count} x {reason}" for reason, count in stream.lost.items())
+            self.notes.append(
+                f"no usable message for {stream.purpose} on topic {stream.topic!r}{losses}"
+            )
+        return keep
+
+    def _tracks(self, stream: Stream | None) -> TrackSpeedSeries | None:
+        if stream is None:
+            return None
+        stamps, rows = self._arrays(stream, 2)
+        mapping, vehicle = self.gathered.mapping, self.robot.vehicle
+        if stream.msgtype in (ODOMETRY, TWIST):
+            own = mapping.tracks.gauge if mapping.tracks else None
+            half = 0.5 * (own if own is not None else vehicle.track_gauge) * rows[:, 1]
+            values, factor, adds_up, wrap = (
+                np.column_stack([rows[:, 0] - half, rows[:, 0] + half]),
+                1.0,
+                False,
+                None,
+            )
+        else:
+            columns = mapping.columns.tracks if mapping.columns else None
+            spec = columns if stream.msgtype == COLUMNS else mapping.tracks
+            if spec is None:
+                return None
+            factor = metres(spec.unit, vehicle.sprocket_radius, spec.counts_per_turn)
+            adds_up = spec.unit in ADDS_UP and stream.purpose == "tracks"
+            if stream.purpose == "truth tracks":
+                factor = vehicle.sprocket_radius
+            values, wrap = rows * factor, spec.wrap
+        keep = self._screened(stream, stamps, values)
+        stamps, values = stamps[keep], values[keep]
+        if adds_up and len(stamps):
+            stamps, values, lost = differences(
+                stamps, values, None if wrap is None else wrap * factor, vehicle.max_track_speed
+            )
+            for reason, count in lost.items():
+                stream.lose(reason, count)
+            if not len(stamps):
+                self.notes.append(
+                    f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
+                )
+        if len(stamps):
+            return TrackSpeedSeries(stamps, values)
+        if stream.purpose == "tracks":
+            raise ReplayError(f"{stream.source}: {self.notes[-1]}{self._joints_hint(stream)}")
+        return None
+
+    def _joints_hint(self, stream: Stream) -> str:
+        reader, mapped = stream.readers.get(JOINT_STATE), self.gathered.mapping.tracks
+        if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
+            return ""
+        wanted, found = ", ".join((*mapped.left, *mapped.right)), ", ".join(sorted(reader.seen))
+        field_name = "positions" if mapped.unit in ADDS_UP else "velocities"
+        return (
+            f"; wanted are the {field_name} of the joints {wanted}, found were "
+            f"{found or 'no joints'}"
+        )
+
+    def _imu(self, stream: Stream | None) -> ImuSeries | None:
+        if stream is None:
+            return None
+        stamps, rows = self._arrays(stream, 6)
+        rates, forces = rows[:, :3], rows[:, 3:]
+        has_forces = bool(len(forces)) and not np.isnan(forces).all()
+        keep = self._screened(stream, stamps, rows if has_forces else rates)
+        if not keep.any():
+            return None
+        return ImuSeries(stamps[keep], rates[keep], forces[keep] if has_forces else None)
+
+    def _fixes(self, stream: Stream | None) -> FixSeries | None:
+        if stream is None:
+            return None
+        table = self.gathered.mapping.columns is not None and stream.from_table
+        columns = self.gathered.mapping.columns
+        spec = columns.fixes if table and columns else self.gathered.mapping.fixes
+        if spec is None:
+            return None
+        if stream.msgtype == NAVSATFIX:
+            stamps, poses, variances = self._geodetic(stream, spec.origin)
+        else:
+            stamps, rows = self._arrays(stream, 11)
+            poses, variances = planar_poses(rows), rows[:, 6:8].copy()
+        unknown = np.isnan(variances[:, 0])
+        where = "[log.columns.fixes]" if table else "[log.fixes]"
+        if spec.position_sigma is not None:
+            variances[unknown, 0] = spec.position_sigma**2
+            if spec.heading_sigma is not None:
+                variances[unknown, 1] = spec.heading_sigma**2
+        elif len(stamps) and unknown.all():
+            raise ReplayError(
+                f"{stream.source}: topic {stream.topic!r}: the fixes carry no covariance; give "
+                "position_sigma [m], and heading_sigma [rad] if their heading is to be used, in "
+                f"{where}"
+            )
+        elif unknown.any():
+            stream.lose("no covariance, and no position_sigma given", int(unknown.sum()))
+            stamps, poses, variances = stamps[~unknown], poses[~unknown], variances[~unknown]
+        if spec.least_sigma is not None:
+            too_good = (variances[:, 0] > 0.0) & (variances[:, 0] < spec.least_sigma**2)
+            variances[too_good, 0] = spec.least_sigma**2
+        no_heading = np.isnan(variances[:, 1]) | (variances[:, 1] >= NO_HEADING_VARIANCE)
+        poses[no_heading, 2] = np.nan
+        no_heading = np.isnan(poses[:, 2])
+        needed = np.where(no_heading[:, None], variances[:, :1], variances)
+        keep = self._screened(stream, stamps, poses[:, :2], positive=needed)
+        if not keep.any():
+            return None
+        return FixSeries(stamps[keep], poses[keep], variances[keep])
+
+    def _geodetic(
+        self, stream: Stream, origin: tuple[float, float, float] | None
+    ) -> tuple[Stamps, Floats, Floats]:
+        """Stamps, poses and variances of latitudes and longitudes, about an origin that is noted."""
+        stamps, rows = self._arrays(stream, 4)
+        possible = on_globe(rows) | ~np.isfinite(rows[:, :2]).all(axis=1)
+        stream.lose("not a place on the globe", int((~possible).sum()))
+        stamps, rows = stamps[possible], rows[possible]
+        finite = np.isfinite(rows[:, :2]).all(axis=1)
+        if origin is None and finite.any():
+            latitude, longitude, altitude = rows[finite][0, :3].tolist()
+            origin = (latitude, longitude, altitude if math.isfinite(altitude) else 0.0)
+            self.notes.append(
+                f"{stream.purpose} are in metres east and north of the first one, "
+                f"[{origin[0]:.8f}, {origin[1]:.8f}, {origin[2]:.2f}]; "
+                f"`origin` in the robot file sets another"
+            )
+        poses = np.full((len(stamps), 3), NAN)
+        if origin is not None:
+            poses[finite, :2] = east_north(rows[finite, :3], origin)
+        return stamps, poses, np.column_stack([rows[:, 3], np.full(len(rows), NAN)])
+
+    def _headings(self, stream: Stream | None) -> tuple[HeadingFix, ...]:
+        mapped = self.gathered.mapping.heading
+        if stream is None or mapped is None:
+            return ()
+        stamps, rows = self._arrays(stream, 2)
+        yaw = wrap_angle(rows[:, 0] + math.radians(mapped.offset_deg))
+        variances = rows[:, 1]
+        unknown = np.isnan(variances)
+        if mapped.sigma is not None:
+            variances[unknown] = mapped.sigma**2
+        elif len(stamps) and unknown.all():
+            raise ReplayError(
+                f"{stream.source}: topic {stream.topic!r}: the headings carry no covariance; give "
+                "sigma [rad] in [log.heading]"
+            )
+        keep = self._screened(stream, stamps, yaw, positive=variances)
+        rows_kept = zip(
+            stamps[keep].tolist(), yaw[keep].tolist(), variances[keep].tolist(), strict=True
+        )
+        return tuple(HeadingFix(stamp, angle, variance) for stamp, angle, variance in rows_kept)
+
+    def _truth(self, streams: dict[str, Stream]) -> Truth | None:
+        stream = streams.get("truth")
+        if stream is None:
+            return None
+        stamps, rows = self._arrays(stream, 11)
+        poses, twists = planar_poses(rows), rows[:, 8:]
+        keep = self._screened(stream, stamps, poses)
+        if not keep.any():
+            return None
+        own_twist = bool(np.isfinite(twists[keep]).all())
+        twist_stream = streams.get("truth twist")
+        return Truth(
+            poses=PoseSeries(stamps[keep], poses[keep]),
+            twists=(
+                self._twists(twist_stream)
+                if twist_stream is not None
+                else TwistSeries(stamps[keep], twists[keep])
+                if own_twist
+                else None
+            ),
+            tracks=self._tracks(streams.get("truth tracks")),
+            source=self.gathered.truth_source or self._truth_name(stream),
+        )
+
+    def _truth_name(self, stream: Stream) -> str:
+        mapping = self.gathered.mapping
+        spec = mapping.columns.truth if stream.from_table and mapping.columns else mapping.truth
+        return (spec.source if spec is not None else "") or stream.topic
+
+    def _twists(self, stream: Stream) -> TwistSeries | None:
+        stamps, rows = self._arrays(stream, 3)
+        keep = self._screened(stream, stamps, rows)
+        return TwistSeries(stamps[keep], rows[keep]) if keep.any() else None

@@ -1,0 +1,4 @@
+"""Ground floor: errors, types of fields, sample times, random streams, and kernels of noise.
+
+Below: `estimator`.
+"""

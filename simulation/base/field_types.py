@@ -1,0 +1,48 @@
+"""Plain data from Python, brought to the types that its fields are declared with."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from icreckon.simulation.base.errors import SimulationError
+
+
+def settle_types(data: msgspec.Struct) -> None:
+    """Give every field of a new structure the type that it is declared with, where nothing is lost.
+
+    Integers become floats, lists tuples, NumPy's scalars and arrays plain numbers, paths strings.
+
+    Args:
+        data: the structure, as in its `__post_init__`; changed in place.
+
+    Raises:
+        SimulationError: a value of another type; names the field.
+    """
+    for name, kind in _fields(type(data)):
+        try:
+            value = msgspec.convert(_plain(getattr(data, name)), kind)
+        except msgspec.ValidationError as problem:
+            raise SimulationError(f"{name} of a {type(data).__name__}: {problem}") from None
+        msgspec.structs.force_setattr(data, name, value)
+
+
+@cache
+def _fields(kind: type[msgspec.Struct]) -> list[tuple[str, Any]]:
+    return [(field.name, field.type) for field in msgspec.structs.fields(kind)]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, list | tuple):
+        return tuple(_plain(part) for part in value)
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    return value

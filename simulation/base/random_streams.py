@@ -1,0 +1,44 @@
+"""Random streams of a run, from the seed of the study and the index of the run alone."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator, SeedSequence
+
+from icreckon.simulation.base.errors import SimulationError
+
+# NumPy takes larger ones, TOML and most other programs do not.
+LARGEST_SEED = 2**63 - 1
+
+
+class Streams(NamedTuple):
+    """Independent random streams of one run; new ones go to the end, so that old runs stay."""
+
+    trajectory: Generator
+    truth: Generator
+    tracks: Generator
+    gyro: Generator
+    accelerometer: Generator
+    fixes: Generator
+
+
+def random_streams(seed: int, run_index: int = 0) -> Streams:
+    """The random streams of a run, from the study's seed and the run's index and nothing else.
+
+    Raises:
+        SimulationError: one of the two is no whole number from 0 to `LARGEST_SEED`.
+    """
+    check_whole("seed", seed)
+    check_whole("run_index", run_index)
+    children = SeedSequence([seed, run_index]).spawn(len(Streams._fields))
+    return Streams(*(np.random.default_rng(child) for child in children))
+
+
+def check_whole(name: str, value: int) -> None:
+    """Refuse what is no whole number from 0 to `LARGEST_SEED`."""
+    if not (isinstance(value, int | np.integer) and 0 <= value <= LARGEST_SEED):
+        raise SimulationError(
+            f"{name} must be a whole number from 0 to {LARGEST_SEED}, found {value!r}"
+        )

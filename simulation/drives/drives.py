@@ -1,0 +1,273 @@
+"""Makers of commanded track speeds: each drives in its own way from its options.
+
+Their keyword arguments are the options of a trajectory (`simulation.drives.trajectories`), with what
+values are allowed. Speeds are shares of the robot's `max_track_speed`, so that each fits any robot.
+Random ones are drawn event by event, so a longer one from the same seed begins as the shorter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from numpy.random import Generator
+
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.simulation.drives.recorded import Recorded, recorded_command
+from icreckon.simulation.drives.smooth_speeds import (
+    ACCELERATION,
+    SHORTEST_BLEND,
+    STANDSTILL,
+    STEEPEST,
+    Blends,
+    Slalom,
+    blend_length,
+    blends,
+)
+
+# What half a square wave loses to its blended edges, as a share of the length of an edge.
+EDGE_LOSS = 0.3125
+
+Share = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
+Probability = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+
+
+def straight(_duration: float, robot: Robot, _rng: Generator, *, speed: Share = 0.6) -> Blends:
+    """Straight ahead at a constant share `speed` of max_track_speed; backward if negative."""
+    top = robot.vehicle.max_track_speed
+    return blends([(STANDSTILL, speed * top, speed * top)])
+
+
+def spin(
+    _duration: float,
+    robot: Robot,
+    _rng: Generator,
+    *,
+    speed: Share = 0.6,
+    ratio: Positive | None = None,
+) -> Blends:
+    """Turning on the spot, to the left if `speed` is positive: V_l = -H V_r, equation (13).
+
+    Args:
+        robot: gives max_track_speed and H.
+        speed: share of max_track_speed of the faster track.
+        ratio: on-spot ratio instead of the robot's H.
+    """
+    H = robot.indices.H if ratio is None else ratio
+    right = speed * robot.vehicle.max_track_speed / max(1.0, H)
+    return blends([(STANDSTILL, -H * right, right)])
+
+
+def circle(
+    _duration: float, robot: Robot, _rng: Generator, *, speed: Share = 0.5, turn: Share = 0.25
+) -> Blends:
+    """A circle: mean `speed` and half difference `turn` (left positive), shares of max_track_speed."""
+    top = robot.vehicle.max_track_speed
+    return blends([(STANDSTILL, (speed - turn) * top, (speed + turn) * top)])
+
+
+def figure_eight(
+    duration: float,
+    robot: Robot,
+    _rng: Generator,
+    *,
+    speed: Share = 0.5,
+    turn: Share = 0.25,
+) -> Blends:
+    """Full circles, left and right in turn, as long as `eta0` of the robot file makes them full.
+
+    Args:
+        duration: seconds to fill.
+        robot: gives max_track_speed, the gauge and eta0.
+        speed: mean speed as a share of max_track_speed.
+        turn: half the difference of the tracks as a share of max_track_speed, not zero; right first
+            if negative.
+    """
+    top = robot.vehicle.max_track_speed
+    mean, half = speed * top, abs(turn) * top
+    lobe = np.pi * robot.vehicle.track_gauge * robot.indices.eta0 / half
+    edge = blend_length(2.0 * half)
+    lobe += EDGE_LOSS * edge
+    events, start, side = [], STANDSTILL, 1.0 if turn > 0.0 else -1.0
+    while True:
+        events.append((start, mean - side * half, mean + side * half))
+        ramp = blend_length(abs(mean) + half) if start == STANDSTILL else edge
+        start, side = start + max(lobe, ramp), -side
+        if start > duration:
+            return blends(events)
+
+
+def slalom(
+    duration: float,
+    robot: Robot,
+    _rng: Generator,
+    *,
+    speed: Share = 0.5,
+    turn: Share = 0.3,
+    lowest: NotNegative = 0.05,
+    highest: Positive = 0.25,
+) -> Slalom:
+    """Left and right with rising frequency.
+
+    Args:
+        duration: the frequency reaches its highest value at the end [s].
+        robot: gives max_track_speed.
+        speed: mean speed as a share of max_track_speed.
+        turn: half the difference of the tracks as a share of max_track_speed, right first if
+            negative; less where the acceleration at the highest frequency asks for it.
+        lowest: frequency at the start [Hz].
+        highest: frequency at the end [Hz].
+    """
+    top = robot.vehicle.max_track_speed
+    # Half of the acceleration is for the swing, half for the ramp of mean and swing together.
+    limit = 0.5 * ACCELERATION / (2.0 * np.pi * max(lowest, highest))
+    swing = float(np.clip(turn * top, -limit, limit))
+    mean = speed * top
+    ramp = max(STEEPEST * (abs(mean) + abs(swing)) / (0.5 * ACCELERATION), SHORTEST_BLEND)
+    return Slalom(mean, swing, ramp, lowest, highest, max(duration - STANDSTILL, 1.0))
+
+
+def random_driving(
+    duration: float,
+    robot: Robot,
+    rng: Generator,
+    *,
+    hold: NotNegative = 2.0,
+    reverse: Probability = 0.08,
+    stop: Probability = 0.08,
+) -> Blends:
+    """Everyday driving: forward mostly, bends and straights, now and then a stop or some reversing.
+
+    Args:
+        duration: seconds to fill.
+        robot: gives max_track_speed.
+        rng: draws the speeds and how long they are held.
+        hold: mean of the exponential time that speeds are held [s].
+        reverse: share of reversing among the manoeuvres.
+        stop: share of stops.
+    """
+    top = robot.vehicle.max_track_speed
+
+    def draw() -> tuple[float, float]:
+        kind, mean, bend = rng.random(), rng.random(), rng.uniform(-1.0, 1.0)
+        if kind < stop:
+            return 0.0, 0.0
+        speed = -(0.1 + 0.3 * mean) if kind < stop + reverse else 0.15 + 0.7 * mean
+        half = bend * min(0.4, 1.0 - abs(speed))
+        return (speed - half) * top, (speed + half) * top
+
+    return _random_blends(duration, rng, draw, hold)
+
+
+def aggressive(duration: float, robot: Robot, rng: Generator, *, hold: NotNegative = 0.7) -> Blends:
+    """Both tracks anywhere in their speed range, reverse included, uniformly and independently.
+
+    Args:
+        duration: seconds to fill.
+        robot: gives max_track_speed.
+        rng: draws the speeds and how long they are held.
+        hold: mean of the exponential time that speeds are held [s].
+    """
+    top = robot.vehicle.max_track_speed
+
+    def draw() -> tuple[float, float]:
+        left, right = rng.uniform(-top, top, 2)
+        return float(left), float(right)
+
+    return _random_blends(duration, rng, draw, hold)
+
+
+def arcs(
+    duration: float,
+    robot: Robot,
+    rng: Generator,
+    *,
+    speed: Share = 0.6,
+    tightest: Positive = 1.0,
+    widest: Positive = 10.0,
+    hold: NotNegative = 4.0,
+) -> Blends:
+    """Arcs of random radius to the left and to the right, as wide as `eta0` of the robot file has them.
+
+    Args:
+        duration: seconds to fill.
+        robot: gives max_track_speed, the gauge and eta0.
+        rng: draws radii (evenly in their logarithm), sides and how long arcs are held.
+        speed: mean of the tracks as a share of max_track_speed; less where the outer track would
+            exceed max_track_speed.
+        tightest: smallest radius [m].
+        widest: largest radius [m].
+        hold: mean of the exponential time that an arc is held [s].
+    """
+    top = robot.vehicle.max_track_speed
+    effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
+
+    def draw() -> tuple[float, float]:
+        radius = tightest * (widest / tightest) ** rng.random()
+        bend = 0.5 * effective_gauge / radius * (1.0 if rng.random() < 0.5 else -1.0)
+        mean = speed * top / max(1.0, abs(speed) * (1.0 + abs(bend)))
+        return mean * (1.0 - bend), mean * (1.0 + bend)
+
+    return _random_blends(duration, rng, draw, hold)
+
+
+def stop_and_go(
+    duration: float,
+    robot: Robot,
+    _rng: Generator,
+    *,
+    speed: Share = 0.6,
+    turn: Share = 0.15,
+    drive: NotNegative = 6.0,
+    rest: NotNegative = 3.0,
+) -> Blends:
+    """Drives and rests in turn: straight, bending left, bending right, and so on.
+
+    Args:
+        duration: seconds to fill.
+        robot: gives max_track_speed.
+        speed: mean speed as a share of max_track_speed.
+        turn: half the difference of the tracks in bends as a share of max_track_speed.
+        drive: seconds of constant speed between two ramps.
+        rest: seconds of standstill between two drives.
+    """
+    top = robot.vehicle.max_track_speed
+    ramp = blend_length((abs(speed) + abs(turn)) * top)
+    events, start, drives = [], STANDSTILL, 0
+    while start <= duration:
+        half = (0.0, turn, -turn)[drives % 3]
+        events.append((start, (speed - half) * top, (speed + half) * top))
+        events.append((start + ramp + drive, 0.0, 0.0))
+        start, drives = start + 2.0 * ramp + drive + rest, drives + 1
+    return blends(events or [(STANDSTILL, 0.0, 0.0)])
+
+
+def recorded(series: TrackSpeedSeries, *, factor: Positive = 1.0) -> Recorded:
+    """A recorded drive, after a standstill and a ramp to its first speeds; at its end, a ramp down.
+
+    Args:
+        series: the recorded track speeds.
+        factor: on its speeds [-].
+
+    Raises:
+        SimulationError: as `simulation.drives.recorded.recorded_command`.
+    """
+    return recorded_command(series, factor)
+
+
+def _random_blends(
+    duration: float, rng: Generator, draw: Callable[[], tuple[float, float]], hold: float
+) -> Blends:
+    events, start, before = [], STANDSTILL, (0.0, 0.0)
+    while True:
+        target = draw()
+        events.append((start, *target))
+        change = max(abs(target[0] - before[0]), abs(target[1] - before[1]))
+        start, before = start + blend_length(change) + rng.exponential(hold), target
+        if start > duration:
+            return blends(events)

@@ -1,0 +1,110 @@
+"""Track speeds that change with no jump in speed or acceleration, as functions of time.
+
+Every one stands still for `STANDSTILL` seconds first, and keeps each track's acceleration within
+`ACCELERATION` [m/s²].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+
+STANDSTILL = 3.0
+ACCELERATION = 1.0
+# Highest slope of the quintic blend 6 x^5 - 15 x^4 + 10 x^3.
+STEEPEST = 1.875
+SHORTEST_BLEND = 0.2
+
+
+@dataclass(frozen=True)
+class Blends:
+    """Speeds held constant, with a quintic blend (continuous acceleration) from each to the next.
+
+    Attributes:
+        starts: (k,) when each blend starts [s], ascending.
+        lengths: (k,) how long it takes [s]; it ends before the next one starts.
+        targets: (k, 2) left and right speed that it leads to [m/s]; before the first one, zero.
+    """
+
+    starts: Floats
+    lengths: Floats
+    targets: Floats
+
+    def __call__(self, times: Floats) -> Floats:
+        """Track speeds (n, 2) [m/s] at times (n,) [s]."""
+        at = np.searchsorted(self.starts, times, side="right") - 1
+        begun = at >= 0
+        at = np.maximum(at, 0)
+        held = np.vstack([np.zeros((1, 2)), self.targets])
+        blend = smooth_step((times - self.starts[at]) / self.lengths[at])[:, None]
+        speeds = held[at] + blend * (held[at + 1] - held[at])
+        return np.where(begun[:, None], speeds, 0.0)
+
+    @property
+    def top_speed(self) -> float:
+        """Highest speed of a track, forward or backward [m/s]."""
+        return float(np.abs(self.targets).max())
+
+
+@dataclass(frozen=True)
+class Slalom:
+    """Both tracks at a mean speed plus a cosine in opposition, its frequency changing linearly.
+
+    Attributes:
+        mean: mean speed of the tracks [m/s].
+        swing: amplitude of half their difference [m/s].
+        ramp: seconds that mean and swing take to grow from zero.
+        lowest: frequency at the start [Hz].
+        highest: frequency after `rise` [Hz].
+        rise: seconds from the lowest to the highest frequency.
+    """
+
+    mean: float
+    swing: float
+    ramp: float
+    lowest: float
+    highest: float
+    rise: float
+
+    def __call__(self, times: Floats) -> Floats:
+        """Track speeds (n, 2) [m/s] at times (n,) [s]."""
+        since = np.maximum(times - STANDSTILL, 0.0)
+        rising = np.minimum(since, self.rise)
+        turns = (
+            self.lowest * rising
+            + 0.5 * (self.highest - self.lowest) * rising**2 / self.rise
+            + self.highest * (since - rising)
+        )
+        envelope = smooth_step(since / self.ramp)
+        half_difference = self.swing * np.cos(2.0 * np.pi * turns)
+        return np.stack(
+            [envelope * (self.mean - half_difference), envelope * (self.mean + half_difference)],
+            axis=-1,
+        )
+
+    @property
+    def top_speed(self) -> float:
+        """Highest speed of a track, forward or backward [m/s]."""
+        return abs(self.mean) + abs(self.swing)
+
+
+def blends(events: list[tuple[float, float, float]]) -> Blends:
+    """Blends from (start [s], left, right [m/s]), each as long as the acceleration limit asks."""
+    table = np.array(events, dtype=float)
+    targets = table[:, 1:]
+    changes = np.abs(np.diff(targets, axis=0, prepend=np.zeros((1, 2)))).max(axis=1)
+    return Blends(table[:, 0], np.array([blend_length(change) for change in changes]), targets)
+
+
+def blend_length(change: float) -> float:
+    """Seconds that a blend takes to change a speed by so much, up or down [m/s]."""
+    return max(STEEPEST * abs(change) / ACCELERATION, SHORTEST_BLEND)
+
+
+def smooth_step(x: Floats) -> Floats:
+    """0 below 0, 1 above 1, and between them a quintic with no jump in its second derivative."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))

@@ -1,0 +1,198 @@
+"""Commanded track speeds over time, by name.
+
+Every trajectory stands still for `simulation.drives.smooth_speeds.STANDSTILL` seconds, then drives with
+no jump in speed or acceleration: each track stays within `max_track_speed` and, unless it is recorded, in
+acceleration within `simulation.drives.smooth_speeds.ACCELERATION`. A trajectory is a function of time,
+so it does not depend on how it is sampled. How each one drives, and what its options mean, stands in
+`simulation.drives.drives`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, get_type_hints
+
+import msgspec
+import numpy as np
+from numpy.random import Generator
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.drives import (
+    aggressive,
+    arcs,
+    circle,
+    figure_eight,
+    random_driving,
+    recorded,
+    slalom,
+    spin,
+    stop_and_go,
+    straight,
+)
+
+RECORDED = "recorded"
+# Rounding that a speed may exceed max_track_speed by, relative to it.
+ROUNDING = 1e-9
+
+
+class Command(Protocol):
+    """Commanded track speeds as a function of time."""
+
+    def __call__(self, times: Floats) -> Floats:
+        """Track speeds (n, 2) left, right [m/s] at times (n,) [s] since the start."""
+
+
+class BoundedCommand(Command, Protocol):
+    """Commanded track speeds that know their highest."""
+
+    @property
+    def top_speed(self) -> float:
+        """Highest speed of a track, forward or backward [m/s]."""
+
+
+Maker = Callable[..., BoundedCommand]
+TRAJECTORIES: dict[str, Maker] = {
+    "straight": straight,
+    "spin": spin,
+    "circle": circle,
+    "arcs": arcs,
+    "figure-eight": figure_eight,
+    "slalom": slalom,
+    "random": random_driving,
+    "aggressive": aggressive,
+    "stop-and-go": stop_and_go,
+}
+# Options of which the first must not be more than the second.
+ORDERED = {"arcs": ("tightest", "widest"), "slalom": ("lowest", "highest")}
+
+
+def trajectory_names() -> list[str]:
+    """Names of all trajectories: the made ones and "recorded"."""
+    return [*TRAJECTORIES, RECORDED]
+
+
+def trajectory_options(name: str) -> dict[str, float | None]:
+    """The options of a trajectory with their defaults; None is the robot file's.
+
+    Args:
+        name: one of `trajectory_names`.
+    """
+    parameters = inspect.signature(_maker(name)).parameters.values()
+    return {one.name: one.default for one in parameters if one.kind is one.KEYWORD_ONLY}
+
+
+def check_trajectory(
+    name: str, options: Mapping[str, float], recording: object | None = None
+) -> None:
+    """Refuse what no trajectory can be made of.
+
+    Args:
+        name: of the trajectory.
+        options: option -> value.
+        recording: a recording or its file, or None.
+
+    Raises:
+        SimulationError: no trajectory has that name, or this one has no such option (says which is
+            nearest); a value that is not allowed, alone or beside the others; a recording for a
+            trajectory that takes none.
+    """
+    if name not in trajectory_names():
+        raise SimulationError(
+            f"no trajectory named {name!r}{nearest_hint(name, trajectory_names())}"
+        )
+    if recording is not None and name != RECORDED:
+        raise SimulationError(
+            f"a recording was given, but trajectory = {name!r}; set trajectory = {RECORDED!r}"
+        )
+    hints = get_type_hints(_maker(name), include_extras=True)
+    known = list(trajectory_options(name))
+    for option, value in options.items():
+        if option not in known:
+            raise SimulationError(
+                f"trajectory {name!r} has no option {option!r}{nearest_hint(option, known)}"
+            )
+        try:
+            msgspec.convert(value, hints[option])
+        except msgspec.ValidationError as problem:
+            raise SimulationError(
+                f"option {option!r} of trajectory {name!r} cannot be {value!r}: {problem}"
+            ) from None
+        if not np.isfinite(value):
+            raise SimulationError(
+                f"option {option!r} of trajectory {name!r} must be finite, found {value!r}"
+            )
+    _check_together(name, {**trajectory_options(name), **options})
+
+
+def make_trajectory(
+    name: str,
+    duration: float,
+    robot: Robot,
+    rng: Generator,
+    options: Mapping[str, float] | None = None,
+    recording: TrackSpeedSeries | None = None,
+) -> Command:
+    """The commanded track speeds of a trajectory.
+
+    Args:
+        name: one of `trajectory_names`.
+        duration: seconds to fill.
+        robot: gives the speed range and, for some, the gauge and indices.
+        rng: draws what is random.
+        options: option -> value; see `trajectory_options`.
+        recording: what to drive, for "recorded".
+
+    Raises:
+        SimulationError: as `check_trajectory`; a recording that is missing or no recording; or speeds
+            beyond the robot's max_track_speed.
+    """
+    options = options or {}
+    check_trajectory(name, options, recording)
+    if name == RECORDED:
+        if recording is None:
+            raise SimulationError(
+                f"trajectory {RECORDED!r} needs trajectory_file, a CSV file with columns t, left, right"
+            )
+        command: BoundedCommand = recorded(recording, **options)
+    else:
+        command = TRAJECTORIES[name](duration, robot, rng, **options)
+    top = robot.vehicle.max_track_speed
+    if command.top_speed > top * (1.0 + ROUNDING):
+        raise SimulationError(
+            f"trajectory {name!r} reaches {command.top_speed:.3g} m/s, more than max_track_speed = "
+            f"{top!r} m/s of {robot.name!r}; lower {' or '.join(_speed_options(name))}"
+        )
+    return command
+
+
+def _check_together(name: str, options: Mapping[str, Any]) -> None:
+    """Refuse options that contradict each other."""
+    if name in ORDERED:
+        low, high = ORDERED[name]
+        if options[low] > options[high]:
+            raise SimulationError(
+                f"trajectory {name!r}: {low} = {options[low]!r} is more than {high} = "
+                f"{options[high]!r}; give both, the smaller one as {low}"
+            )
+    if name == "random" and options["reverse"] + options["stop"] > 1.0:
+        raise SimulationError(
+            "trajectory 'random': reverse and stop are shares of all manoeuvres, together at most 1, "
+            f"found {options['reverse']!r} and {options['stop']!r}"
+        )
+    if name == "figure-eight" and options["turn"] == 0.0:
+        raise SimulationError(
+            "option 'turn' of trajectory 'figure-eight' cannot be 0.0: no circle would close"
+        )
+
+
+def _maker(name: str) -> Maker:
+    return recorded if name == RECORDED else TRAJECTORIES[name]
+
+
+def _speed_options(name: str) -> list[str]:
+    return [option for option in trajectory_options(name) if option in {"speed", "turn", "factor"}]

@@ -1,0 +1,178 @@
+"""What each modelling choice changes: the published numbers with one choice at a time made otherwise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.paper.contact import PaperContact
+from icreckon.simulation.paper.readings import Reading
+from icreckon.simulation.paper.reproduction import reproduce, within
+from icreckon.simulation.paper.search import RANGES, Progress, refine
+
+EVALUATIONS = 12
+
+
+class Count(msgspec.Struct, frozen=True, kw_only=True):
+    """How close a guess comes to the printed numbers.
+
+    Attributes:
+        within_5_percent: how many are that close; so the next two.
+        within_10_percent: see above.
+        within_20_percent: see above.
+        worst: name of the number that is farthest off; "" where the guess gives no numbers.
+        worst_percent: its difference [%]; NaN likewise.
+    """
+
+    within_5_percent: int
+    within_10_percent: int
+    within_20_percent: int
+    worst: str
+    worst_percent: float
+
+
+class Ablation(msgspec.Struct, frozen=True, kw_only=True):
+    """One choice made otherwise.
+
+    Attributes:
+        choice: in words.
+        unchanged: with all else as it was.
+        refitted: with the free contact parameters refined again.
+        guess: the refitted contact and reading.
+    """
+
+    choice: str
+    unchanged: Count
+    refitted: Count
+    guess: PaperContact
+
+
+class Choice(msgspec.Struct, frozen=True, kw_only=True):
+    """A change to a guess: fields of its contact and of its reading."""
+
+    name: str
+    contact: dict[str, Any] = {}
+    reading: dict[str, Any] = {}
+
+    def applied_to(self, guess: PaperContact) -> PaperContact:
+        """The guess with the change."""
+        return PaperContact(
+            contact=msgspec.structs.replace(guess.contact, **self.contact),
+            reading=msgspec.structs.replace(guess.reading, **self.reading),
+        )
+
+
+# What a choice sets stays fixed while the rest of the contact is refitted.
+CHOICES: tuple[Choice, ...] = (
+    Choice(name="none: the best contact and reading"),
+    Choice(name="no rolling resistance", contact={"rolling_resistance": 0.0}),
+    Choice(name="rolling resistance opposes travel", contact={"resistance_opposes": "travel"}),
+    Choice(name="rolling resistance opposes track", contact={"resistance_opposes": "track"}),
+    Choice(name="no load transfer (z_CM = 0)", contact={"z_CM": 0.0}),
+    Choice(name="z_CM = 0.4 m", contact={"z_CM": 0.4}),
+    Choice(name="3 contact points", contact={"points": 3}),
+    Choice(name="5 contact points", contact={"points": 5}),
+    Choice(name="9 contact points", contact={"points": 9}),
+    Choice(name="end points carry half", contact={"end_weight": 0.5}),
+    Choice(name="end points carry double", contact={"end_weight": 2.0}),
+    Choice(name="line contact", contact={"tread_width": 0.0}),
+    Choice(name="tread 0.15 m wide", contact={"tread_width": 0.15}),
+    Choice(name="5 % more friction along", contact={"friction_ratio": 1.05}),
+    Choice(name="5 % less friction along", contact={"friction_ratio": 0.95}),
+    Choice(name="shear modulus 1 mm", contact={"shear_modulus": 1e-3}),
+    Choice(name="plain means", reading={"means": "plain"}),
+    Choice(name="medians for means", reading={"means": "median"}),
+    Choice(name="means that fit the velocity", reading={"means": "velocity"}),
+    Choice(name="plain least squares", reading={"fit": "plain"}),
+    Choice(name="least squares on the velocity", reading={"fit": "velocity"}),
+    Choice(name="least absolute deviations", reading={"fit": "absolute"}),
+    Choice(name="Table II with measured |F|", reading={"inertia": "measured"}),
+    Choice(name="Table II with the model's |F|", reading={"inertia": "literal"}),
+    Choice(name="Table II without straight motions", reading={"straight": False}),
+    *(
+        Choice(
+            name=f"only |F| up to {limit:.0f} N in means and fits",
+            reading={"largest_inertia": limit},
+        )
+        for limit in (80.0, 100.0, 120.0, 140.0)
+    ),
+    Choice(name="all |F| in means and fits", reading={"largest_inertia": None}),
+    Choice(name="only |V_l - V_r| from 0.15 m/s", reading={"least_difference": 0.15}),
+    Choice(
+        name="the paper as written: plain means, plain least squares, measured |F|",
+        reading=msgspec.to_builtins(Reading()),
+    ),
+)
+
+
+def ablate(
+    guess: PaperContact,
+    choices: tuple[Choice, ...] = CHOICES,
+    *,
+    evaluations: int = EVALUATIONS,
+    progress: Progress | None = None,
+) -> list[Ablation]:
+    """The published numbers with each choice in turn; those that the guess makes already are left out.
+
+    Args:
+        guess: where to start from.
+        choices: what to change.
+        evaluations: largest number of steps of each refinement.
+        progress: is told the share done.
+    """
+    rows = []
+    for done, choice in enumerate(choices):
+        changed = choice.applied_to(guess)
+        if choice.contact or choice.reading:
+            if changed == guess:
+                continue
+            free = [name for name in RANGES if _is_free(name, changed, choice)]
+            refitted = refine(changed, free, evaluations=evaluations).guess
+        else:
+            refitted = guess
+        rows.append(
+            Ablation(
+                choice=choice.name,
+                unchanged=count_close(changed),
+                refitted=count_close(refitted),
+                guess=refitted,
+            )
+        )
+        if progress:
+            progress((done + 1) / len(choices))
+    return rows
+
+
+def count_close(guess: PaperContact) -> Count:
+    """How close a guess comes to the printed numbers.
+
+    Args:
+        guess: contact and reading.
+    """
+    try:
+        rows = reproduce(guess).printed_rows
+    except SimulationError:
+        return Count(
+            within_5_percent=0,
+            within_10_percent=0,
+            within_20_percent=0,
+            worst="",
+            worst_percent=float("nan"),
+        )
+    worst = max(rows, key=lambda row: abs(row.difference_percent))
+    return Count(
+        within_5_percent=within(rows, 5.0),
+        within_10_percent=within(rows, 10.0),
+        within_20_percent=within(rows, 20.0),
+        worst=worst.name,
+        worst_percent=worst.difference_percent,
+    )
+
+
+def _is_free(name: str, guess: PaperContact, choice: Choice) -> bool:
+    if name in choice.contact:
+        return False
+    off = RANGES[name].off
+    return off is None or getattr(guess.contact, name) != off

@@ -1,0 +1,126 @@
+"""What the paper leaves open, as plain data: contact, soil, height, and how its numbers are read.
+
+`PaperContact` is the content of a TOML file; the best that is known ships as `paper_contact.toml`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from icreckon.estimator.base.config import convert, read_toml
+from icreckon.estimator.motion.contact import Body, Contact, ContactGeometry, Soil, equally_spaced
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.paper.published import AURIGA_ALPHA
+from icreckon.simulation.paper.readings import Reading
+
+BEST_FILE = Path(__file__).parent / "paper_contact.toml"
+
+
+class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Contact of Auriga-alpha with the ground, in few numbers; mass, gauge and x, y are Table I's.
+
+    Attributes:
+        half_length: half the length of a track's contact [m].
+        points: contact points along each track, evenly spaced.
+        end_weight: share of the first and last of them, where 1 is that of each between [-].
+        tread_width: width over which each touches, by three points across; 0 for one [m].
+        z_CM: height of the centre of mass [m].
+        friction: coefficient across the track, and along it times `friction_ratio` [-].
+        friction_ratio: along over across [-].
+        rolling_resistance: of a track as a share of its load [-].
+        resistance_opposes: "travel" or "track", see `estimator.motion.contact.Soil`.
+        shear_modulus: K; 0 for full friction at any slip [m].
+    """
+
+    half_length: float = 0.39
+    points: int = 5
+    end_weight: float = 1.0
+    tread_width: float = 0.0
+    z_CM: float = 0.79
+    friction: float = 0.9
+    friction_ratio: float = 1.0
+    rolling_resistance: float = 0.074
+    resistance_opposes: Literal["travel", "track"] = "travel"
+    shear_modulus: float = 0.0
+
+
+class PaperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A guess at everything that the paper leaves open.
+
+    Attributes:
+        contact: the robot on its ground.
+        reading: how the numbers come from its motions.
+    """
+
+    contact: ContactParameters = ContactParameters()
+    reading: Reading = Reading()
+
+
+def make_contact(parameters: ContactParameters) -> Contact:
+    """The contact model of Auriga-alpha.
+
+    Args:
+        parameters: see there.
+
+    Raises:
+        SimulationError: values that are no contact.
+    """
+    half = 0.5 * parameters.tread_width
+    try:
+        even = equally_spaced(AURIGA_ALPHA.gauge, parameters.half_length, parameters.points)
+        inner = (1.0,) * (parameters.points - 2)
+        return Contact(
+            Soil(
+                friction=parameters.friction,
+                longitudinal_friction=parameters.friction * parameters.friction_ratio,
+                rolling_resistance=parameters.rolling_resistance,
+                resistance_opposes=parameters.resistance_opposes,
+                shear_modulus=parameters.shear_modulus,
+            ),
+            ContactGeometry(
+                even.gauge,
+                even.positions,
+                weights=(parameters.end_weight, *inner, parameters.end_weight),
+                across=(-half, 0.0, half) if half > 0.0 else (0.0,),
+            ),
+            Body(AURIGA_ALPHA.mass, AURIGA_ALPHA.x_CM, AURIGA_ALPHA.y_CM, parameters.z_CM),
+        )
+    except ValueError as error:
+        raise SimulationError(f"these contact parameters make no sense: {error}") from error
+
+
+def load_paper_contact(path: Path = BEST_FILE) -> PaperContact:
+    """A guess from a TOML file; the best that is known where left out.
+
+    Args:
+        path: the file.
+
+    Raises:
+        SimulationError: no such file, a misspelt key, a wrong type or a bad value.
+    """
+    return convert(read_toml(path, SimulationError), PaperContact, str(path), SimulationError)
+
+
+def as_toml(guess: PaperContact, comment: str = "") -> str:
+    """The text of a TOML file that `load_paper_contact` reads.
+
+    Args:
+        guess: what to write.
+        comment: lines to put on top.
+    """
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    for table, content in msgspec.to_builtins(guess).items():
+        lines += ["", f"[{table}]"]
+        lines += [f"{key} = {_toml(value)}" for key, value in content.items() if value is not None]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    return repr(value)

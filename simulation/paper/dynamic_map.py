@@ -1,0 +1,279 @@
+"""The paper's dynamic mapping: from stationary motions to ICRs, inertia, index parameters and errors.
+
+Sections II to IV of the paper, on stationary motions from `estimator.motion.steady_state` over a grid of
+track speeds. Symbols and axes are the paper's (X right, Y forward); equations come from
+`estimator.motion.icr`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.contact import Contact
+from icreckon.estimator.motion.icr import (
+    Icrs,
+    IndexValues,
+    PaperTwist,
+    direct,
+    icrs_from_twist,
+    indices_at_inertia,
+    indices_from_icrs,
+    inertial_force,
+    symmetry_coordinates,
+    velocity_of_centre_of_mass,
+)
+from icreckon.estimator.motion.index_model import solve
+from icreckon.estimator.motion.motion_model import VehicleConstants
+from icreckon.estimator.motion.steady_state import SteadyMotion, solve_steady, track_speed_grid
+from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.simulation.base.errors import SimulationError
+
+Inertia = Literal["measured", "literal", "smooth"]
+
+
+@dataclass(frozen=True)
+class DynamicMap:
+    """Stationary motions of a vehicle and what section II and III derive from them.
+
+    Arrays have the shape of the grid of track speeds, V_l along the first axis.
+
+    Attributes:
+        motion: track speeds and twists.
+        vehicle: L, M and the centre of mass.
+        turning: where V_l and V_r differ; only there are ICRs and indices finite, elsewhere NaN.
+        icrs: of the tracks, (1) to (3) [m].
+        indices: zeta, epsilon [m], eta [-], (17) to (19).
+        inertia: force right and forward [N], (10).
+        magnitude: of that force [N], (11).
+    """
+
+    motion: SteadyMotion
+    vehicle: VehicleConstants
+    turning: NDArray[np.bool_]
+    icrs: Icrs
+    indices: IndexValues
+    inertia: tuple[Floats, Floats]
+    magnitude: Floats
+
+
+class VelocityErrors(NamedTuple):
+    """Root mean squared errors of v_x, v_y [m/s] and w [rad/s] for both models, as in Table II."""
+
+    inertia_based: PaperTwist
+    constant: PaperTwist
+
+
+def dynamic_map(contact: Contact, *, top: float = 1.0, count: int = 21) -> DynamicMap:
+    """The map over all pairs of evenly spaced track speeds; by default the paper's 441.
+
+    Args:
+        contact: soil, contact geometry and body.
+        top: largest track speed [m/s].
+        count: speeds per track.
+
+    Raises:
+        SimulationError: some pairs have no stationary motion.
+    """
+    motion = solve_steady(*track_speed_grid(top, count), contact)
+    body = contact.body
+    vehicle = VehicleConstants(contact.geometry.gauge, body.mass, body.x_CM, body.y_CM)
+    return map_of(motion, vehicle)
+
+
+def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
+    """The map of stationary motions that are there already.
+
+    Args:
+        motion: on a grid of track speeds, or at any.
+        vehicle: L, M and the centre of mass.
+    """
+    turning = (motion.V_l != motion.V_r) & (motion.twist.w != 0.0)
+    at = PaperTwist(*(np.where(turning, part, np.nan) for part in motion.twist))
+    icrs = icrs_from_twist(motion.V_l, motion.V_r, at)
+    right, forward = inertial_force(motion.twist, vehicle.mass, vehicle.x_CM, vehicle.y_CM)
+    return DynamicMap(
+        motion=motion,
+        vehicle=vehicle,
+        turning=turning,
+        icrs=icrs,
+        indices=indices_from_icrs(icrs, vehicle.gauge),
+        inertia=(right, forward),
+        magnitude=np.hypot(right, forward),
+    )
+
+
+def mean_icrs(mapped: DynamicMap, include: ArrayLike | None = None) -> ConstantIcr:
+    """Constant ICRs: the plain mean of each distribution (section II).
+
+    Args:
+        mapped: the map.
+        include: mask of the motions that enter; all that turn where left out.
+
+    Raises:
+        SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
+    """
+    chosen = _chosen(mapped, include)
+    means = (float(np.mean(part[chosen])) for part in mapped.icrs)
+    try:
+        return ConstantIcr(*means)
+    except ValueError as error:
+        raise SimulationError(f"the mean ICRs make no sense: {error}") from error
+
+
+def on_spot_line(mapped: DynamicMap) -> float:
+    """H of (13): the slope of the line of least inertia V_l = -H V_r on the grid.
+
+    On that line the centre of mass stands still but for its lateral drift, so its forward velocity
+    changes sign. For each V_r but zero the crossing along V_l is interpolated linearly; the line
+    through the origin that fits the crossings best (least squares) gives H.
+
+    Args:
+        mapped: a map over a grid, V_l rising along the first axis, V_r along the second.
+
+    Raises:
+        SimulationError: not a grid, or no crossing on it.
+    """
+    motion, vehicle = mapped.motion, mapped.vehicle
+    if motion.V_l.ndim != 2 or min(motion.V_l.shape) < 2:
+        raise SimulationError(
+            f"the line of least inertia needs a grid of track speeds, found shape {motion.V_l.shape}"
+        )
+    _, forward = velocity_of_centre_of_mass(motion.twist, vehicle.x_CM, vehicle.y_CM)
+    rises = (forward[:-1] < 0.0) & (forward[1:] >= 0.0) & (motion.V_r[1:] != 0.0)
+    below, column = np.nonzero(rises)
+    if not below.size:
+        raise SimulationError("no on-spot turning on this grid of track speeds; widen it")
+    before, after = forward[below, column], forward[below + 1, column]
+    share = before / (before - after)
+    V_r, low, high = (
+        motion.V_r[below, column],
+        motion.V_l[below, column],
+        motion.V_l[below + 1, column],
+    )
+    V_l = low + share * (high - low)
+    return float(-(V_l @ V_r) / (V_r @ V_r))
+
+
+def fit_parameters(
+    mapped: DynamicMap, H: float | None = None, include: ArrayLike | None = None
+) -> Indices:
+    """The eight parameters: H, and the least-squares fits of (25) to (27).
+
+    Args:
+        mapped: the map.
+        H: ratio of track speeds of on-spot turning; from `on_spot_line` where left out.
+        include: mask of the motions that enter; all that turn where left out.
+
+    Raises:
+        SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
+    """
+    chosen = _chosen(mapped, include)
+    H = on_spot_line(mapped) if H is None else H
+    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
+    force = mapped.magnitude[chosen]
+    zeta, epsilon, eta = (part[chosen] for part in mapped.indices)
+    one, signed = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
+    values = np.concatenate(
+        [
+            [H],
+            _least_squares(zeta, one, force * np.sign(x_2)),
+            _least_squares(epsilon, one, signed),
+            _least_squares(eta, one, signed, force**2),
+        ]
+    )
+    try:
+        return Indices(*values.tolist())
+    except ValueError as error:
+        raise SimulationError(f"the fitted parameters make no sense: {error}") from error
+
+
+def inertia_based_twist(
+    mapped: DynamicMap, parameters: Indices, inertia: Inertia = "measured"
+) -> PaperTwist:
+    """Twists of the inertia-based kinematics at the map's track speeds, (20) to (22), (25) to (27).
+
+    Args:
+        mapped: the map.
+        parameters: the eight.
+        inertia: "measured", the map's own |F|, as an IMU would give it; "literal" or "smooth", |F|
+            implied by the model itself (`estimator.motion.index_model.solve` in that form).
+    """
+    V_l, V_r = mapped.motion.V_l, mapped.motion.V_r
+    if inertia != "measured":
+        return solve(V_l, V_r, parameters.as_array(), mapped.vehicle, form=inertia).twist
+    x_1, x_2 = symmetry_coordinates(V_l, V_r, parameters.H)
+    indices = indices_at_inertia(mapped.magnitude, x_1, x_2, parameters.as_array())
+    return direct(V_l, V_r, indices, mapped.vehicle.gauge)
+
+
+def constant_twist(mapped: DynamicMap, icrs: ConstantIcr) -> PaperTwist:
+    """Twists of the constant-ICR kinematics at the map's track speeds.
+
+    Args:
+        mapped: the map.
+        icrs: the constant ICRs.
+    """
+    constant = Icrs(icrs.x_ICRl, icrs.x_ICRr, icrs.y_ICR)
+    gauge = mapped.vehicle.gauge
+    return direct(mapped.motion.V_l, mapped.motion.V_r, indices_from_icrs(constant, gauge), gauge)
+
+
+def velocity_errors(
+    mapped: DynamicMap,
+    parameters: Indices | None = None,
+    icrs: ConstantIcr | None = None,
+    inertia: Inertia = "measured",
+) -> VelocityErrors:
+    """Table II: errors of both models over all motions of the map, straight ones included.
+
+    Args:
+        mapped: the map, the truth.
+        parameters: of the inertia-based model; from `fit_parameters` where left out.
+        icrs: of the constant model; from `mean_icrs` where left out.
+        inertia: see `inertia_based_twist`.
+
+    Raises:
+        SimulationError: see `fit_parameters` and `mean_icrs`.
+    """
+    parameters = fit_parameters(mapped) if parameters is None else parameters
+    icrs = mean_icrs(mapped) if icrs is None else icrs
+    truth = mapped.motion.twist
+    return VelocityErrors(
+        rmse(inertia_based_twist(mapped, parameters, inertia), truth),
+        rmse(constant_twist(mapped, icrs), truth),
+    )
+
+
+def rmse(twist: PaperTwist, truth: PaperTwist) -> PaperTwist:
+    """Root mean squared error of each velocity component over all motions.
+
+    Args:
+        twist: arrays of one shape.
+        truth: the same.
+    """
+    return PaperTwist(
+        *(
+            float(np.sqrt(np.mean((found - true) ** 2)))
+            for found, true in zip(twist, truth, strict=True)
+        )
+    )
+
+
+def _chosen(mapped: DynamicMap, include: ArrayLike | None) -> NDArray[np.bool_]:
+    chosen = mapped.turning if include is None else mapped.turning & np.asarray(include, dtype=bool)
+    if not chosen.any():
+        raise SimulationError("none of the motions turns: there are no ICRs to average or fit")
+    return chosen
+
+
+def _least_squares(target: Floats, *columns: Floats) -> Floats:
+    matrix = np.stack(columns, axis=-1)
+    solution, _, rank, _ = np.linalg.lstsq(matrix, target, rcond=None)
+    if rank < matrix.shape[1]:
+        raise SimulationError(f"{len(target)} motions do not show all parameters of an index")
+    return np.asarray(solution, dtype=float)

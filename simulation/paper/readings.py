@@ -1,0 +1,171 @@
+"""Ways to read the paper where its text leaves a choice: means, fits, and the force in Table II.
+
+The paper averages each ICR distribution and fits the indices by least squares, and does not say whether
+all turning motions weigh the same. Each reading here gives the same ten numbers and two motion models;
+which of them comes closest to the printed ones is a matter for `simulation.paper.search`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.icr import symmetry_coordinates
+from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.paper.dynamic_map import (
+    DynamicMap,
+    Inertia,
+    VelocityErrors,
+    constant_twist,
+    fit_parameters,
+    inertia_based_twist,
+    mean_icrs,
+    on_spot_line,
+    rmse,
+)
+
+Means = Literal["plain", "median", "velocity"]
+Fit = Literal["plain", "velocity", "absolute"]
+
+# Reweighted least squares towards least absolute deviations: rounds, and the deviation below which the
+# weight grows no more, as a share of the largest one at the start.
+REWEIGHTINGS = 30
+SMALLEST_DEVIATION = 1e-3
+
+
+class Reading(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How the numbers of the paper come from the stationary motions.
+
+    Attributes:
+        means: constant ICRs as the "plain" mean of each distribution, as its "median", or such that
+            they fit the "velocity" best (each motion weighs w²).
+        fit: index parameters by "plain" least squares on the indices, on the "velocity" that they
+            stand for (each motion weighs w²), or by least "absolute" deviations of the indices.
+        inertia: the force that Table II's inertia-based model is given: "measured", that of the
+            stationary motion, or that of the model itself in the "literal" or "smooth" form.
+        largest_inertia: motions under more inertia enter neither means nor fits [N]; None for all.
+        least_difference: motions whose track speeds differ by less do not enter either [m/s].
+        straight: whether straight motions, which both models follow without error, count in Table II.
+    """
+
+    means: Means = "plain"
+    fit: Fit = "plain"
+    inertia: Inertia = "measured"
+    largest_inertia: float | None = None
+    least_difference: float = 0.0
+    straight: bool = True
+
+
+def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
+    """The constant ICRs of a map [m].
+
+    Args:
+        mapped: the map.
+        reading: how.
+
+    Raises:
+        SimulationError: see `simulation.paper.dynamic_map.mean_icrs`.
+    """
+    chosen = _chosen(mapped, reading)
+    if reading.means == "plain":
+        return mean_icrs(mapped, chosen)
+    if not chosen.any():
+        raise SimulationError("none of the motions turns: there are no ICRs to average")
+    values = np.stack([part[chosen] for part in mapped.icrs])
+    if reading.means == "median":
+        means = np.median(values, axis=1)
+    else:
+        means = np.average(values, axis=1, weights=mapped.motion.twist.w[chosen] ** 2)
+    try:
+        return ConstantIcr(*means.tolist())
+    except ValueError as error:
+        raise SimulationError(f"the mean ICRs make no sense: {error}") from error
+
+
+def read_parameters(mapped: DynamicMap, reading: Reading) -> Indices:
+    """The eight parameters of a map.
+
+    Args:
+        mapped: the map, over a grid of track speeds.
+        reading: how.
+
+    Raises:
+        SimulationError: see `simulation.paper.dynamic_map.fit_parameters`.
+    """
+    chosen = _chosen(mapped, reading)
+    if reading.fit == "plain":
+        return fit_parameters(mapped, include=chosen)
+    H = on_spot_line(mapped)
+    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
+    force = mapped.magnitude[chosen]
+    zeta, epsilon, eta = (part[chosen] for part in mapped.indices)
+    one, signed = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
+    weight = mapped.motion.twist.w[chosen] ** 2
+    fit = _weighted if reading.fit == "velocity" else _absolute
+    values = [H]
+    for target, columns in (
+        (zeta, [one, force * np.sign(x_2)]),
+        (epsilon, [one, signed]),
+        (eta, [one, signed, force**2]),
+    ):
+        values += fit(np.stack(columns, axis=-1), target, weight).tolist()
+    try:
+        return Indices(*values)
+    except ValueError as error:
+        raise SimulationError(f"the fitted parameters make no sense: {error}") from error
+
+
+def read_errors(
+    mapped: DynamicMap, parameters: Indices, icrs: ConstantIcr, reading: Reading
+) -> VelocityErrors:
+    """Table II of a map.
+
+    Args:
+        mapped: the map, the truth.
+        parameters: of the inertia-based model.
+        icrs: of the constant model.
+        reading: how.
+    """
+    counted: Any = slice(None) if reading.straight else mapped.turning
+    truth = mapped.motion.twist
+    models = (
+        inertia_based_twist(mapped, parameters, reading.inertia),
+        constant_twist(mapped, icrs),
+    )
+    return VelocityErrors(
+        *(
+            rmse(
+                type(truth)(*(part[counted] for part in twist)),
+                type(truth)(*(part[counted] for part in truth)),
+            )
+            for twist in models
+        )
+    )
+
+
+def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
+    difference = np.abs(mapped.motion.V_l - mapped.motion.V_r)
+    chosen = mapped.turning & (difference >= reading.least_difference)
+    if reading.largest_inertia is None:
+        return chosen
+    return chosen & (mapped.magnitude <= reading.largest_inertia)
+
+
+def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
+    root = np.sqrt(weight)
+    return np.asarray(np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)[0])
+
+
+def _absolute(columns: Floats, target: Floats, weight: Floats) -> Floats:
+    """Least absolute deviations; all motions weigh the same."""
+    solution = _weighted(columns, target, np.ones_like(weight))
+    least = SMALLEST_DEVIATION * float(np.abs(target - columns @ solution).max()) + 1e-300
+    for _ in range(REWEIGHTINGS):
+        deviation = np.abs(target - columns @ solution)
+        solution = _weighted(columns, target, 1.0 / np.maximum(deviation, least))
+    return solution

@@ -1,0 +1,247 @@
+"""All published numbers of the paper beside ours, for a given contact and reading.
+
+Also Table II's machinery on the published parameters themselves, and the check that shows that two of
+the published numbers do not fit each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.icr import PaperTwist, symmetry_coordinates
+from icreckon.estimator.motion.index_model import solve
+from icreckon.estimator.motion.steady_state import SteadyMotion, solve_steady, track_speed_grid
+from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.simulation.paper.contact import ContactParameters, PaperContact, make_contact
+from icreckon.simulation.paper.dynamic_map import DynamicMap, Inertia, VelocityErrors, map_of
+from icreckon.simulation.paper.published import (
+    AURIGA_ALPHA,
+    PUBLISHED,
+    READ_OFF,
+    published_mean_icrs,
+    published_parameters,
+)
+from icreckon.simulation.paper.readings import Reading, read_errors, read_means, read_parameters
+
+INERTIAS: tuple[Inertia, ...] = ("measured", "literal", "smooth")
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """A published number and ours.
+
+    Attributes:
+        name: of the number, see `simulation.paper.published`.
+        unit: SI unit, "" for none.
+        published: the number as printed [unit].
+        reproduced: ours [unit].
+        difference_percent: ours less the published, as a share of its size [%].
+        rounds_to_published: whether ours rounds to the published digits.
+        printed: the published digits.
+        where: the place in the paper.
+        read_off: whether it was read off a figure.
+    """
+
+    name: str
+    unit: str
+    published: float
+    reproduced: float
+    difference_percent: float
+    rounds_to_published: bool
+    printed: str
+    where: str
+    read_off: bool
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """A map, and what was read from it.
+
+    Attributes:
+        guess: contact and reading.
+        mapped: the stationary motions.
+        icrs: constant ICRs.
+        parameters: the eight.
+        errors: Table II with these.
+        rows: all published numbers, the one read off a figure last.
+    """
+
+    guess: PaperContact
+    mapped: DynamicMap
+    icrs: ConstantIcr
+    parameters: Indices
+    errors: VelocityErrors
+    rows: tuple[Row, ...]
+
+    @property
+    def printed_rows(self) -> tuple[Row, ...]:
+        """Without what was read off a figure."""
+        return tuple(row for row in self.rows if not row.read_off)
+
+
+class InterceptCheck(NamedTuple):
+    """Whether published means and fits can come from the same motions.
+
+    Least squares with an intercept makes the mean of an index equal the fit at the mean of its
+    regressors. With s|F| for |F| sign(x_1) sign(x_2):
+
+    Attributes:
+        mean_epsilon: mean eccentricity by the published mean ICRs, (18) [m].
+        needed: mean of s|F| that ties it to the published fit (26) [N].
+        needed_range: the same over all values that round to the published digits [N].
+        of_published_model: mean of s|F| by the published parameters at the paper's track speeds [N].
+        of_map: the same of the reproduced motions [N].
+        mean_eta: mean efficiency by the published mean ICRs, (19) [-].
+        mean_eta_by_fit: what (27) gives for it with the published model's own inertia [-].
+    """
+
+    mean_epsilon: float
+    needed: float
+    needed_range: tuple[float, float]
+    of_published_model: float
+    of_map: float
+    mean_eta: float
+    mean_eta_by_fit: float
+
+
+def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
+    """The stationary motions of Auriga-alpha over the paper's grid of track speeds.
+
+    Args:
+        parameters: the contact.
+        count: speeds per track, 21 for the paper's 441 pairs.
+
+    Raises:
+        SimulationError: no contact, or pairs without a stationary motion.
+    """
+    V_l, V_r = track_speed_grid(1.0, count)
+    return map_of(solve_steady(V_l, V_r, make_contact(parameters)), AURIGA_ALPHA)
+
+
+def numbers(
+    mapped: DynamicMap, reading: Reading
+) -> tuple[dict[str, float], ConstantIcr, Indices, VelocityErrors]:
+    """Our value for every published number, by its name, and the objects they are part of.
+
+    Args:
+        mapped: the map.
+        reading: how to read them from it.
+
+    Raises:
+        SimulationError: the map gives no sensible ICRs or parameters.
+    """
+    icrs, parameters = read_means(mapped, reading), read_parameters(mapped, reading)
+    errors = read_errors(mapped, parameters, icrs, reading)
+    values = {f"mean_{name}": value for name, value in msgspec.structs.asdict(icrs).items()}
+    values |= msgspec.structs.asdict(parameters)
+    for model, of_model in (("inertia", errors.inertia_based), ("constant", errors.constant)):
+        values |= {f"rmse_{model}_{part}": value for part, value in of_model._asdict().items()}
+    values["largest_eta"] = float(np.nanmax(mapped.indices.eta))
+    return values, icrs, parameters, errors
+
+
+def reproduce(guess: PaperContact) -> Reproduction:
+    """All published numbers for a contact and a reading.
+
+    Args:
+        guess: see there.
+
+    Raises:
+        SimulationError: see `paper_map` and `numbers`.
+    """
+    mapped = paper_map(guess.contact)
+    values, icrs, parameters, errors = numbers(mapped, guess.reading)
+    rows = tuple(
+        Row(
+            name=number.name,
+            unit=number.unit,
+            published=number.value,
+            reproduced=values[number.name],
+            difference_percent=number.difference_percent(values[number.name]),
+            rounds_to_published=number.rounds_from(values[number.name]),
+            printed=number.printed,
+            where=number.where,
+            read_off=number.read_off,
+        )
+        for number in (*PUBLISHED, *READ_OFF)
+    )
+    return Reproduction(guess, mapped, icrs, parameters, errors, rows)
+
+
+def within(rows: tuple[Row, ...], percent: float) -> int:
+    """How many rows differ by at most so much [%]."""
+    return sum(abs(row.difference_percent) <= percent for row in rows)
+
+
+def table_2_with_published_parameters(
+    mapped: DynamicMap, reading: Reading
+) -> dict[Inertia, VelocityErrors]:
+    """Table II of a map, with the paper's parameters and mean ICRs instead of our fits.
+
+    Args:
+        mapped: the map, the truth.
+        reading: which motions count.
+
+    Returns:
+        The errors, for each way to obtain the force of inertia.
+    """
+    parameters, icrs = published_parameters(), published_mean_icrs()
+    return {
+        inertia: read_errors(
+            mapped, parameters, icrs, msgspec.structs.replace(reading, inertia=inertia)
+        )
+        for inertia in INERTIAS
+    }
+
+
+def map_of_published_model(count: int = 21) -> DynamicMap:
+    """The motions that the published eight parameters imply, |F| from the model itself.
+
+    Args:
+        count: speeds per track.
+    """
+    V_l, V_r = track_speed_grid(1.0, count)
+    parameters = published_parameters().as_array()
+    twist = solve(V_l, V_r, parameters, AURIGA_ALPHA, form="literal").twist
+    none = np.zeros_like(V_l)
+    motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), none, none == 0.0, none != 0.0)
+    return map_of(motion, AURIGA_ALPHA)
+
+
+def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
+    """Whether the published means and fits can come from the same motions.
+
+    Args:
+        mapped: the reproduced motions.
+    """
+    icrs, fitted = published_mean_icrs(), published_parameters()
+    mean_epsilon = 0.5 * (icrs.x_ICRl + icrs.x_ICRr)
+    # Half a unit of the last published digit: of either mean ICR (so of their mean), of the fit.
+    corners = [
+        (mean_epsilon + mean - fitted.epsilon0 - offset) / (fitted.epsilon1 + gain)
+        for mean in (-5e-4, 5e-4)
+        for offset in (-5e-4, 5e-4)
+        for gain in (-5e-5, 5e-5)
+    ]
+    model = map_of_published_model()
+    force = _signed_inertia(model)
+    return InterceptCheck(
+        mean_epsilon=mean_epsilon,
+        needed=(mean_epsilon - fitted.epsilon0) / fitted.epsilon1,
+        needed_range=(min(corners), max(corners)),
+        of_published_model=float(force.mean()),
+        of_map=float(_signed_inertia(mapped).mean()),
+        mean_eta=(icrs.x_ICRr - icrs.x_ICRl) / AURIGA_ALPHA.gauge,
+        mean_eta_by_fit=float(np.mean(fitted.eta0 + fitted.eta1 * force + fitted.eta2 * force**2)),
+    )
+
+
+def _signed_inertia(mapped: DynamicMap) -> Floats:
+    """|F| sign(x_1) sign(x_2) of all turning motions, with the published H [N]."""
+    at, motion = mapped.turning, mapped.motion
+    x_1, x_2 = symmetry_coordinates(motion.V_l[at], motion.V_r[at], published_parameters().H)
+    return np.asarray(mapped.magnitude[at] * np.sign(x_1) * np.sign(x_2))

@@ -1,0 +1,307 @@
+"""Blocks of a study on filters side by side: the same runs as on the streaming filter, much faster.
+
+What does not run side by side (the friction model, considered states) is left to the streaming filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import msgpack
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.batch.inputs import has_absurd_readings, measured_of
+from icreckon.estimator.batch.runs import Worked, work_through_runs
+from icreckon.estimator.batch.scoring import (
+    COUNT,
+    DISTANCE,
+    ERROR,
+    FINAL_NEES,
+    FINAL_POSITION,
+    FINAL_YAW,
+    LOST_KIND,
+    LOST_TICK,
+    POSE_COUNT,
+    POSE_NEES,
+    POSITION_SQUARE,
+    V_X_SQUARE,
+    V_Y_SQUARE,
+    VELOCITY_COUNT,
+    VELOCITY_NEES,
+    W_SQUARE,
+    YAW_ERROR,
+    YAW_SQUARE,
+    Segments,
+    TrueTicks,
+    segments_of,
+)
+from icreckon.estimator.engine.filters import BatchFilter
+from icreckon.estimator.engine.front_end import Measured
+from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import path_length, without_fixes
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.streaming.lost import reason_of
+from icreckon.simulation.base.random_streams import random_streams
+from icreckon.simulation.base.sampling import sample_times, to_stamps
+from icreckon.simulation.running import streaming_engine as study_streaming
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensing import Perfect, perfect, sensed
+from icreckon.simulation.sensors.specs import FixSpec, encoder_errors, fix_errors, noise_preset
+from icreckon.simulation.simulate import drive
+from icreckon.simulation.study.cells import Cell, Filter, Plan
+from icreckon.simulation.study.failures import RunScores
+from icreckon.simulation.study.statistics import SENSORS, YAW_HORIZON, score_times, statistics
+
+# Runs of a block may have as many true motions, and a few blocks are under way at once; the cells that
+# share them come one after the other.
+KEPT_TRUTHS = 160
+# Degrees of freedom of each sensor's innovations.
+DEGREES = {"gyro": 1.0, "accelerometer": 1.0, "position": 2.0}
+
+
+def why_not(plan: Plan) -> str | None:
+    """Why a study cannot be worked out by filters side by side; None where it can."""
+    if not any(_goes_along(one) for cell in plan.cells for one in cell.filters):
+        labels = ", ".join(one.label for one in plan.cells[0].filters)
+        return f"filters of the friction model or with considered states do so by themselves ({labels})"
+    for cell in plan.cells:
+        scenario = cell.scenario
+        stamps = _stamps(scenario)
+        reason = why_not_steps(*stamps)
+        if reason is not None:
+            return f"in cell {cell.index}, {reason}"
+        encoders = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
+        if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
+            return f"in cell {cell.index}, encoders drop out that are faster than the IMU"
+        between = not np.isin(stamps[2], stamps[1]).all()
+        for one in cell.filters:
+            if between and one.settings.inertia == "imu":
+                return (
+                    f"in cell {cell.index}, inertia is the IMU's, and fixes lie between its samples"
+                )
+            slowest = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
+            if 1.0 / slowest > 0.5 * one.settings.longest_gap:
+                return f"in cell {cell.index}, samples are longer apart than the filter believes"
+            if 1.0 / scenario.imu_rate > one.settings.hold:
+                return f"in cell {cell.index}, the IMU is slower than the filter waits for it"
+    return None
+
+
+def in_threads(plan: Plan) -> bool:
+    """Whether threads will do: where all filters run side by side, which lets go of the interpreter."""
+    return all(_goes_along(one) for cell in plan.cells for one in cell.filters)
+
+
+def block(
+    cell: Cell, filters: Sequence[Filter], first_run: int, count: int, *, bits: int = 64
+) -> dict[str, RunScores]:
+    """The statistics of some runs of a cell; see `simulation.running.engines.Block`.
+
+    Args:
+        cell: where the runs belong.
+        filters: which of its filters to run.
+        first_run: index of the first run.
+        count: number of runs.
+        bits: of the numbers in filters side by side, 64 or 32.
+
+    Returns:
+        Label of the filter -> statistics of the runs, and reasons of those that failed.
+    """
+    by_itself = [one for one in filters if not _goes_along(one)]
+    together = [one for one in filters if _goes_along(one)]
+    streamed = study_streaming.block(cell, by_itself, first_run, count) if by_itself else {}
+    if not together:
+        return streamed
+    values = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in together}
+    reasons = {one.label: [""] * count for one in together}
+    times = score_times(cell.scenario)
+    made = [
+        BatchFilter(one.robot, find_variant(one.variant), one.settings, bits) for one in together
+    ]
+    schedule = _schedule(cell)
+    width = made[0].width
+    slowest = min(one.robot.vehicle.max_track_speed for one in together)
+    for begin in range(0, count, width):
+        here = min(width, count - begin)
+        # A group that is not full runs its last run more than once.
+        runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
+        logs = [_log(cell, run) for run in runs]
+        doubtful = [lane for lane in range(here) if has_absurd_readings(logs[lane], slowest)]
+        worked = work_through_runs(
+            made,
+            _measured(logs, together, schedule.track_stamps),
+            schedule.steps,
+            start=np.zeros(3),
+            start_sigma=np.zeros(3),
+            against=(_true_ticks(cell, runs), schedule.segments),
+        )
+        for one, side_by_side, result in zip(together, made, worked, strict=True):
+            rows = _statistics(side_by_side, result)
+            values[one.label][begin : begin + here] = rows[:here]
+            reasons[one.label][begin : begin + here] = _losses(result, times)[:here]
+        for lane in doubtful:
+            # What the streaming filter refuses to take, the others have taken.
+            for label, scores in study_streaming.block(cell, together, runs[lane], 1).items():
+                values[label][begin + lane] = scores.values[0]
+                reasons[label][begin + lane] = scores.reasons[0]
+    return streamed | {label: RunScores(values[label], tuple(reasons[label])) for label in values}
+
+
+def _goes_along(one: Filter) -> bool:
+    """Whether a filter can run side by side with others of its kind."""
+    return find_variant(one.variant).model != "friction" and not one.settings.considered
+
+
+class _Schedule(NamedTuple):
+    track_stamps: Stamps
+    steps: Steps
+    segments: Segments
+
+
+def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
+    """Of track speeds, IMU, fixes and truth."""
+    duration = scenario.duration
+    fixes = np.zeros(0)
+    if scenario.fix_rate > 0.0:
+        fixes = sample_times(duration, scenario.fix_rate)
+        for start, end in scenario.outages:
+            fixes = fixes[(fixes < start) | (fixes > end)]
+    rates = scenario.track_rate, scenario.imu_rate
+    tracks, imu = (to_stamps(sample_times(duration, rate)) for rate in rates)
+    return tracks, imu, to_stamps(fixes), to_stamps(score_times(scenario))
+
+
+def _schedule(cell: Cell) -> _Schedule:
+    tracks, imu, fixes, truth = _stamps(cell.scenario)
+    errors = fix_errors(cell.scenario.fixes, noise_preset(cell.scenario.noise))
+    steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
+    horizons = (*cell.horizons, YAW_HORIZON)
+    within: list[list[tuple[int, int]] | None] = [None] * len(horizons)
+    if len(fixes):
+        begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1], truth[-1])
+        within = [without_fixes(fixes, int(begin), int(end), horizon) for horizon in horizons]
+    return _Schedule(tracks, steps, segments_of(truth, horizons, within))
+
+
+class _Truth(NamedTuple):
+    """Of one true motion: what perfect sensors read, and what to score against."""
+
+    perfect: Perfect
+    poses: Floats
+    twists: Floats
+    lengths: Floats
+
+
+def _truth(cell: Cell, run: int) -> _Truth:
+    scenario = as_sensed_perfectly(cell.scenario)
+    return _kept_truth(msgpack.encode(scenario), msgpack.encode(cell.robot), run % cell.truths)
+
+
+def as_sensed_perfectly(scenario: Scenario) -> Scenario:
+    """A scenario as far as it has a part in what perfect sensors read."""
+    latency = fix_errors(scenario.fixes, noise_preset(scenario.noise)).latency
+    defaults = Scenario()
+    return msgspec.structs.replace(
+        scenario,
+        noise=defaults.noise,
+        outages=(),
+        encoders=defaults.encoders,
+        gyro=defaults.gyro,
+        accelerometer=defaults.accelerometer,
+        fixes=FixSpec(latency=latency),
+    )
+
+
+@lru_cache(KEPT_TRUTHS)
+def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
+    scenario = msgpack.decode(scenario_data, type=Scenario)
+    robot = msgpack.decode(robot_data, type=Robot)
+    motion = drive(scenario, robot, random_streams(scenario.seed, truth))
+    ticks = score_times(scenario)
+    poses = motion.poses_at(ticks)
+    return _Truth(
+        perfect(motion, scenario, robot),
+        poses,
+        motion.twists_at(ticks),
+        path_length(PoseSeries(to_stamps(ticks), poses)),
+    )
+
+
+def _true_ticks(cell: Cell, runs: Sequence[int]) -> TrueTicks:
+    truths = [_truth(cell, run) for run in runs]
+    return TrueTicks(
+        np.stack([truth.poses for truth in truths], axis=-1),
+        np.stack([truth.twists for truth in truths], axis=-1),
+        np.stack([truth.lengths for truth in truths], axis=-1),
+    )
+
+
+def _log(cell: Cell, run: int) -> Log:
+    """The log of `simulation.running.streaming_engine.study_log`, without its truth."""
+    scenario = cell.scenario
+    streams = random_streams(scenario.seed, run)
+    read = sensed(_truth(cell, run).perfect, scenario, cell.robot, streams)
+    return Log(name=f"run {run}", tracks=read.tracks, imu=read.imu.series, fixes=read.fixes)
+
+
+def _measured(
+    logs: Sequence[Log], filters: Sequence[Filter], track_stamps: Stamps
+) -> list[Measured]:
+    """What each filter is told; the same object for filters that take the IMU to be the same."""
+    known: dict[bytes, Measured] = {}
+    found = []
+    for one in filters:
+        key = msgpack.encode(one.robot.imu)
+        if key not in known:
+            known[key] = measured_of(logs, one.robot, track_stamps)
+        found.append(known[key])
+    return found
+
+
+def _losses(worked: Worked, times: Floats) -> list[str]:
+    """Why each lane failed, empty where it did not; `times` (ticks,) are those of the ticks [s]."""
+    if worked.scores is None:
+        raise ValueError("nothing was scored")
+    kinds, ticks = worked.scores.sums[[LOST_KIND, LOST_TICK]].astype(int)
+    return [
+        reason_of(int(kind), float(times[tick])) if kind else ""
+        for kind, tick in zip(kinds, ticks, strict=True)
+    ]
+
+
+def _statistics(filters: BatchFilter, worked: Worked) -> Floats:
+    """(width, n) in the order of `simulation.study.statistics.statistics`."""
+    scores, counts = worked.scores, filters.counts(worked.lanes)
+    if scores is None:
+        raise ValueError("nothing was scored")
+    sums, drifts = scores.sums, scores.drifts
+    with np.errstate(divide="ignore", invalid="ignore"):
+        percent = 100.0 * drifts[:-1, ERROR] / drifts[:-1, DISTANCE]
+        yaw_drift = np.degrees(drifts[-1, YAW_ERROR]) / drifts[-1, DISTANCE]
+        squares = (V_X_SQUARE, V_Y_SQUARE, W_SQUARE)
+        columns = [
+            *percent,
+            yaw_drift,
+            sums[FINAL_POSITION],
+            sums[FINAL_YAW],
+            np.sqrt(sums[POSITION_SQUARE] / sums[COUNT]),
+            np.sqrt(sums[YAW_SQUARE] / sums[COUNT]),
+            *(np.sqrt(sums[row] / sums[COUNT]) for row in squares),
+            sums[POSE_NEES] / sums[POSE_COUNT],
+            sums[FINAL_NEES],
+            sums[VELOCITY_NEES] / sums[VELOCITY_COUNT],
+            *(
+                counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_judged"])
+                for name in SENSORS
+            ),
+            *(counts[f"{name}_rejected"] for name in SENSORS),
+            sum(counts[f"{name}_rejected"] for name in (*SENSORS, "heading")),
+        ]
+    return np.stack(columns, axis=-1)

@@ -1,0 +1,152 @@
+"""What a study is: the digest that tells one from another, and the manifest beside its results."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from icreckon.simulation.running.engines import Engine
+from icreckon.simulation.study.cells import Cell, Plan
+from icreckon.simulation.study.statistics import statistics
+
+FORMAT = 1
+# Packages whose versions may change the last bits of a result, and those that write it.
+COMPUTING = ("icreckon", "numpy", "scipy", "numba", "filterpy")
+WRITING = ("msgspec", "matplotlib", "pyarrow")
+SEEDING = "numpy.random.SeedSequence([seed, index of the run, or of its true motion]).spawn(...)"
+
+Plain = dict[str, Any]
+
+
+@cache
+def computing_versions() -> Plain:
+    """Versions of the packages that compute, here."""
+    return {name: _version(name) for name in COMPUTING}
+
+
+def manifest(plan: Plan, engine: Engine) -> Plain:
+    """Configuration, seeds and versions of a study, the same on every machine."""
+    study = plan.study
+    return {
+        "format": FORMAT,
+        "name": study.name,
+        "digest": digest(plan, engine),
+        "configuration": plain(study),
+        "engine": engine.name,
+        "block_runs": engine.block_runs,
+        "runs": study.runs,
+        "truths": study.true_motions,
+        "baseline": study.compared_with,
+        "seeds": {"study": study.seed, "streams": SEEDING},
+        "statistics": [one.name for one in statistics(study.horizons)],
+        "axes": [
+            {"name": axis.name, "scale": axis.scale, "sampled": axis.sampled} for axis in plan.axes
+        ],
+        "cells": [cell.values for cell in plan.cells],
+        "variants": list(plan.labels),
+        "versions": computing_versions() | {name: _version(name) for name in WRITING},
+    }
+
+
+def digest(plan: Plan, engine: Engine) -> str:
+    """What the runs of a study depend on: not their number, names for people, or what is compared."""
+    content = {
+        "format": FORMAT,
+        "engine": engine.name,
+        "block_runs": engine.block_runs,
+        "statistics": [one.name for one in statistics(plan.study.horizons)],
+        "versions": computing_versions(),
+        "cells": [_cell_content(cell) for cell in plan.cells],
+        "recordings": {
+            str(file): _file_digest(file)
+            for file in sorted(
+                {
+                    Path(cell.scenario.trajectory_file)
+                    for cell in plan.cells
+                    if cell.scenario.trajectory_file
+                }
+            )
+        },
+    }
+    text = json.dumps(content, sort_keys=True)
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+
+
+def differences(old: Plain, new: Plain, table: str = "") -> list[str]:
+    """Where two manifests differ, as "key: there OLD, here NEW"."""
+    told = []
+    for key in sorted({*old, *new}):
+        path = f"{table}.{key}" if table else key
+        was, now = old.get(key), new.get(key)
+        if was == now or key == "digest":
+            continue
+        if isinstance(was, dict) and isinstance(now, dict):
+            told += differences(was, now, path)
+        else:
+            told.append(f"{path}: there {_short(was)}, here {_short(now)}")
+    return told
+
+
+def as_json(data: Any) -> str:
+    """Plain data as JSON; NaN and infinity become null."""
+    return json.dumps(_finite(data), indent=1, allow_nan=False) + "\n"
+
+
+def plain(data: Any) -> Any:
+    """Plain data of a structure, as JSON would give it back."""
+    return json.loads(json.dumps(msgspec.to_builtins(data)))
+
+
+def _cell_content(cell: Cell) -> Plain:
+    content: Plain = {
+        "scenario": plain(cell.scenario),
+        "robot": plain(cell.robot),
+        "truths": cell.truths,
+        "horizons": list(cell.horizons),
+        "filters": [
+            {
+                "label": one.label,
+                "variant": one.variant,
+                "robot": plain(one.robot),
+                "settings": plain(one.settings),
+            }
+            for one in cell.filters
+        ],
+    }
+    return content
+
+
+def _file_digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _version(name: str) -> str:
+    if name == "python":
+        return platform.python_version()
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

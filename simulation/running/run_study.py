@@ -1,0 +1,118 @@
+"""A study from its plan to its results: `run_study`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+
+import numpy as np
+
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.running.engines import choose_engine, why_slow
+from icreckon.simulation.running.manifest import as_json, manifest
+from icreckon.simulation.running.runner import Report, run_blocks
+from icreckon.simulation.running.store import (
+    RESULTS,
+    BlockStore,
+    Job,
+    jobs_of,
+    open_store,
+    write_files,
+)
+from icreckon.simulation.running.workers import cluster as on_cluster
+from icreckon.simulation.running.workers import given, here
+from icreckon.simulation.study.cells import Plan, expand
+from icreckon.simulation.study.idle import refuse_idle
+from icreckon.simulation.study.plan import Study
+from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
+from icreckon.simulation.study.statistics import statistics
+
+RESULTS_PARQUET = "results.parquet"
+RUNS_PARQUET = "runs.parquet"
+
+
+def run_study(
+    study: Study,
+    folder: str | Path,
+    *,
+    engine: str | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    cluster: str | None = None,
+    overwrite: bool = False,
+    report: Report | None = None,
+    remark: Callable[[str], None] | None = None,
+) -> Results:
+    """Run a study, or continue it, and leave its tables in a folder; see docs/study.md.
+
+    Args:
+        study: the study.
+        folder: for blocks and results; where the same study was begun there, it goes on.
+        engine: name of an engine, or "auto"; the study's where left out.
+        workers: threads or processes, as the engine needs; one for each core where left out.
+        executor: anything with that interface to run on instead.
+        cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).
+        overwrite: whether another study in the folder may be thrown away.
+        report: called at the start and after each block.
+        remark: called with what may surprise, in words.
+
+    Returns:
+        What `results.json` holds, NaN where that has null.
+
+    Raises:
+        SimulationError: the study makes no sense, sweeps what changes nothing, or its folder holds
+            something else.
+        EstimatorError: no such robot.
+    """
+    if executor is not None and cluster is not None:
+        raise SimulationError("an executor and a cluster to run on; give one of them")
+    plan = expand(study)
+    refuse_idle(plan)
+    chosen = choose_engine(plan, engine)
+    slow = why_slow(plan, chosen)
+    if remark is not None and slow is not None:
+        remark(f"runs are worked out one after the other, which is slow: {slow}")
+    told = manifest(plan, chosen)
+    shape = (len(plan.labels), len(statistics(study.horizons)))
+    store = open_store(Path(folder), told, shape, overwrite=overwrite)
+    jobs = jobs_of(plan, chosen.block_runs)
+    count = workers or os.cpu_count() or 1
+    if cluster is not None:
+        workplace = on_cluster(cluster)
+    elif executor is not None:
+        workplace = given(executor, count)
+    else:
+        workplace = here(count, threads=chosen.in_threads(plan))
+    run_blocks(plan, chosen, jobs, store, workplace, report)
+    return _write_results(_gathered(plan, jobs, store), told, store)
+
+
+def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
+    study = plan.study
+    shape = (len(plan.labels), len(plan.cells), study.runs, len(statistics(study.horizons)))
+    values, reasons = np.empty(shape), np.full(shape[:3], "", dtype=object)
+    for job in jobs:
+        block = store.read(job)
+        if block is None:
+            raise SimulationError(
+                f"{store.path(job)}: was there, and is not any more; give the same command again"
+            )
+        here = slice(job.first_run, job.first_run + job.count)
+        values[:, job.cell, here], reasons[:, job.cell, here] = block
+    return Runs(plan, values, reasons)
+
+
+def _write_results(runs: Runs, told: dict[str, object], store: BlockStore) -> Results:
+    from icreckon.simulation.study.tables import results_parquet, runs_parquet
+
+    cells = cell_summaries(runs)
+    results = study_results(runs, told, cells)
+    files = {
+        RESULTS_PARQUET: results_parquet(runs, cells),
+        RUNS_PARQUET: runs_parquet(runs),
+        RESULTS: as_json(results).encode(),
+    }
+    write_files(store.folder, files)
+    return results

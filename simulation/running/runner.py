@@ -1,0 +1,209 @@
+"""Working through the blocks of a study: handed out, kept when finished, handed out again if lost."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from dataclasses import dataclass
+from importlib import import_module
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.running.engines import Engine
+from icreckon.simulation.running.manifest import computing_versions
+from icreckon.simulation.running.store import BlockStore, Job, Reasons
+from icreckon.simulation.running.workers import OpenWorkplace, Workplace
+from icreckon.simulation.study.cells import Cell, Plan
+from icreckon.simulation.study.failures import checked, run_by_run
+from icreckon.simulation.study.statistics import statistics
+
+# A block that so many workers have died of is not tried again.
+MOST_TRIES = 4
+# How long a wait for blocks lasts before signals are looked at [s].
+POLL_SECONDS = 0.5
+# Errors of `distributed` that tell of a worker's end; by name, as it need not be installed.
+CLUSTER_LOSSES = {"KilledWorker", "FutureCancelledError", "FuturesCancelledError"}
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a study is, in blocks, and in runs of one filter each.
+
+    Attributes:
+        blocks: that are finished.
+        all_blocks: of the study.
+        found_blocks: that were there at the start.
+        runs: that this command has worked out.
+        runs_left: that it still must.
+    """
+
+    blocks: int
+    all_blocks: int
+    found_blocks: int
+    runs: int
+    runs_left: int
+
+
+Report = Callable[[Progress], None]
+
+
+Worked = tuple[Floats, Reasons, dict[str, str]]
+
+
+def work(module: str, cell: Cell, first_run: int, count: int) -> Worked:
+    """A block, where the worker is.
+
+    Args:
+        module: of the engine.
+        cell: where the runs belong.
+        first_run: index of the first run.
+        count: number of runs.
+
+    Returns:
+        The statistics (filters, runs, statistics), NaN for failed runs; why these failed (filters,
+        runs), empty for the others; and the versions of what computed them.
+    """
+    block = import_module(module).block
+    filters = {one.label: one for one in cell.filters}
+    try:
+        found = block(cell, cell.filters, first_run, count)
+    except MemoryError:
+        raise
+    except Exception:
+        # A run that raises an exception takes no other with it.
+        runs, width = range(first_run, first_run + count), len(statistics(cell.horizons))
+        found = run_by_run(
+            lambda run, label: block(cell, [filters[label]], run, 1)[label], runs, [*filters], width
+        )
+    good = [checked(found[label], cell.horizons) for label in filters]
+    values = np.stack([one.values for one in good])
+    reasons = np.array([one.reasons for one in good], dtype=str)
+    return np.ascontiguousarray(values, dtype=np.float64), reasons, computing_versions()
+
+
+def run_blocks(
+    plan: Plan,
+    engine: Engine,
+    jobs: Sequence[Job],
+    store: BlockStore,
+    open_workplace: OpenWorkplace,
+    report: Report | None = None,
+) -> None:
+    """Work out all blocks that the store does not have.
+
+    Args:
+        plan: the study.
+        engine: what works them out.
+        jobs: all blocks of the study.
+        store: keeps them.
+        open_workplace: where they are worked out; opened again when its workers have died.
+        report: called at the start and after each block.
+
+    Raises:
+        SimulationError: a block fails, or its workers die again and again.
+    """
+    _Runner(plan, engine, jobs, store, report).run(open_workplace)
+
+
+class _Runner:
+    def __init__(
+        self,
+        plan: Plan,
+        engine: Engine,
+        jobs: Sequence[Job],
+        store: BlockStore,
+        report: Report | None,
+    ) -> None:
+        self._plan, self._engine, self._store, self._report = plan, engine, store, report
+        self._waiting = deque(job for job in jobs if store.read(job) is None)
+        self._all = len(jobs)
+        self._found = self._all - len(self._waiting)
+        self._runs, self._left = 0, sum(self._runs_of(job) for job in self._waiting)
+        self._finished = self._found
+        self._lost: Counter[Job] = Counter()
+
+    def run(self, open_workplace: OpenWorkplace) -> None:
+        """Until all blocks are there."""
+        self._tell()
+        while self._waiting:
+            with open_workplace() as workplace:
+                try:
+                    self._work_through(workplace)
+                except BrokenExecutor:
+                    # All that was handed out is among the waiting again; the next workplace is new.
+                    continue
+        self._store.tidy()
+
+    def _work_through(self, workplace: Workplace) -> None:
+        futures: dict[Future[Worked], Job] = {}
+        try:
+            while self._waiting or futures:
+                while self._waiting and len(futures) < workplace.capacity():
+                    job = self._waiting[0]
+                    cell = self._plan.cells[job.cell]
+                    arguments = (self._engine.module, cell, job.first_run, job.count)
+                    futures[workplace.executor.submit(work, *arguments)] = job
+                    self._waiting.popleft()
+                done, _ = wait(futures, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+                for future in done:
+                    self._settle(future, futures.pop(future))
+        except BrokenExecutor as problem:
+            for job in futures.values():
+                self._lose(job, problem)
+            raise
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
+
+    def _settle(self, future: Future[Worked], job: Job) -> None:
+        try:
+            values, reasons, versions = future.result()
+        except (BrokenExecutor, CancelledError) as problem:
+            self._lose(job, problem)
+            if isinstance(problem, BrokenExecutor):
+                raise
+            return
+        except Exception as problem:
+            if type(problem).__name__ in CLUSTER_LOSSES:
+                self._lose(job, problem)
+                return
+            raise SimulationError(
+                f"{self._named(job)}: {type(problem).__name__}: {problem}"
+            ) from problem
+        if versions != computing_versions():
+            raise SimulationError(
+                f"a worker computes with {versions}, and this command with {computing_versions()}: "
+                "results would be a mixture; give all workers the same versions"
+            )
+        self._store.write(job, values, reasons)
+        self._finished += 1
+        self._runs += self._runs_of(job)
+        self._left -= self._runs_of(job)
+        self._tell()
+
+    def _lose(self, job: Job, problem: BaseException) -> None:
+        """Put a block back whose worker has died."""
+        self._lost[job] += 1
+        if self._lost[job] >= MOST_TRIES:
+            raise SimulationError(
+                f"{self._named(job)}: its worker died {MOST_TRIES} times (out of memory?); the last "
+                f"time: {type(problem).__name__}: {problem}"
+            ) from problem
+        self._waiting.appendleft(job)
+
+    def _named(self, job: Job) -> str:
+        cell = self._plan.cells[job.cell]
+        told = ", ".join(f"{key} = {value}" for key, value in cell.values.items())
+        where = f" ({told})" if told else ""
+        return f"cell {job.cell}{where}, runs from {job.first_run} on"
+
+    def _runs_of(self, job: Job) -> int:
+        return job.count * len(self._plan.labels)
+
+    def _tell(self) -> None:
+        if self._report is not None:
+            self._report(Progress(self._finished, self._all, self._found, self._runs, self._left))

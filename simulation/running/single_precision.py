@@ -1,0 +1,19 @@
+"""Blocks of a study on filters side by side in single precision: twice as many, with seven digits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from icreckon.simulation.running import batch_engine as study_batch
+from icreckon.simulation.running.batch_engine import in_threads, why_not
+from icreckon.simulation.study.cells import Cell, Filter
+from icreckon.simulation.study.failures import RunScores
+
+__all__ = ["block", "in_threads", "why_not"]
+
+
+def block(
+    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
+) -> dict[str, RunScores]:
+    """The statistics of some runs of a cell; see `simulation.running.engines.Block`."""
+    return study_batch.block(cell, filters, first_run, count, bits=32)

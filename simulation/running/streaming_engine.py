@@ -1,0 +1,134 @@
+"""Blocks of a study on the streaming filter: one run after the other, as a robot would have it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import chain
+
+import msgspec
+import numpy as np
+from msgspec import msgpack
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.variants import state_names
+from icreckon.estimator.streaming.lost import LostFilter, loss_of, stopped_by
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.run import Rows
+from icreckon.simulation.base.random_streams import random_streams
+from icreckon.simulation.base.sampling import to_stamps
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensing import perfect, sensed, truth_of
+from icreckon.simulation.sensors.specs import SensorSpecs
+from icreckon.simulation.simulate import drive
+from icreckon.simulation.study.cells import Cell, Filter
+from icreckon.simulation.study.failures import RunScores
+from icreckon.simulation.study.plan import DEFAULT_TRUTHS
+from icreckon.simulation.study.statistics import run_statistics, score_times, statistics
+from icreckon.simulation.truth.true_motion import TrueMotion
+
+# Cells of a sweep mostly share their true motions; so many are kept.
+KEPT_MOTIONS = 2 * DEFAULT_TRUTHS
+# What of a scenario has no part in the true motion.
+SENSED = (
+    "noise",
+    "track_rate",
+    "truth_rate",
+    "fix_rate",
+    "outages",
+    *SensorSpecs.__struct_fields__,
+)
+
+
+def block(
+    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
+) -> dict[str, RunScores]:
+    """The statistics of some runs of a cell; see `simulation.running.engines.Block`."""
+    width = len(statistics(cell.horizons))
+    values = {one.label: np.full((count, width), np.nan) for one in filters}
+    reasons: dict[str, list[str]] = {one.label: [] for one in filters}
+    for row in range(count):
+        log = study_log(cell, first_run + row)
+        times = score_times(cell.scenario)
+        seen = replace(log, truth=None)
+        for one in filters:
+            try:
+                result = _run(seen, one, times)
+            except LostFilter as lost:
+                reasons[one.label].append(lost.reason)
+                continue
+            reasons[one.label].append("")
+            values[one.label][row] = run_statistics(result, log, cell.horizons)
+    return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
+
+
+@np.errstate(all="ignore")
+def _run(log: Log, one: Filter, times: Floats) -> Run:
+    """Run a filter over a log, with a row at each of the given times (n,) [s].
+
+    Raises:
+        LostFilter: the estimate is not finite, has negative variances, or is absurd.
+    """
+    estimator = PoseEstimator(one.robot, one.variant, settings=one.settings)
+    wanted = deque(to_stamps(times).tolist())
+    rows, count = Rows(len(wanted)), 0
+
+    def finished() -> Run:
+        names = state_names(estimator.variant)
+        return rows.finish(count, estimator.variant.name, names, estimator.health)
+
+    for measurement in chain(log.measurements(), [None]):
+        try:
+            while wanted and (measurement is None or measurement.stamp > wanted[0]):
+                # Skip ticks before the filter's first estimate.
+                if wanted.popleft() == estimator.stamp:
+                    rows.put(count, estimator.snapshot())
+                    count += 1
+            if measurement is not None:
+                estimator.feed(measurement)
+        except IcreckonError:
+            raise
+        except Exception as problem:
+            stamp = log.end if measurement is None else measurement.stamp
+            raise stopped_by(problem, finished(), log.start, stamp) from problem
+    done = finished()
+    lost = loss_of(done, log.start)
+    if lost is not None:
+        raise lost
+    return done
+
+
+def study_log(cell: Cell, run_index: int) -> Log:
+    """The log of a run: the true motion of its number modulo `cell.truths`, and noise of its own.
+
+    Of the first `cell.truths` runs it is what `simulation.scenario.simulate` gives, but for the stamps
+    of its truth, which are those of `score_times`.
+    """
+    scenario, robot = cell.scenario, cell.robot
+    motion = true_motion(driven(scenario), msgpack.encode(robot), run_index % cell.truths)
+    streams = random_streams(scenario.seed, run_index)
+    read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
+    truth = truth_of(motion, score_times(scenario))
+    name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
+    return Log(name=name, tracks=read.tracks, imu=read.imu.series, fixes=read.fixes, truth=truth)
+
+
+def driven(scenario: Scenario) -> bytes:
+    """A scenario as far as it has a part in the true motion."""
+    defaults = {field.name: field.default for field in msgspec.structs.fields(Scenario)}
+    plain = {name: defaults[name] for name in SENSED}
+    return msgpack.encode(msgspec.structs.replace(scenario, **plain))
+
+
+@lru_cache(KEPT_MOTIONS)
+def true_motion(scenario_data: bytes, robot_data: bytes, truth_index: int) -> TrueMotion:
+    """A true motion, of the scenario and the robot that are packed there."""
+    scenario = msgpack.decode(scenario_data, type=Scenario)
+    robot = msgpack.decode(robot_data, type=Robot)
+    return drive(scenario, robot, random_streams(scenario.seed, truth_index))

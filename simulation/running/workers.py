@@ -1,0 +1,154 @@
+"""Where the blocks of a study run: in threads, in processes, or on a cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+from urllib.parse import urlsplit
+
+from icreckon.simulation.base.errors import SimulationError
+
+# Blocks that wait for each worker that has one: it is never idle, and little is lost.
+AHEAD = 2
+CONNECT_SECONDS = 20.0
+THREADS = "study"
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """Workers.
+
+    Attributes:
+        executor: they take work from it.
+        capacity: tells how many blocks to hand out at a time.
+    """
+
+    executor: Executor
+    capacity: Callable[[], int]
+
+
+# A workplace can be opened again when its workers have died.
+OpenWorkplace = Callable[[], AbstractContextManager[Workplace]]
+
+
+def here(workers: int, *, threads: bool) -> OpenWorkplace:
+    """Workers on this machine: threads or processes."""
+
+    def open_workplace() -> AbstractContextManager[Workplace]:
+        return _threads(workers) if threads else _processes(workers)
+
+    return open_workplace
+
+
+def given(executor: Executor, workers: int) -> OpenWorkplace:
+    """Workers behind an executor that somebody else opens and closes."""
+
+    @contextmanager
+    def open_workplace() -> Iterator[Workplace]:
+        yield Workplace(executor, lambda: AHEAD * workers)
+
+    return open_workplace
+
+
+def cluster(address: str) -> OpenWorkplace:
+    """The workers of a `dask.distributed` cluster.
+
+    Args:
+        address: of its scheduler, as tcp://host:8786.
+    """
+
+    @contextmanager
+    def open_workplace() -> Iterator[Workplace]:
+        try:
+            import distributed
+        except ImportError:
+            raise SimulationError(
+                "a cluster needs the extra of that name: pip install 'icreckon[cluster]'"
+            ) from None
+        _require_listener(address)
+        connect: Any = distributed.Client
+        try:
+            client = connect(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, TypeError) as problem:
+            raise SimulationError(f"no cluster at {address!r}: {problem}") from None
+        try:
+            yield Workplace(
+                client.get_executor(), lambda: AHEAD * max(1, sum(client.nthreads().values()))
+            )
+        finally:
+            client.close()
+
+    return open_workplace
+
+
+def _require_listener(address: str) -> None:
+    """Refuse an address where nobody listens, at once; the cluster's own client takes its time."""
+    parts = urlsplit(address if "://" in address else f"tcp://{address}")
+    if parts.scheme not in {"tcp", "tls"}:
+        return
+    try:
+        place = parts.hostname, parts.port
+    except ValueError:
+        place = None, None
+    if place[0] is None or place[1] is None:
+        raise SimulationError(f"no cluster at {address!r}: give host and port, as tcp://host:8786")
+    try:
+        socket.create_connection((place[0], place[1]), CONNECT_SECONDS).close()
+    except OSError as problem:
+        raise SimulationError(f"no cluster at {address!r}: {problem}") from None
+
+
+def threads_at_work() -> bool:
+    """Whether threads are still in blocks, as after an interruption; an exit waits for them."""
+    return any(thread.name.startswith(f"{THREADS}_") for thread in threading.enumerate())
+
+
+@contextmanager
+def _threads(workers: int) -> Iterator[Workplace]:
+    pool = ThreadPoolExecutor(workers, THREADS)
+    try:
+        yield Workplace(pool, lambda: AHEAD * workers)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+@contextmanager
+def _processes(workers: int) -> Iterator[Workplace]:
+    context = multiprocessing.get_context("spawn")
+    # Nothing is ever sent: the workers see when this end is closed, also by the end of this process.
+    theirs, ours = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(workers, context, _begin_worker, (theirs,))
+    try:
+        yield Workplace(pool, lambda: AHEAD * workers)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    else:
+        pool.shutdown()
+    finally:
+        ours.close()
+        theirs.close()
+
+
+def _begin_worker(closes: Connection) -> None:
+    """Leave Ctrl-C to the parent, and go when it closes the line, or is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with, args=(closes,), daemon=True).start()
+
+
+def _leave_with(closes: Connection) -> None:
+    try:
+        closes.recv_bytes()
+    except (EOFError, OSError):
+        os._exit(1)

@@ -1,0 +1,262 @@
+"""What gyro and accelerometer read of a true motion.
+
+A reading is T u + n + b: the true quantity u in the IMU's axes, a triad T with errors of scale and
+alignment, white noise n and a bias b, cut off at the range. Noise is a density (per root second), so an
+IMU sampled twice as often has noise that is larger by the root of two in each sample and the same in
+what its samples add up to. Every figure has its own random numbers, so that changing one changes no
+other error.
+
+A bias is the sum of three parts: what it is at turn-on, a random walk (rate or acceleration random
+walk, K), and the bias instability B. A data sheet reads B off the Allan deviation of the sensor, whose
+floor is sqrt(2 ln 2 / pi) B = 0.664 B for flicker noise (IEEE Std 952-1997, annex C). Flicker noise has
+no finite model; as usual a first-order Gauss-Markov process of correlation time T stands for it, here
+of the size at which its Allan deviation peaks at that floor. With x = tau / T its Allan variance is
+
+    sigma_b² (2 / x) (1 - (3 - 4 e^-x + e^-2x) / (2 x))
+
+(the same annex, with q_c² T = 2 sigma_b²). It peaks at tau = 1.89 T, where the Allan deviation is
+0.617 sigma_b, so sigma_b = 0.664 B / 0.617 = 1.076 B.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.random import Generator
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.series import ImuSeries
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.simulation.base.sampling import to_stamps
+from icreckon.simulation.truth.true_motion import TrueMotion, gauss_markov
+
+# Floor of the Allan deviation over bias instability, for flicker noise.
+INSTABILITY_FLOOR = float(np.sqrt(2.0 * np.log(2.0) / np.pi))
+# Highest Allan deviation of a Gauss-Markov process over its standard deviation, and where it is, in
+# correlation times.
+MARKOV_PEAK = 0.617364
+MARKOV_PEAK_AT = 1.8926
+
+
+class InertialErrors(msgspec.Struct, frozen=True, kw_only=True):
+    """Errors of a gyro (unit: rad/s) or an accelerometer (unit: m/s²).
+
+    Attributes:
+        noise_density: white noise of each axis, N [unit/√Hz].
+        bias_sigma: standard deviation of each axis' bias at turn-on [unit].
+        bias_instability: B of the data sheet; the Allan deviation has its floor at 0.664 B [unit].
+        bias_instability_time: correlation time of the process that stands for it [s]; the floor is at
+            1.89 times this.
+        bias_walk: random walk of the bias, K [unit/√s].
+        scale_sigma: standard deviation of each axis' relative error of scale [-].
+        misalignment_sigma: standard deviation of each of the six small angles by which an axis leans
+            towards another one [rad].
+        range: largest reading of an axis; beyond, it saturates [unit].
+    """
+
+    noise_density: float = 0.0
+    bias_sigma: float = 0.0
+    bias_instability: float = 0.0
+    bias_instability_time: float = 100.0
+    bias_walk: float = 0.0
+    scale_sigma: float = 0.0
+    misalignment_sigma: float = 0.0
+    range: float = np.inf
+
+
+@dataclass(frozen=True)
+class Imu:
+    """What the IMU reads, and the part of it that is bias.
+
+    Attributes:
+        series: the samples.
+        gyro_bias: (n, 3) in the IMU's axes [rad/s].
+        accelerometer_bias: (n, 3) in the IMU's axes [m/s²].
+    """
+
+    series: ImuSeries
+    gyro_bias: Floats
+    accelerometer_bias: Floats
+
+
+def read_imu(
+    motion: TrueMotion,
+    times: Floats,
+    rate: float,
+    robot: Robot,
+    gyro: InertialErrors,
+    accelerometer: InertialErrors,
+    gyro_rng: Generator,
+    accelerometer_rng: Generator,
+) -> Imu:
+    """IMU samples in the IMU's axes, at its place and mounting in the robot file.
+
+    The accelerometer reads specific force, averaged over one sample interval. The gyro reads
+    `gyro_scale` times the rate, and of "z" gyros x and y are zero.
+
+    Args:
+        motion: the true motion.
+        times: (n,) when to sample [s].
+        rate: samples per second [Hz].
+        robot: place, mounting, axes and scale of the IMU.
+        gyro: errors of the gyro.
+        accelerometer: errors of the accelerometer.
+        gyro_rng: draws the errors of the gyro.
+        accelerometer_rng: draws the errors of the accelerometer.
+    """
+    true = perfect_readings(motion, times, rate, robot)
+    return with_inertial_errors(
+        true, times, rate, robot, gyro, accelerometer, gyro_rng, accelerometer_rng
+    )
+
+
+def perfect_readings(
+    motion: TrueMotion, times: Floats, rate: float, robot: Robot
+) -> tuple[Floats, Floats]:
+    """What the IMU would read without errors; arguments as those of `read_imu`.
+
+    Returns:
+        Angular velocities (n, 3) times `gyro_scale` [rad/s], and specific forces (n, 3) [m/s²].
+    """
+    # Rows times a matrix: v^T R is (R^T v)^T, from base_link to the IMU's axes.
+    to_imu = robot.imu_rotation
+    rates = angular_velocities(motion, times, 1.0 / rate) @ to_imu
+    forces = specific_forces(motion, times, 1.0 / rate, robot.imu.position) @ to_imu
+    return robot.imu.gyro_scale * rates, forces
+
+
+def with_inertial_errors(
+    perfect: tuple[Floats, Floats],
+    times: Floats,
+    rate: float,
+    robot: Robot,
+    gyro: InertialErrors,
+    accelerometer: InertialErrors,
+    gyro_rng: Generator,
+    accelerometer_rng: Generator,
+) -> Imu:
+    """What the IMU reads where a perfect one reads this; other arguments as those of `read_imu`.
+
+    Args:
+        perfect: as `perfect_readings` returns it.
+        times: (n,) when it samples [s].
+        rate: samples per second [Hz].
+        robot: axes of the gyro.
+        gyro: errors of the gyro.
+        accelerometer: errors of the accelerometer.
+        gyro_rng: draws the errors of the gyro.
+        accelerometer_rng: draws the errors of the accelerometer.
+    """
+    rates, forces = perfect
+    angular_velocity, gyro_bias = _read(rates, rate, gyro, gyro_rng)
+    force, force_bias = _read(forces, rate, accelerometer, accelerometer_rng)
+    if robot.imu.gyro_axes == "z":
+        angular_velocity[:, :2] = 0.0
+    return Imu(ImuSeries(to_stamps(times), angular_velocity, force), gyro_bias, force_bias)
+
+
+def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floats:
+    """Angular velocity (n, 3) of base_link in its own axes [rad/s].
+
+    About z it is the true motion's. About x and y it is what turns the ground under the robot. A
+    direction g that is fixed in the world changes in body axes as dg/dt = -omega x g. In axes that
+    follow the body but not its yaw, G = R_z(yaw) g, only the sought rates O = R_z(yaw) omega_xy are
+    left of that, dG_x/dt = -G_z O_y and dG_y/dt = G_z O_x, and on a plane G is constant, however the
+    robot turns on it.
+
+    Args:
+        motion: the true motion.
+        times: (n,) [s].
+        window: over which the change of gravity's direction is averaged [s].
+    """
+    w = motion.twists_at(times)[:, 2]
+    rates = np.stack([np.zeros_like(w), np.zeros_like(w), w], axis=-1)
+    if motion.gravity is not None:
+        before, now, after = (
+            _unturned_gravity(motion, motion.gravity, at) for at in _window(motion, times, window)
+        )
+        start, _, end = _window(motion, times, window)
+        change = (after - before)[:, :2] / (end - start)[:, None] / now[:, 2:]
+        yaw = motion.poses_at(times)[:, 2]
+        rates[:, :2] = _turned(np.stack([change[:, 1], -change[:, 0]], axis=-1), -yaw)
+    return rates
+
+
+def specific_forces(
+    motion: TrueMotion, times: Floats, window: float, position: tuple[float, float, float]
+) -> Floats:
+    """Specific force (n, 3) in base_link's axes at a place fixed to it [m/s²].
+
+    Acceleration of base_link, dv/dt + omega x v, plus domega/dt x r + omega x (omega x r), less the
+    acceleration of gravity.
+
+    Args:
+        motion: the true motion.
+        times: (n,) [s].
+        window: over which accelerations are averaged [s].
+        position: r, the place in base_link [m].
+    """
+    a_x, a_y, w_rate = motion.accelerations_at(times, window).T
+    omega = angular_velocities(motion, times, window)
+    v_x, v_y, _ = motion.twists_at(times).T
+    acceleration = np.stack([a_x, a_y, omega[:, 0] * v_y - omega[:, 1] * v_x], axis=-1)
+    omega_rate = np.stack([np.zeros_like(w_rate), np.zeros_like(w_rate), w_rate], axis=-1)
+    gravity = np.array([0.0, 0.0, -GRAVITY])
+    if motion.gravity is not None:
+        start, _, end = _window(motion, times, window)
+        before, after = (angular_velocities(motion, at, window) for at in (start, end))
+        omega_rate[:, :2] = (after - before)[:, :2] / (end - start)[:, None]
+        gravity = _unturned_gravity(motion, motion.gravity, times)
+        gravity[:, :2] = _turned(gravity[:, :2], -motion.poses_at(times)[:, 2])
+    r = np.array(position)
+    # omega x (omega x r), by the rule for double cross products.
+    inward = omega * (omega @ r)[:, None] - r * (omega**2).sum(axis=1)[:, None]
+    return np.asarray(acceleration + np.cross(omega_rate, r) + inward - gravity)
+
+
+def _window(motion: TrueMotion, times: Floats, window: float) -> tuple[Floats, Floats, Floats]:
+    """Start, middle and end (n,) of a window about each time [s], cut off where the motion ends."""
+    start = np.clip(times - 0.5 * window, 0.0, motion.end)
+    return start, times, np.clip(times + 0.5 * window, 0.0, motion.end)
+
+
+def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Floats:
+    """Acceleration of gravity (n, 3) in axes that follow the body but not its yaw [m/s²]."""
+    grid = np.arange(len(gravity)) / motion.rate
+    unturned = np.column_stack([_turned(gravity[:, :2], motion.poses[:, 2]), gravity[:, 2]])
+    return np.stack([np.interp(times, grid, column) for column in unturned.T], axis=-1)
+
+
+def _turned(vectors: Floats, yaw: Floats) -> Floats:
+    """Vectors (n, 2), each rotated counter-clockwise by its yaw (n,) [rad]."""
+    x, y = vectors.T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
+def _read(
+    true: Floats, rate: float, errors: InertialErrors, rng: Generator
+) -> tuple[Floats, Floats]:
+    """What a sensor reads (n, 3) of true values (n, 3) in its axes, and its bias (n, 3) [unit]."""
+    from icreckon.simulation.base.noise_kernel import add_inertial_errors_entry
+
+    constants, instabilities = rng.spawn(2)
+    count = len(true)
+    start = errors.bias_sigma * rng.standard_normal(3)
+    draws = rng.standard_normal((count, 2, 3))
+    bias = np.zeros((count, 3))
+    if errors.bias_instability > 0.0:
+        unit = gauss_markov(count, 1.0 / rate, errors.bias_instability_time, instabilities)
+        bias += INSTABILITY_FLOOR / MARKOV_PEAK * errors.bias_instability * unit
+    scale = 1.0 + errors.scale_sigma * constants.standard_normal(3)
+    lean = errors.misalignment_sigma * constants.standard_normal((3, 3))
+    triad = np.where(np.eye(3, dtype=bool), np.diag(scale), lean)
+    reading = np.empty((count, 3))
+    white, walk = errors.noise_density * np.sqrt(rate), errors.bias_walk / np.sqrt(rate)
+    add_inertial_errors_entry(
+        true, draws, triad, start, white, walk, reading, bias, float(errors.range)
+    )
+    return reading, bias

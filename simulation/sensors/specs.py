@@ -1,0 +1,263 @@
+"""Sensors as data sheets specify them, presets, and the errors that they come to on a robot.
+
+A figure that a scenario leaves out (None) is the preset's; one that the preset leaves out is the robot
+file's; and one that no robot file has is that of `EncoderErrors`, `InertialErrors` or `FixErrors`,
+where all figures are explained: no such error, or a usual duration.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.field_types import settle_types
+from icreckon.simulation.sensors.encoders import DROPOUT_READINGS, EncoderErrors
+from icreckon.simulation.sensors.fixes import FixErrors
+from icreckon.simulation.sensors.imu import InertialErrors
+
+# Ten dropouts in a second are a broken encoder, or a slip of the pen.
+MOST_DROPOUTS_PER_HOUR = 36_000.0
+# What `factor` multiplies.
+ENCODER_SCALED = ("speed_noise_density", "scale_sigma", "scale_difference_sigma", "resolution")
+INERTIAL_SCALED = (
+    "noise_density",
+    "bias_sigma",
+    "bias_instability",
+    "bias_walk",
+    "scale_sigma",
+    "misalignment_sigma",
+)
+FIX_SCALED = ("sigma", "heading_sigma")
+# What cannot be zero.
+POSITIVE = ("dropout_duration", "bias_instability_time", "range")
+
+
+def _check(spec: msgspec.Struct) -> None:
+    """Refuse a wrong type, a figure that is negative, infinite or NaN, or zero without sense."""
+    settle_types(spec)
+    for name in spec.__struct_fields__:
+        value = getattr(spec, name)
+        if value is None or isinstance(value, str):
+            continue
+        if not (np.isfinite(value) and value >= 0.0) or (value == 0.0 and name in POSITIVE):
+            wanted = "a positive number" if name in POSITIVE else "zero or a positive number"
+            raise SimulationError(f"{name} must be {wanted}, found {value!r}")
+
+
+class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The encoders' figures, see `EncoderErrors`, and `factor` on noise, scales and resolution."""
+
+    speed_noise_density: float | None = None
+    scale_sigma: float | None = None
+    scale_difference_sigma: float | None = None
+    resolution: float | None = None
+    dropouts_per_hour: float | None = None
+    dropout_duration: float | None = None
+    dropout_reads: str | None = None
+    factor: float | None = None
+
+    def __post_init__(self) -> None:
+        _check(self)
+        reads, rate = self.dropout_reads, self.dropouts_per_hour
+        if reads is not None and reads not in DROPOUT_READINGS:
+            hint = nearest_hint(reads, list(DROPOUT_READINGS))
+            raise SimulationError(f"dropout_reads cannot be {reads!r}{hint}")
+        if rate is not None and rate > MOST_DROPOUTS_PER_HOUR:
+            raise SimulationError(
+                f"dropouts_per_hour must be at most {MOST_DROPOUTS_PER_HOUR:.0f}, found {rate!r}"
+            )
+
+
+class InertialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Figures of gyro or accelerometer, see `InertialErrors`, and `factor` on all but time and range."""
+
+    noise_density: float | None = None
+    bias_sigma: float | None = None
+    bias_instability: float | None = None
+    bias_instability_time: float | None = None
+    bias_walk: float | None = None
+    scale_sigma: float | None = None
+    misalignment_sigma: float | None = None
+    range: float | None = None
+    factor: float | None = None
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+
+class FixSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Figures of position fixes, see `FixErrors`, and `factor` on the sigmas of ordinary fixes."""
+
+    sigma: float | None = None
+    heading_sigma: float | None = None
+    outlier_share: float | None = None
+    outlier_sigma: float | None = None
+    latency: float | None = None
+    factor: float | None = None
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if self.outlier_share is not None and self.outlier_share > 1.0:
+            raise SimulationError(f"outlier_share must be at most 1, found {self.outlier_share!r}")
+
+
+class SensorSpecs(msgspec.Struct, frozen=True, kw_only=True):
+    """The data sheets of all sensors."""
+
+    encoders: EncoderSpec = EncoderSpec()
+    gyro: InertialSpec = InertialSpec()
+    accelerometer: InertialSpec = InertialSpec()
+    fixes: FixSpec = FixSpec()
+
+
+# Grades are those of the IMU alone, as in data sheets; a moving vehicle adds vibration. Biases also
+# walk: about as far as their instability within some ten minutes, as they do when it gets warm.
+NOISE_PRESETS: dict[str, SensorSpecs] = {
+    "perfect": SensorSpecs(
+        encoders=EncoderSpec(speed_noise_density=0.0, scale_sigma=0.0),
+        gyro=InertialSpec(noise_density=0.0, bias_sigma=0.0, bias_walk=0.0, scale_sigma=0.0),
+        accelerometer=InertialSpec(noise_density=0.0, bias_sigma=0.0, bias_walk=0.0),
+        fixes=FixSpec(sigma=0.0),
+    ),
+    "nominal": SensorSpecs(),
+    # Phone and hobby MEMS (MPU-6050, MPU-9250 class): 0.01 deg/s/√Hz, 1 deg/s, 400 µg/√Hz, 50 mg; 3 %
+    # of scale and 2 % across axes at most.
+    "consumer": SensorSpecs(
+        gyro=InertialSpec(
+            noise_density=1.7e-4,
+            bias_sigma=1.7e-2,
+            bias_instability=5e-4,
+            bias_walk=2e-5,
+            scale_sigma=0.01,
+            misalignment_sigma=7e-3,
+            range=8.7,
+        ),
+        accelerometer=InertialSpec(
+            noise_density=4e-3,
+            bias_sigma=0.5,
+            bias_instability=1e-2,
+            bias_walk=5e-4,
+            scale_sigma=0.01,
+            misalignment_sigma=7e-3,
+            range=39.0,
+        ),
+    ),
+    # Calibrated MEMS modules (Xsens MTi, ADIS1647x class): 0.007 deg/s/√Hz, 0.2 deg/s, 10 deg/h in
+    # run, 100 µg/√Hz, 5 mg, 0.05 deg of alignment.
+    "industrial": SensorSpecs(
+        gyro=InertialSpec(
+            noise_density=1.2e-4,
+            bias_sigma=3.5e-3,
+            bias_instability=5e-5,
+            bias_walk=2e-6,
+            scale_sigma=3e-3,
+            misalignment_sigma=1e-3,
+            range=7.8,
+        ),
+        accelerometer=InertialSpec(
+            noise_density=1e-3,
+            bias_sigma=0.05,
+            bias_instability=5e-4,
+            bias_walk=5e-5,
+            scale_sigma=3e-3,
+            misalignment_sigma=1e-3,
+            range=49.0,
+        ),
+    ),
+    # STIM300 class: 0.15 deg/√h, 10 deg/h over temperature, 0.5 deg/h in run, 0.06 m/s/√h, 2 mg
+    # over temperature, 0.05 mg in run, 500 ppm of scale, 1 mrad, 400 deg/s, 10 g.
+    "tactical": SensorSpecs(
+        gyro=InertialSpec(
+            noise_density=4.4e-5,
+            bias_sigma=5e-5,
+            bias_instability=2.4e-6,
+            bias_walk=1e-7,
+            scale_sigma=5e-4,
+            misalignment_sigma=1e-3,
+            range=7.0,
+        ),
+        accelerometer=InertialSpec(
+            noise_density=1e-3,
+            bias_sigma=0.02,
+            bias_instability=4.9e-4,
+            bias_walk=2e-5,
+            scale_sigma=3e-4,
+            misalignment_sigma=1e-3,
+            range=98.0,
+        ),
+    ),
+}
+
+Errors = TypeVar("Errors", bound=msgspec.Struct)
+
+
+def noise_preset(name: str) -> SensorSpecs:
+    """The data sheets of a preset.
+
+    Args:
+        name: one of `NOISE_PRESETS`.
+
+    Raises:
+        SimulationError: an unknown preset; says which is nearest.
+    """
+    if name not in NOISE_PRESETS:
+        hint = nearest_hint(name, list(NOISE_PRESETS))
+        raise SimulationError(f"no noise preset named {name!r}{hint}")
+    return NOISE_PRESETS[name]
+
+
+def encoder_errors(robot: Robot, given: EncoderSpec, preset: SensorSpecs) -> EncoderErrors:
+    """Errors of the robot's encoders, of what is given, the preset, and the robot file."""
+    own = EncoderSpec(
+        speed_noise_density=robot.tracks.speed_noise_density, scale_sigma=robot.tracks.scale_sigma
+    )
+    return _in_force(EncoderErrors, ENCODER_SCALED, given, preset.encoders, own)
+
+
+def gyro_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs) -> InertialErrors:
+    """Errors of the robot's gyro, of what is given, the preset, and the robot file."""
+    imu = robot.imu
+    own = InertialSpec(
+        noise_density=imu.gyro_noise_density,
+        bias_sigma=imu.gyro_bias_sigma,
+        bias_walk=imu.gyro_bias_walk,
+        scale_sigma=imu.gyro_scale_sigma,
+    )
+    return _in_force(InertialErrors, INERTIAL_SCALED, given, preset.gyro, own)
+
+
+def accelerometer_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs) -> InertialErrors:
+    """Errors of the robot's accelerometer, of what is given, the preset, and the robot file."""
+    imu = robot.imu
+    own = InertialSpec(
+        noise_density=imu.accelerometer_noise_density,
+        bias_sigma=imu.accelerometer_bias_sigma,
+        bias_walk=imu.accelerometer_bias_walk,
+    )
+    return _in_force(InertialErrors, INERTIAL_SCALED, given, preset.accelerometer, own)
+
+
+def fix_errors(given: FixSpec, preset: SensorSpecs) -> FixErrors:
+    """Errors of position fixes, of what is given and the preset; no robot file has any."""
+    return _in_force(FixErrors, FIX_SCALED, given, preset.fixes)
+
+
+def _in_force(
+    kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
+) -> Errors:
+    """Errors with each figure from the first data sheet that has it, some times the factor."""
+    figures: dict[str, Any] = {}
+    for spec in reversed(specs):
+        given = msgspec.structs.asdict(spec)
+        figures |= {name: value for name, value in given.items() if value is not None}
+    factor = figures.pop("factor", 1.0)
+    errors = kind(**figures)
+    sizes = {name: getattr(errors, name) for name in scaled}
+    return msgspec.structs.replace(
+        errors, **{name: factor * size for name, size in sizes.items() if size is not None}
+    )

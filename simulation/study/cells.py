@@ -1,0 +1,292 @@
+"""The cells of a study: each one scenario, one true robot, and what each filter believes of it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.checks import is_finite
+from icreckon.estimator.base.config import convert
+from icreckon.estimator.base.errors import EstimatorError, nearest_hint
+from icreckon.estimator.filter.initial_state import assumptions
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.scenario import Scenario, change_scenario, merged
+from icreckon.simulation.study.plan import LatinHypercube, Study, nest
+
+# Roots of the dotted keys that are not the scenario's.
+ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
+ROBOTS = (ROBOT, TRUE_ROBOT, FILTER)
+OUTAGE = "outage"
+MOST_CELLS = 100_000
+# A grid's values are on a logarithmic scale where the largest is this many times the smallest.
+LOG_SPAN = 20.0
+
+Scale = Literal["linear", "log", "names"]
+Value = str | float | bool
+Kind = Literal["grid", "cases", "latin"]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Something that is swept.
+
+    Attributes:
+        name: the dotted key, or the name of the cases.
+        scale: of its values in figures.
+        values: all that occur, in their order in the study; those of a Latin hypercube rise.
+        sampled: whether it belongs to a Latin hypercube, where each value occurs once.
+    """
+
+    name: str
+    scale: Scale
+    values: tuple[Value, ...]
+    sampled: bool = False
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A filter in a cell: its label, variant, settings, and the robot that it takes for true."""
+
+    label: str
+    variant: str
+    robot: Robot
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A point of the sweep.
+
+    Attributes:
+        index: its number, from 0.
+        values: axis -> value, one for each axis.
+        scenario: what is driven; its seed is the study's.
+        robot: the robot that drives.
+        filters: those of the study, in its order.
+        truths: distinct true motions: run r drives that of number r modulo this.
+        horizons: lengths of the segments that drift is scored over [s].
+    """
+
+    index: int
+    values: dict[str, Value]
+    scenario: Scenario
+    robot: Robot
+    filters: tuple[Filter, ...]
+    truths: int
+    horizons: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study with its axes and cells."""
+
+    study: Study
+    axes: tuple[Axis, ...]
+    cells: tuple[Cell, ...]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the filters."""
+        return tuple(one.label for one in self.study.filters())
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a sweep: a key of the grid, an axis of cases, or all of a Latin hypercube.
+
+    Attributes:
+        kind: which of these.
+        name: of the axis; of a Latin hypercube, of its first one.
+        values: names of the points; of a Latin hypercube, those of its first axis.
+        changes: what each point changes, by dotted key.
+    """
+
+    kind: Kind
+    name: str
+    values: tuple[Value, ...]
+    changes: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where an axis, or all of a Latin hypercube, is in a cell: its values, and changes by dotted key."""
+
+    values: dict[str, Value]
+    changes: dict[str, Any]
+
+
+def expand(study: Study) -> Plan:
+    """The plan of a study.
+
+    Raises:
+        SimulationError: a dotted key leads nowhere (says which is nearest), or a cell makes no sense.
+        EstimatorError: no such robot.
+    """
+    robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
+    axes, dimensions = _dimensions(study)
+    count = math.prod(len(points) for points in dimensions)
+    if count > MOST_CELLS:
+        raise SimulationError(
+            f"the sweep has {count} cells, more than {MOST_CELLS}; give fewer values, or latin"
+        )
+    cells = []
+    for index, points in enumerate(itertools.product(*dimensions)):
+        values = {name: value for point in points for name, value in point.values.items()}
+        changes = {key: value for point in points for key, value in point.changes.items()}
+        cells.append(_cell(study, robot, index, values, changes))
+    return Plan(study, axes, tuple(cells))
+
+
+def cell_maker(study: Study) -> Callable[[dict[str, Any]], Cell]:
+    """Function that returns the cell of changes by dotted key; raises what `expand` does."""
+    robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
+    return lambda changes: _cell(study, robot, 0, {}, changes)
+
+
+def parts_of(study: Study) -> list[Part]:
+    """The parts of the sweep, which multiply."""
+    axes, dimensions = _dimensions(study)
+    cases = {} if study.sweep is None else study.sweep.cases
+    parts = []
+    for place, points in enumerate(dimensions):
+        axis = axes[place]
+        kind: Kind = "latin" if axis.sampled else "cases" if axis.name in cases else "grid"
+        changes = tuple(point.changes for point in points)
+        parts.append(Part(kind, axis.name, axis.values, changes))
+    return parts
+
+
+def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
+    """The axes, and the points of each dimension of the sweep."""
+    sweep = study.sweep
+    axes: list[Axis] = []
+    dimensions: list[list[_Point]] = []
+    if sweep is None:
+        return (), []
+    for key, given in sweep.grid.items():
+        values = tuple(_shown(value) for value in given)
+        axes.append(Axis(key, _scale_of(values), values))
+        dimensions.append(
+            [_Point({key: shown}, {key: raw}) for shown, raw in zip(values, given, strict=True)]
+        )
+    for axis, named in sweep.cases.items():
+        axes.append(Axis(axis, "names", tuple(named)))
+        dimensions.append([_Point({axis: name}, changes) for name, changes in named.items()])
+    if sweep.latin is not None:
+        points = latin_points(sweep.latin, study.seed)
+        for key, found in sweep.latin.ranges.items():
+            scale = cast(Scale, found[2] if len(found) == 3 else "linear")
+            rising = tuple(sorted(point[key] for point in points))
+            axes.append(Axis(key, scale, rising, sampled=True))
+        dimensions.append([_Point(dict(point), dict(point)) for point in points])
+    return tuple(axes), dimensions
+
+
+def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
+    """The points of a Latin hypercube: dotted key -> value, to six significant digits.
+
+    Args:
+        latin: its ranges.
+        seed: of the study; the same gives the same points.
+    """
+    from scipy.stats import qmc  # type: ignore[import-untyped]
+
+    ranges = latin.ranges
+    sampler = qmc.LatinHypercube(len(ranges), seed=np.random.default_rng([seed, len(ranges)]))
+    shares = sampler.random(latin.points)
+    columns = {}
+    for (key, found), share in zip(ranges.items(), shares.T, strict=True):
+        low, high = float(found[0]), float(found[1])
+        if found[2:] and found[2] == "log":
+            column = low * (high / low) ** share
+        else:
+            column = low + (high - low) * share
+        columns[key] = [float(f"{value:.6g}") for value in column.tolist()]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _cell(
+    study: Study, robot: Robot, index: int, values: dict[str, Value], changes: dict[str, Any]
+) -> Cell:
+    roots = {key: _root(key) for key in changes}
+    parts = {
+        root: nest({key.partition(".")[2]: changes[key] for key in changes if roots[key] == root})
+        for root in ROBOTS
+    }
+    own = {key: value for key, value in changes.items() if roots[key] not in ROBOTS}
+    outage = own.pop(OUTAGE, None)
+    scenario = change_scenario(
+        study.scenario, nest(own) | {"seed": study.seed}, f"sweep of {study.name}"
+    )
+    if outage is not None:
+        scenario = _with_outage(scenario, outage)
+    alike = _changed_robot(robot, parts[ROBOT], ROBOT)
+    believed = _changed_robot(alike, parts[FILTER], FILTER)
+    filters = tuple(
+        Filter(
+            spec.label,
+            spec.variant,
+            _changed_robot(believed, spec.robot, f"robot of {spec.label}"),
+            spec.made_settings(),
+        )
+        for spec in study.filters()
+    )
+    for one in filters:
+        assumptions(one.robot, find_variant(one.variant), one.settings)
+    driving = _changed_robot(alike, parts[TRUE_ROBOT], TRUE_ROBOT)
+    return Cell(index, values, scenario, driving, filters, study.true_motions, study.horizons)
+
+
+def _root(key: str) -> str:
+    """The first part of a dotted key, if there is such."""
+    root, _, rest = key.partition(".")
+    allowed = [*(name for name in Scenario.__struct_fields__ if name != "seed"), OUTAGE, *ROBOTS]
+    if root not in allowed:
+        hint = nearest_hint(root, allowed)
+        raise SimulationError(f"sweep: nothing to change by {key!r}: no {root!r}{hint}")
+    if root in ROBOTS and not rest:
+        raise SimulationError(
+            f"sweep: {key!r} is a table; give a key in it, as {root}.vehicle.mass"
+        )
+    return root
+
+
+def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
+    if not changes:
+        return robot
+    data = merged(msgspec.to_builtins(robot), changes)
+    return convert(data, Robot, source, EstimatorError)
+
+
+def _with_outage(scenario: Scenario, length: Any) -> Scenario:
+    """A scenario without fixes in its last `length` seconds."""
+    if not (is_finite(length) and 0.0 <= length <= scenario.duration):
+        raise SimulationError(
+            f"outage must be from 0 to the duration of the run, {scenario.duration:g} s, "
+            f"found {length!r}"
+        )
+    end = scenario.duration
+    outages = ((end - float(length), end),) if length else ()
+    return msgspec.structs.replace(scenario, outages=outages)
+
+
+def _shown(value: Any) -> Value:
+    """A value of a grid as it stands in tables: lists become text."""
+    return value if isinstance(value, str | int | float | bool) else str(value)
+
+
+def _scale_of(values: tuple[Value, ...]) -> Scale:
+    numbers = [value for value in values if is_finite(value)]
+    if len(numbers) < len(values):
+        return "names"
+    low, high = min(map(float, numbers)), max(map(float, numbers))
+    return "log" if low > 0.0 and high / low >= LOG_SPAN else "linear"

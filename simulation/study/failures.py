@@ -1,0 +1,144 @@
+"""Failed runs of a study: what makes a run fail, and how failures are counted and reported.
+
+A failed run has no statistic at all: every one of its values is NaN, so that it enters no sum.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.streaming.lost import described
+from icreckon.simulation.study.statistics import Statistic, statistics
+
+# Largest value of a statistic by its unit. No filter that has an estimate comes near.
+LARGEST = {
+    "% of distance": 1e7,
+    "deg/m": 1e7,
+    "m": 1e7,
+    "m/s": 1e3,
+    "rad": 1e3,
+    "rad/s": 1e3,
+    "-": 1e12,
+}
+# Statistics that every run has; the others are NaN in runs that have no such time or measurement.
+REQUIRED_FROM, REQUIRED_TO = "final_position_error_m", "rmse_w_rad_s"
+# Characters of a reason that are kept.
+LONGEST_REASON = 300
+
+
+class RunScores(NamedTuple):
+    """Statistics of some runs of a filter.
+
+    Attributes:
+        values: (count, n) in the order of `simulation.study.statistics.statistics`.
+        reasons: (count,) why each run failed; empty for a run that did not.
+    """
+
+    values: Floats
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Failures:
+    """Failed runs of a filter in a cell.
+
+    Attributes:
+        cell: index of the cell.
+        variant: label of the filter.
+        runs: number of failed runs.
+        of: number of runs.
+        reasons: the most frequent first, each with its number of runs and the first of them.
+    """
+
+    cell: int
+    variant: str
+    runs: int
+    of: int
+    reasons: tuple[dict[str, Any], ...]
+
+
+def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
+    """Exclude failed runs: a reason for each impossible run, NaN for all values of failed runs.
+
+    Args:
+        scores: as an engine returns them.
+        horizons: of the statistics [s].
+    """
+    kinds = statistics(horizons)
+    values, reasons = scores.values.copy(), []
+    for row, reason in zip(values, scores.reasons, strict=True):
+        found = (reason or _why_impossible(row, kinds))[:LONGEST_REASON]
+        reasons.append(found)
+        if found:
+            row[:] = math.nan
+    return RunScores(values, tuple(reasons))
+
+
+def run_by_run(
+    one_run: Callable[[int, str], RunScores], runs: range, labels: Sequence[str], width: int
+) -> dict[str, RunScores]:
+    """Scores of runs that are worked out one at a time, because one of them raises an exception.
+
+    Args:
+        one_run: scores of a run (its index) by a filter (its label).
+        runs: indices of the runs.
+        labels: of the filters.
+        width: number of statistics.
+    """
+    found = {}
+    for label in labels:
+        values, reasons = np.full((len(runs), width), math.nan), []
+        for row, run in enumerate(runs):
+            try:
+                scores = one_run(run, label)
+            except MemoryError:
+                raise
+            except IcreckonError as problem:
+                reasons.append(str(problem))
+            except Exception as problem:
+                reasons.append(described(problem))
+            else:
+                values[row] = scores.values[0]
+                reasons += scores.reasons
+        found[label] = RunScores(values, tuple(reasons))
+    return found
+
+
+def failures_of(reasons: Any, labels: Sequence[str]) -> list[Failures]:
+    """Failed runs by cell and filter, of reasons (filters, cells, runs)."""
+    found = []
+    for cell in range(reasons.shape[1]):
+        for label, of_cell in zip(labels, reasons[:, cell], strict=True):
+            at = np.flatnonzero(of_cell != "")
+            if len(at):
+                failed = [(str(of_cell[run]), int(run)) for run in at]
+                counts = Counter(reason for reason, _ in failed)
+                first = dict(reversed(failed))
+                told = tuple(
+                    {"reason": reason, "runs": count, "first_run": first[reason]}
+                    for reason, count in counts.most_common()
+                )
+                found.append(Failures(cell, label, len(failed), len(of_cell), told))
+    return found
+
+
+def _why_impossible(values: Floats, kinds: Sequence[Statistic]) -> str:
+    """Reason why the statistics (n,) of a run cannot be; empty if they can."""
+    names = [one.name for one in kinds]
+    required = range(names.index(REQUIRED_FROM), names.index(REQUIRED_TO) + 1)
+    for place, (kind, value) in enumerate(zip(kinds, values.tolist(), strict=True)):
+        if math.isinf(value) or (math.isnan(value) and place in required):
+            return f"{kind.name} is not finite"
+        if value < 0.0:
+            return f"{kind.name} is negative ({value:.3g})"
+        if value > LARGEST[kind.unit]:
+            return f"{kind.name} is impossibly large ({value:.3g})"
+    return ""

@@ -1,0 +1,326 @@
+"""A study as plain data: what is driven, by which filters it is reckoned, and what is swept.
+
+`simulation.study.cells` makes the cells of it, `simulation.running.run_study` runs it; docs/study.md
+shows every key.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from icreckon.estimator.base.checks import is_finite
+from icreckon.estimator.base.config import convert, read_toml
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.log.scores import HORIZONS
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.field_types import settle_types
+from icreckon.simulation.base.random_streams import LARGEST_SEED
+from icreckon.simulation.scenario import Scenario
+
+STUDIES_FOLDER = Path(__file__).parent / "studies"
+# Distinct true motions of a cell where a study says nothing: the dearest part of a run.
+DEFAULT_TRUTHS = 20
+# More than these take a year, and gigabytes for their results.
+MOST_RUNS = 10_000_000
+DEFAULT_VARIANTS = ("constant-online", "inertia-online", "friction-online")
+SCALES = ("linear", "log")
+# Names become folders and labels columns.
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
+
+
+class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Points spread evenly over ranges of several keys at once.
+
+    Attributes:
+        points: how many.
+        ranges: dotted key -> (lowest, highest, "linear" or "log"); linear where it is left out.
+    """
+
+    points: int
+    ranges: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        settle_types(self)
+        _require_whole("points of a latin hypercube", self.points, 1)
+        ranges = flatten(self.ranges)
+        if not ranges:
+            raise SimulationError("a latin hypercube needs ranges; give at least one key")
+        for key, found in ranges.items():
+            _check_range(key, found)
+        msgspec.structs.force_setattr(self, "ranges", ranges)
+
+
+class Sweep(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What changes from cell to cell; each part goes with all of the others.
+
+    Attributes:
+        grid: dotted key -> its values.
+        cases: name of an axis -> name of a case -> dotted key -> value, for keys that change together.
+        latin: a Latin hypercube over further keys.
+    """
+
+    grid: dict[str, Any] = {}
+    cases: dict[str, dict[str, dict[str, Any]]] = {}
+    latin: LatinHypercube | None = None
+
+    def __post_init__(self) -> None:
+        settle_types(self)
+        grid = flatten(self.grid)
+        for key, values in grid.items():
+            if not isinstance(values, list | tuple) or not values:
+                raise SimulationError(f"grid key {key!r} needs a list of values, found {values!r}")
+            if len({repr(value) for value in values}) < len(values):
+                raise SimulationError(f"grid key {key!r} has a value twice: {list(values)!r}")
+        cases = {
+            axis: {name: flatten(changes) for name, changes in named.items()}
+            for axis, named in self.cases.items()
+        }
+        for axis, named in cases.items():
+            if not named:
+                raise SimulationError(f"the axis {axis!r} has no cases")
+        if not grid and not cases and self.latin is None:
+            raise SimulationError("nothing is swept: give grid, cases or latin, or leave out sweep")
+        msgspec.structs.force_setattr(self, "grid", grid)
+        msgspec.structs.force_setattr(self, "cases", cases)
+        _refuse_shared_keys(self)
+
+
+class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A filter of a study.
+
+    Attributes:
+        variant: name of the filter variant.
+        label: what to call it; the variant's name where left out.
+        settings: keys of `estimator.robot.settings.Settings`.
+        robot: keys of the robot file that this filter alone believes.
+    """
+
+    variant: str
+    label: str = ""
+    settings: dict[str, Any] = {}
+    robot: dict[str, Any] = {}
+
+    def __post_init__(self) -> None:
+        find_variant(self.variant)
+        label = self.label or self.variant
+        _require_name("label of a variant", label)
+        msgspec.structs.force_setattr(self, "label", label)
+        msgspec.structs.force_setattr(self, "robot", nest(flatten(self.robot)))
+        self.made_settings()
+
+    def made_settings(self) -> Settings:
+        """The settings, checked.
+
+        Raises:
+            SimulationError: a misspelt key, a wrong type or a bad value.
+        """
+        return convert(self.settings, Settings, f"settings of {self.label}", SimulationError)
+
+
+class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A study.
+
+    Attributes:
+        name: what to call it, and its folder.
+        description: what it is to show, for people.
+        robot: name of a robot that ships with icreckon, or the path of a robot file.
+        robot_changes: keys of the robot file that are to be others, for truth and filters alike.
+        scenario: what is driven; its seed is the study's.
+        variants: the filters, as names of variants or in full.
+        sweep: what changes from cell to cell; None for a single cell.
+        runs: runs of each cell.
+        truths: distinct true motions of each cell: run r drives that of number r modulo this. 20, or
+            as many as there are runs, where left out.
+        seed: of all random numbers.
+        baseline: label of the filter that the others are compared with, run by run; the first where
+            left out.
+        horizons: lengths of the segments that drift is scored over [s].
+        engine: what works out the runs, see `simulation.running.engines`.
+
+    Raises:
+        SimulationError: a wrong type, an unknown name, or a number that makes no sense.
+    """
+
+    name: str
+    description: str = ""
+    robot: str = "auriga-alpha"
+    robot_changes: dict[str, Any] = {}
+    scenario: Scenario = Scenario()
+    variants: tuple[str | FilterSpec, ...] = DEFAULT_VARIANTS
+    sweep: Sweep | None = None
+    runs: int = 20
+    truths: int | None = None
+    seed: int = 1
+    baseline: str | None = None
+    horizons: tuple[float, ...] = HORIZONS
+    engine: str = "auto"
+
+    def __post_init__(self) -> None:
+        settle_types(self)
+        _require_name("name of a study", self.name)
+        _require_whole("runs", self.runs, 1)
+        if self.runs > MOST_RUNS:
+            raise SimulationError(
+                f"runs must be at most {MOST_RUNS:,} for each cell, found {self.runs!r}"
+            )
+        _require_whole("seed", self.seed, 0)
+        if self.truths is not None:
+            _require_whole("truths", self.truths, 1)
+        if self.scenario.seed:
+            raise SimulationError("the scenario of a study has no seed of its own; give it above")
+        if not self.scenario.include_truth:
+            raise SimulationError("a study scores against the truth; leave out include_truth")
+        changes = nest(flatten(self.robot_changes))
+        msgspec.structs.force_setattr(self, "robot_changes", changes)
+        labels = [one.label for one in self.filters()]
+        if not labels:
+            raise SimulationError("a study needs variants; give at least one")
+        twice = [label for label in labels if labels.count(label) > 1]
+        if twice:
+            raise SimulationError(
+                f"two variants are labelled {twice[0]!r}; give each its own label"
+            )
+        if self.baseline is not None and self.baseline not in labels:
+            hint = nearest_hint(self.baseline, labels)
+            raise SimulationError(f"no variant labelled {self.baseline!r} to be the baseline{hint}")
+        if not self.horizons or len(set(self.horizons)) < len(self.horizons):
+            raise SimulationError(f"horizons must be times, each once, found {self.horizons!r}")
+        for horizon in self.horizons:
+            if not (is_finite(horizon) and horizon >= 1.0):
+                raise SimulationError(f"a horizon must be at least 1 s, found {horizon!r}")
+
+    def filters(self) -> tuple[FilterSpec, ...]:
+        """The filters in full."""
+        return tuple(
+            FilterSpec(variant=one) if isinstance(one, str) else one for one in self.variants
+        )
+
+    @property
+    def true_motions(self) -> int:
+        """Distinct true motions of each cell."""
+        return min(self.runs, self.truths or DEFAULT_TRUTHS)
+
+    @property
+    def compared_with(self) -> str:
+        """Label of the baseline."""
+        return self.baseline or self.filters()[0].label
+
+
+def study_names() -> list[str]:
+    """Names of the studies that ship with icreckon."""
+    return sorted(path.stem for path in STUDIES_FOLDER.glob("*.toml"))
+
+
+def load_study(name_or_path: str | Path) -> Study:
+    """A study by the name of a shipped one, or from a TOML file of one's own.
+
+    Args:
+        name_or_path: a name from `study_names()`, or the path of a `.toml` file. Paths of a robot file
+            and of a trajectory_file in it are relative to its folder.
+
+    Raises:
+        SimulationError: no such study or file, a misspelt key, a wrong type or a bad value.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.is_file():
+        path = STUDIES_FOLDER / f"{name_or_path}.toml"
+        if not path.exists():
+            hint = nearest_hint(str(name_or_path), study_names())
+            raise SimulationError(
+                f"no study named {str(name_or_path)!r}{hint} (or give the path of a .toml file)"
+            )
+    data = read_toml(path, SimulationError)
+    data.setdefault("name", path.stem)
+    study = convert(data, Study, str(path), SimulationError)
+    changes: dict[str, Any] = {}
+    if study.robot.endswith(".toml"):
+        changes["robot"] = str(path.parent / study.robot)
+    if study.scenario.trajectory_file is not None:
+        file = str(path.parent / study.scenario.trajectory_file)
+        changes["scenario"] = msgspec.structs.replace(study.scenario, trajectory_file=file)
+    return msgspec.structs.replace(study, **changes)
+
+
+def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:
+    """Nested tables as dotted keys, in their order."""
+    flat: dict[str, Any] = {}
+    for key, value in data.items():
+        path = f"{table}.{key}" if table else key
+        flat |= flatten(value, path) if isinstance(value, dict) else {path: value}
+    return flat
+
+
+def nest(flat: dict[str, Any]) -> dict[str, Any]:
+    """Dotted keys as nested tables.
+
+    Raises:
+        SimulationError: a key is a table in another.
+    """
+    data: dict[str, Any] = {}
+    for path, value in flat.items():
+        table, *keys = data, *path.split(".")
+        for key in keys[:-1]:
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                raise SimulationError(f"{key!r} of {path!r} is a value, and no table, elsewhere")
+        if isinstance(table.get(keys[-1]), dict):
+            raise SimulationError(f"{path!r} is a table, and no value, elsewhere")
+        table[keys[-1]] = value
+    return data
+
+
+def _check_range(key: str, found: Any) -> None:
+    wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
+    if not isinstance(found, list | tuple) or len(found) not in (2, 3):
+        raise SimulationError(f"{wanted}, found {found!r}")
+    low, high = found[:2]
+    if not (is_finite(low) and is_finite(high) and low < high):
+        raise SimulationError(f"{wanted}, numbers of which the second is larger, found {found!r}")
+    scale = found[2] if len(found) == 3 else "linear"
+    if scale not in SCALES:
+        raise SimulationError(
+            f"{key!r} has no scale {scale!r}{nearest_hint(str(scale), [*SCALES])}"
+        )
+    if scale == "log" and not low > 0.0:
+        raise SimulationError(
+            f"the range of {key!r} is logarithmic: it must lie above 0, found {low!r}"
+        )
+
+
+def _refuse_shared_keys(sweep: Sweep) -> None:
+    owners: dict[str, str] = {}
+    axes = [(key, [key]) for key in sweep.grid]
+    axes += [
+        (axis, sorted({key for changes in named.values() for key in changes}))
+        for axis, named in sweep.cases.items()
+    ]
+    axes += [(key, [key]) for key in (sweep.latin.ranges if sweep.latin else {})]
+    names = [axis for axis, _ in axes]
+    for axis, keys in axes:
+        if names.count(axis) > 1:
+            raise SimulationError(f"{axis!r} is swept twice; leave one out")
+        for key in keys:
+            if key in owners:
+                raise SimulationError(
+                    f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"
+                )
+            owners[key] = axis
+
+
+def _require_whole(name: str, value: int, least: int) -> None:
+    if not least <= value <= LARGEST_SEED:
+        raise SimulationError(f"{name} must be a whole number of at least {least}, found {value!r}")
+
+
+def _require_name(what: str, name: str) -> None:
+    if not NAME.fullmatch(name):
+        raise SimulationError(
+            f"the {what} must be of letters, digits and . _ + -, the first a letter or digit, "
+            f"found {name!r}"
+        )

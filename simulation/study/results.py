@@ -1,0 +1,241 @@
+"""The results of a study as plain data: what `results.json` holds, and all else is made from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.simulation.study.alike import alike
+from icreckon.simulation.study.cells import Axis, Plan, Value
+from icreckon.simulation.study.failures import Failures, failures_of
+from icreckon.simulation.study.statistics import DRIFT, Statistic, statistics
+from icreckon.simulation.study.summary import GROUPS, Summary, over_cells, summarise
+
+Results = dict[str, Any]
+
+COMMAND = "study"
+# Drift is told at this horizon where it can be [s].
+USUAL_HORIZON = 30.0
+FINAL_ERROR = "final_position_error_m"
+# Percentiles by which the distribution of the final error is kept.
+PERCENTILES = tuple(range(101))
+# So many distributions are kept, of cells that lie far apart.
+MOST_DISTRIBUTIONS = 4
+# Digits of the numbers that only figures show.
+SHOWN_DIGITS = 5
+
+
+@dataclass(frozen=True)
+class Runs:
+    """All statistics of all runs.
+
+    Attributes:
+        plan: the study.
+        values: (filters, cells, runs, statistics); NaN for failed runs.
+        reasons: (filters, cells, runs) why runs failed, empty for others; None where none failed.
+    """
+
+    plan: Plan
+    values: Floats
+    reasons: Any = None
+
+    @property
+    def motions(self) -> Any:
+        """(runs,) number of the true motion of each run."""
+        return np.arange(self.values.shape[2]) % self.plan.study.true_motions
+
+    @property
+    def failures(self) -> list[Failures]:
+        """Failed runs by cell and filter."""
+        return [] if self.reasons is None else failures_of(self.reasons, self.plan.labels)
+
+    @property
+    def statistics(self) -> tuple[Statistic, ...]:
+        """What the last axis of the values is."""
+        return statistics(self.plan.study.horizons)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Cells that a figure or a table takes together: its name, its place on the axis, the cells."""
+
+    name: str
+    value: Value
+    cells: tuple[int, ...]
+
+
+def cell_summaries(runs: Runs) -> list[list[list[Summary]]]:
+    """Summaries by cell, filter and statistic."""
+    return [_summaries(runs, (cell.index,)) for cell in runs.plan.cells]
+
+
+def groups_of(plan: Plan, axis: Axis) -> list[Group]:
+    """The cells by their value of an axis; those of a Latin hypercube by `GROUPS` of neighbours."""
+    if not axis.sampled:
+        return [
+            Group(
+                shown(value),
+                value,
+                tuple(cell.index for cell in plan.cells if cell.values[axis.name] == value),
+            )
+            for value in axis.values
+        ]
+    groups = []
+    for part in np.array_split(np.array(axis.values, dtype=float), min(GROUPS, len(axis.values))):
+        low, high = float(part[0]), float(part[-1])
+        middle = float(np.sqrt(low * high) if axis.scale == "log" else 0.5 * (low + high))
+        inside = tuple(
+            cell.index for cell in plan.cells if low <= float(cell.values[axis.name]) <= high
+        )
+        groups.append(Group(f"{low:.3g} to {high:.3g}", middle, inside))
+    return groups
+
+
+def shown(value: Value) -> str:
+    """A value of an axis as people read it."""
+    return f"{value:g}" if isinstance(value, int | float) and value is not True else str(value)
+
+
+def study_results(
+    runs: Runs, manifest: dict[str, Any], cells: Sequence[list[list[Summary]]]
+) -> Results:
+    """The results of a study, ready for JSON.
+
+    Args:
+        runs: all statistics.
+        manifest: of the study.
+        cells: `cell_summaries` of them.
+    """
+    plan = runs.plan
+    everything = tuple(cell.index for cell in plan.cells)
+    return {
+        "format": manifest["format"],
+        "command": COMMAND,
+        "name": plan.study.name,
+        "description": plan.study.description,
+        "configuration": manifest["configuration"],
+        "seed": plan.study.seed,
+        "versions": manifest["versions"],
+        "engine": manifest["engine"],
+        "runs": plan.study.runs,
+        "true_motions": plan.study.true_motions,
+        "baseline": plan.study.compared_with,
+        "variants": list(plan.labels),
+        "statistics": [one._asdict() for one in runs.statistics],
+        "failed": _failed(runs),
+        "alike": {
+            "variants": [
+                [plan.labels[place] for place in group] for group in alike(runs.values, 0)
+            ],
+            "cells": alike(runs.values, 1),
+        },
+        "drift": _told_drift(runs),
+        "axes": manifest["axes"],
+        "overall": _by_variant(runs, _summaries(runs, everything)),
+        "cells": [
+            {
+                "cell": cell.index,
+                "values": cell.values,
+                "variants": _by_variant(runs, found),
+            }
+            for cell, found in zip(plan.cells, cells, strict=True)
+        ],
+        "effects": [
+            {
+                "axis": axis.name,
+                "groups": [
+                    {
+                        "name": group.name,
+                        "value": group.value,
+                        "cells": list(group.cells),
+                        "variants": _by_variant(runs, _summaries(runs, group.cells)),
+                    }
+                    for group in groups_of(plan, axis)
+                ],
+            }
+            for axis in plan.axes
+        ],
+        "final_errors": _final_errors(runs),
+    }
+
+
+def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
+    """Summaries by filter and statistic of the means over some cells, run by run."""
+    picked = runs.values[:, list(cells)]
+    baseline = picked[list(runs.plan.labels).index(runs.plan.study.compared_with)]
+    motions, found = runs.motions, []
+    for one in picked:
+        # A cell where either has failed would compare easy cells with hard ones.
+        both = np.isfinite(one) & np.isfinite(baseline)
+        means, paired, others = (
+            over_cells(values)
+            for values in (one, np.where(both, one, np.nan), np.where(both, baseline, np.nan))
+        )
+        found.append(
+            [
+                summarise(means[:, k], others[:, k], motions, paired[:, k])
+                for k in range(one.shape[-1])
+            ]
+        )
+    return found
+
+
+def _failed(runs: Runs) -> dict[str, Any]:
+    """Failed runs: how many of how many, and where and why."""
+    failures, cells = runs.failures, runs.plan.cells
+    filters, count, of_each = runs.values.shape[:3]
+    return {
+        "runs": sum(one.runs for one in failures),
+        "of": filters * count * of_each,
+        "cells": [
+            {**asdict(one), "values": cells[one.cell].values, "reasons": list(one.reasons)}
+            for one in failures
+        ],
+    }
+
+
+def _by_variant(runs: Runs, found: list[list[Summary]]) -> dict[str, Any]:
+    names = [one.name for one in runs.statistics]
+    return {
+        label: {name: asdict(one) for name, one in zip(names, summaries, strict=True)}
+        for label, summaries in zip(runs.plan.labels, found, strict=True)
+    }
+
+
+def _told_drift(runs: Runs) -> str:
+    """The drift that headline and figures tell: of 30 s, or of the horizon that most cells have."""
+    names = [one.name for one in runs.statistics]
+    horizons = sorted(runs.plan.study.horizons, key=lambda one: (abs(one - USUAL_HORIZON), one))
+    columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
+    have = [int(np.isfinite(runs.values[..., column]).any(axis=(0, 2)).sum()) for column in columns]
+    return names[columns[int(np.argmax(have))]]
+
+
+def _final_errors(runs: Runs) -> list[dict[str, Any]]:
+    """Percentiles of the final position error, by groups of the first axis that lie far apart."""
+    plan = runs.plan
+    column = [one.name for one in runs.statistics].index(FINAL_ERROR)
+    groups = [Group("all runs", "", tuple(cell.index for cell in plan.cells))]
+    if plan.axes:
+        groups = groups_of(plan, plan.axes[0])
+        picks = np.linspace(0, len(groups) - 1, min(MOST_DISTRIBUTIONS, len(groups)))
+        groups = [groups[round(pick)] for pick in picks.tolist()]
+    kept = []
+    errors = runs.values[..., column]
+    for group in groups:
+        values = errors[:, list(group.cells)].reshape(len(plan.labels), -1)
+        percentiles = {
+            label: [
+                float(f"{value:.{SHOWN_DIGITS}g}")
+                for value in np.percentile(one[np.isfinite(one)], PERCENTILES).tolist()
+            ]
+            for label, one in zip(plan.labels, values, strict=True)
+            if np.isfinite(one).any()
+        }
+        axis = plan.axes[0].name if plan.axes else ""
+        kept.append({"axis": axis, "group": group.name, "percentiles": percentiles})
+    return kept

@@ -1,0 +1,138 @@
+"""Statistics over the runs of a study, with intervals that allow for runs that share a true motion.
+
+Runs of the same true motion are no independent runs. So the standard error of a mean is that of sums
+over true motions (cluster-robust; Cameron and Miller, A practitioner's guide to cluster-robust
+inference, 2015), and the interval that of Student's t with one degree less than there are true motions.
+Where each run has a true motion of its own, that is the usual t interval. Ratios are those of two means
+over the same runs, their intervals by the delta method. Nothing here is drawn at random.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+
+CONFIDENCE = 0.95
+# Sampled axes are summed up over so many groups of neighbouring cells.
+GROUPS = 5
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One statistic of one filter, over runs; NaN where it cannot be told.
+
+    Attributes:
+        n: runs that have the statistic.
+        true_motions: distinct ones among them.
+        mean: with its interval.
+        median: of the runs.
+        p05: fifth percentile of the runs.
+        p95: 95th.
+        pairs: runs that have it of the baseline, too.
+        difference: mean over those runs, less that of the baseline, with its interval.
+        ratio: mean over those runs, over that of the baseline, with its interval.
+    """
+
+    n: int
+    true_motions: int
+    mean: float
+    mean_low: float
+    mean_high: float
+    median: float
+    p05: float
+    p95: float
+    pairs: int
+    difference: float
+    difference_low: float
+    difference_high: float
+    ratio: float
+    ratio_low: float
+    ratio_high: float
+
+
+COLUMNS = tuple(field.name for field in fields(Summary))
+
+
+def summarise(
+    values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
+) -> Summary:
+    """The summary of a statistic.
+
+    Args:
+        values: (n,) of the runs; NaN where a run has none.
+        baseline: (n,) of the same runs by the baseline.
+        motions: (n,) number of the true motion of each run.
+        paired: (n,) of the runs over the cells that the baseline has too; `values` where left out.
+    """
+    paired = values if paired is None else paired
+    known = np.isfinite(values)
+    some, of = values[known], motions[known]
+    both = np.isfinite(paired) & np.isfinite(baseline)
+    mean = mean_interval(some, of)
+    apart = mean_interval(paired[both] - baseline[both], motions[both])
+    times = ratio_interval(paired[both], baseline[both], motions[both])
+    median, p05, p95 = np.percentile(some, (50.0, 5.0, 95.0)) if len(some) else [math.nan] * 3
+    return Summary(
+        len(some),
+        len(np.unique(of)),
+        *mean,
+        float(median),
+        float(p05),
+        float(p95),
+        int(both.sum()),
+        *apart,
+        *times,
+    )
+
+
+def mean_interval(values: Floats, motions: Ints) -> tuple[float, float, float]:
+    """Mean of runs (n,) and its 95 % interval; `motions` (n,) says which share their true motion."""
+    if not len(values):
+        return math.nan, math.nan, math.nan
+    mean = float(values.mean())
+    half = _half_width(values - mean, motions)
+    return mean, mean - half, mean + half
+
+
+def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[float, float, float]:
+    """Ratio of two means over the same runs (n,) and its 95 % interval."""
+    below = float(baseline.mean()) if len(baseline) else 0.0
+    if below == 0.0:
+        return math.nan, math.nan, math.nan
+    ratio = float(values.mean()) / below
+    half = _half_width((values - ratio * baseline) / below, motions)
+    return ratio, ratio - half, ratio + half
+
+
+def over_cells(values: Floats) -> Floats:
+    """Means (..., runs, statistics) over cells (..., cells, runs, statistics) that have a number."""
+    known = np.isfinite(values)
+    count = known.sum(axis=-3)
+    total = np.where(known, values, 0.0).sum(axis=-3)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _half_width(residuals: Floats, motions: Ints) -> float:
+    """Half of the interval of a mean, of residuals (n,) about it."""
+    sums = np.bincount(np.unique(motions, return_inverse=True)[1], weights=residuals)
+    clusters = len(sums)
+    if clusters < 2:
+        return math.nan
+    variance = clusters / (clusters - 1) * float(np.sum(sums**2)) / len(residuals) ** 2
+    return _student(clusters - 1) * math.sqrt(variance)
+
+
+@cache
+def _student(degrees: int) -> float:
+    """Half-width of the 95 % interval of Student's t."""
+    from scipy.stats import t  # type: ignore[import-untyped]
+
+    return float(t.ppf(0.5 + 0.5 * CONFIDENCE, degrees))

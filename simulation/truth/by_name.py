@@ -1,0 +1,57 @@
+"""The truths by name: what really moves a simulated robot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.truth.friction import FrictionTruth
+from icreckon.simulation.truth.kinematic import KinematicTruth
+from icreckon.simulation.truth.terrain import Patch, Payload
+from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
+
+TRUTHS: dict[str, type[FrictionTruth] | type[KinematicTruth]] = {
+    "friction": FrictionTruth,
+    "kinematic": KinematicTruth,
+}
+
+
+def make_truth(
+    name: str,
+    spread: float = DEFAULT_SPREAD,
+    *,
+    slip_noise: float | None = None,
+    track_lag: float | None = None,
+    patches: tuple[Patch, ...] = (),
+    payloads: tuple[Payload, ...] = (),
+) -> TruthModel:
+    """A truth by name; what is left out (None) is its own default.
+
+    Args:
+        name: one of `TRUTHS`.
+        spread: relative spread of the true robot about its file.
+        slip_noise: factor on `simulation.truth.true_motion.TRUE_SLIP`, what no model explains [-].
+        track_lag: time constant of the tracks behind their commands [s].
+        patches: terrain along the way.
+        payloads: loads along the way.
+
+    Raises:
+        SimulationError: no truth has that name (says which is nearest), or it does not know the lag,
+            the terrain or the payload that was asked for.
+    """
+    if name not in TRUTHS:
+        raise SimulationError(f"no truth named {name!r}{nearest_hint(name, list(TRUTHS))}")
+    options: dict[str, Any] = {
+        "slip_noise": slip_noise,
+        "track_lag": track_lag,
+        "patches": patches or None,
+        "payloads": payloads or None,
+    }
+    given = {key: value for key, value in options.items() if value is not None}
+    unknown = [key for key in given if key not in TRUTHS[name].__dataclass_fields__]
+    if unknown:
+        raise SimulationError(
+            f"the {name} truth knows no {' or '.join(unknown)}; use truth = 'friction'"
+        )
+    return TRUTHS[name](spread=spread, **given)

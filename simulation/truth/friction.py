@@ -1,0 +1,300 @@
+"""The truth from friction: a planar rigid body on two tracks, its forces integrated in time.
+
+The tracks follow their commands with a first-order lag; the body follows the tracks by friction and
+rolling resistance at the contact points (`estimator.motion.contact`), with the robot's inertia, on the
+terrain and with the payload of the scenario. In steady motion it is where
+`estimator.motion.steady_state` says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.motion.contact import Contact, ground
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import LOAD_LAG, Robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.trajectories import Command
+from icreckon.simulation.truth.terrain import Patch, Payload, loaded, patch_rows
+from icreckon.simulation.truth.true_motion import (
+    DEFAULT_SPREAD,
+    TRUE_SLIP,
+    TrueMotion,
+    grid_times,
+    slip_residual,
+    true_motion,
+)
+
+# First-order lag of a track behind its command [s].
+TRACK_LAG = 0.1
+# Error allowed per step; docs/truth.md shows what it costs and brings.
+TOLERANCE = 1e-5
+# The state whose error counts as much as the tolerance times its own size: velocities [m/s, rad/s], loads
+# as a share of the weight, yaw [rad].
+SMALL_VELOCITY = 0.1
+SMALL_LOAD = 0.1
+SMALL_YAW = 0.1
+# Shares of the spread of the true robot about its file: of the contact's length, of the height of the
+# centre of mass, and of its place, as a share of half the length and half the gauge.
+LENGTH_SHARE = 0.2
+HEIGHT_SHARE = 0.4
+CENTRE_SHARE = 0.2
+
+
+class Drive(NamedTuple):
+    """An integrated motion at grid points.
+
+    Attributes:
+        twists: (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes.
+        transfer: (n, 2) force at the centre of mass that the loads answer to, right and forward [N].
+        slopes: (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²].
+        tipping: (n,) where what presses and that force point outside the contact; not told of the last.
+        steps: integration steps taken, rejected ones included.
+    """
+
+    twists: Floats
+    transfer: Floats
+    slopes: Floats
+    tipping: NDArray[np.bool_]
+    steps: int
+
+
+@dataclass(frozen=True)
+class FrictionTruth:
+    """Transient dynamics of a robot that differs from its file.
+
+    Attributes:
+        spread: standard deviation of the logarithm of the factors on friction and rolling resistance;
+            `LENGTH_SHARE` of it for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the
+            centre of mass.
+        track_lag: time constant of the tracks behind their commands [s].
+        slip_noise: factor on the slip residual of `simulation.truth.true_motion.TRUE_SLIP` that is added
+            [-].
+        patches: terrain along the way.
+        payloads: loads along the way.
+        tolerance: relative error allowed per integration step.
+    """
+
+    spread: float = DEFAULT_SPREAD
+    track_lag: float = TRACK_LAG
+    slip_noise: float = 0.0
+    patches: tuple[Patch, ...] = ()
+    payloads: tuple[Payload, ...] = ()
+    tolerance: float = TOLERANCE
+
+    @property
+    def name(self) -> str:
+        """Name of the truth."""
+        return "friction"
+
+    def run(
+        self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
+    ) -> TrueMotion:
+        """The motion; see `TruthModel.run`.
+
+        Raises:
+            SimulationError: the vehicle cannot stand on its contact (with its payload), tips over,
+                or the integration fails.
+        """
+        true_contact = draw_contact(robot, self.spread, rng)
+        step = 1.0 / rate
+        speeds, rates = follow(command(grid_times(duration, rate)), step, self.track_lag)
+        driven = drive(
+            true_contact,
+            robot.yaw_inertia,
+            speeds,
+            rates,
+            step,
+            patches=self.patches,
+            payloads=self.payloads,
+            load_lag=robot.vehicle.load_lag,
+            tolerance=self.tolerance,
+        )
+        if driven.tipping.any():
+            raise SimulationError(
+                f"the vehicle tips over {driven.tipping.argmax() * step:.2f} s after the start, which "
+                "this truth cannot follow: lower the slope, the speed, or the centre of mass"
+            )
+        v_x, v_y = paper_to_rep103(driven.twists[:, 0], driven.twists[:, 1])
+        twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1)
+        effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
+        twists += self.slip_noise * slip_residual(speeds, TRUE_SLIP, effective_gauge, step, rng)
+        motion = true_motion(rate, twists, speeds, self.name)
+        if not driven.slopes.any():
+            return motion
+        return replace(motion, gravity=gravity_in_body(driven.slopes, motion.poses[:, 2]))
+
+
+def drive(
+    contact: Contact,
+    yaw_inertia: float,
+    speeds: Floats,
+    speed_rates: Floats,
+    step: float,
+    *,
+    patches: tuple[Patch, ...] = (),
+    payloads: tuple[Payload, ...] = (),
+    load_lag: float = LOAD_LAG,
+    tolerance: float = TOLERANCE,
+    start: PaperState | None = None,
+) -> Drive:
+    """Integrate the motion of a vehicle from its track speeds.
+
+    Args:
+        contact: the vehicle on its usual ground.
+        yaw_inertia: about the vertical through the centre of mass [kg m²].
+        speeds: (n, 2) left, right at an even step [m/s]; cubic in between.
+        speed_rates: (n, 2) their derivatives [m/s²].
+        step: between them [s].
+        patches: terrain along the way; looked up at each grid point.
+        payloads: loads along the way; put on and taken off at the nearest grid points.
+        load_lag: time constant of the load transfer [s].
+        tolerance: relative error allowed per step.
+        start: where to start; at rest where left out.
+
+    Raises:
+        SimulationError: the loaded vehicle cannot stand, or the integration fails.
+    """
+    from icreckon.estimator.motion.contact_forces import mass_matrix
+    from icreckon.simulation.truth.friction_ode import Tolerance, Vehicle, integrate
+
+    count = len(speeds)
+    states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
+    tipping = np.zeros(count, dtype=bool)
+    position, steps = np.zeros(2), 0
+    if start is not None:
+        states[0] = start
+    for first, last in _spans(payloads, count, step):
+        on = [load for load in payloads if load.time[0] < (first + 0.5) * step < load.time[1]]
+        body, inertia = loaded(contact.body, yaw_inertia, on)
+        try:
+            loaded_contact = Contact(contact.soil, contact.geometry, body)
+        except ValueError as error:
+            raise SimulationError(
+                f"the vehicle cannot stand with its payload: the centre of mass, {body.y_CM:.3f} m "
+                f"forward and {-body.x_CM:.3f} m left, lies outside the contact"
+            ) from error
+        absolute = np.array(
+            [SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW], dtype=float
+        )
+        part = slice(first, last + 1)
+        mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
+        taken = integrate(
+            Vehicle(
+                ground(loaded_contact),
+                np.asarray(np.linalg.inv(mass), float),
+                load_lag,
+            ),
+            rows,
+            first * step,
+            step,
+            np.ascontiguousarray(speeds[part]),
+            np.ascontiguousarray(speed_rates[part]),
+            Tolerance(tolerance, tolerance * absolute),
+            position,
+            states[part],
+            slopes[part],
+            tipping[part],
+        )
+        if taken < 0:
+            raise SimulationError(
+                f"the motion cannot be integrated beyond {(first - taken) * step:.3f} s: "
+                "the integration step became too small"
+            )
+        steps += taken
+    return Drive(states[:, :3], states[:, 3:5], slopes, tipping, steps)
+
+
+PaperState = tuple[float, float, float, float, float, float]
+
+
+def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:
+    """Track speeds (n, 2) [m/s] that follow commands (n, 2) with a first-order lag, and their rates.
+
+    Args:
+        commands: at an even step [m/s]; linear in between.
+        step: between them [s].
+        time_constant: of the lag [s]; 0 for none.
+    """
+    if time_constant <= 0.0:
+        return commands, np.gradient(commands, step, axis=0)
+    from icreckon.simulation.truth.friction_ode import lag
+
+    speeds = np.empty_like(commands)
+    speeds[0] = commands[0]
+    lag(np.ascontiguousarray(commands), step, time_constant, speeds)
+    return speeds, (commands - speeds) / time_constant
+
+
+def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
+    """The true contact of a robot: what its file says, changed at random.
+
+    Args:
+        robot: the robot as its file describes it.
+        spread: see `FrictionTruth`.
+        rng: draws the changes, seven numbers whatever the spread.
+    """
+    contact = robot.contact
+    friction, rolling, height, length, right, forward, _ = spread * rng.standard_normal(7)
+    soil, geometry, body = contact.soil, contact.geometry, contact.body
+    along = soil.longitudinal_friction
+    stretched = float(np.exp(LENGTH_SHARE * length))
+    half_length = 0.5 * (geometry.positions[-1] - geometry.positions[0])
+    changed: dict[str, Any] = {
+        "friction": float(soil.friction * np.exp(friction)),
+        "longitudinal_friction": None if along is None else float(along * np.exp(friction)),
+        "rolling_resistance": float(soil.rolling_resistance * np.exp(rolling)),
+    }
+    return Contact(
+        msgspec.structs.replace(soil, **changed),
+        msgspec.structs.replace(
+            geometry, positions=tuple(stretched * at for at in geometry.positions)
+        ),
+        msgspec.structs.replace(
+            body,
+            x_CM=_within(body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right, geometry.gauge),
+            y_CM=_within(
+                body.y_CM + CENTRE_SHARE * half_length * forward, 2.0 * stretched * half_length
+            ),
+            z_CM=float(body.z_CM * np.exp(HEIGHT_SHARE * height)),
+        ),
+    )
+
+
+def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
+    """Acceleration of gravity (n, 3) in base_link's axes on planes that slope.
+
+    Args:
+        slopes: (n, 2) its part along the plane in x and y of odom [m/s²].
+        yaw: (n,) [rad].
+    """
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    along = slopes[:, 0] * cos + slopes[:, 1] * sin
+    left = slopes[:, 1] * cos - slopes[:, 0] * sin
+    down = np.sqrt(np.maximum(GRAVITY**2 - along**2 - left**2, 0.0))
+    return np.stack([along, left, -down], axis=-1)
+
+
+def _within(value: float, width: float) -> float:
+    """A centre of mass kept well inside the contact."""
+    return float(np.clip(value, -0.4 * width, 0.4 * width))
+
+
+def _spans(payloads: tuple[Payload, ...], count: int, step: float) -> list[tuple[int, int]]:
+    """First and last grid point of each span in which the load does not change."""
+    changes = {0, count - 1}
+    for payload in payloads:
+        changes |= {
+            round(min(max(at / step, 0.0), count - 1.0)) for at in payload.time if np.isfinite(at)
+        }
+    ends = sorted(changes)
+    return list(pairwise(ends))

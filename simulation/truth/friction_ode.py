@@ -1,0 +1,453 @@
+"""The equations of motion of a vehicle on its tracks, and their integration, compiled.
+
+The state is v_x, v_y, w of the origin in the paper's axes, the force at the centre of mass that the
+loads answer to (right, forward), and yaw:
+
+    A d(v_x, v_y, w)/dt = forces of the ground + force of inertia in steady motion + pull of the slope
+    T dq/dt = -(forces of the ground) - q        d(yaw)/dt = w
+
+A is the mass matrix about the origin. Loads are transferred with a short lag T, as a vehicle on its
+suspension rolls and pitches; at rest of q they are those of d'Alembert's force. Friction that grows from
+nothing to its full size within the regularising speed (0.1 mm/s) makes this very stiff: near zero slip
+velocities follow within microseconds what elsewhere takes tens of milliseconds.
+
+The integrator is RODAS, a Rosenbrock method of order 4(3) with six stages, L-stable and stiffly accurate,
+of full order for the differential-algebraic equations that very stiff friction amounts to (Hairer and
+Wanner, Solving Ordinary Differential Equations II, section IV.7 and VI.4). It uses the analytic Jacobian,
+needs no inner iteration, and controls its step by the embedded third-order solution.
+
+Import this module inside functions only: numba takes half a second to load.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.motion.contact_forces import COLUMNS, Ground, add_track_forces, point_loads
+from icreckon.estimator.tracing.jit_kernel import compiled
+from icreckon.simulation.truth.terrain_kernel import WIDTH, look_up
+
+SIZE = 6
+STAGES = 6
+# Coefficients of RODAS, in the form that needs no products with the Jacobian.
+GAMMA = 0.25
+A = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [1.544, 0.0, 0.0, 0.0, 0.0],
+        [0.9466785280815826, 0.2557011698983284, 0.0, 0.0, 0.0],
+        [3.314825187068521, 2.896124015972201, 0.9986419139977817, 0.0, 0.0],
+        [1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 0.0],
+        [1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0],
+    ]
+)
+C = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [-5.6688, 0.0, 0.0, 0.0, 0.0],
+        [-2.430093356833875, -0.2063599157091915, 0.0, 0.0, 0.0],
+        [-0.1073529058151375, -9.594562251023355, -20.47028614809616, 0.0, 0.0],
+        [7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160, 0.0],
+        [
+            8.083246795921522,
+            -7.981132988064893,
+            -31.52159432874371,
+            16.31930543123136,
+            -6.058818238834054,
+        ],
+    ]
+)
+STAGE_TIMES = np.array([0.0, 0.386, 0.21, 0.63, 1.0, 1.0])
+OF_TIME = np.array([0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0])
+# Step control: safety, and how much a step may shrink or grow.
+SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
+SMALLEST_STEP = 1e-10
+
+
+class Vehicle(NamedTuple):
+    """What moves.
+
+    Attributes:
+        ground: the contact; its friction and rolling resistance (arrays) are overwritten on the way.
+        inverse_mass: (3, 3) inverse of the mass matrix about the origin.
+        load_lag: time constant T of the load transfer [s].
+    """
+
+    ground: Ground
+    inverse_mass: Floats
+    load_lag: float
+
+
+class Tolerance(NamedTuple):
+    """Error allowed per step: relative, and (6,) absolute in the units of the state."""
+
+    relative: float
+    absolute: Floats
+
+
+@compiled
+def lag(commands: Floats, step: float, time_constant: float, speeds: Floats) -> None:
+    """Speeds (n, 2) that follow commands (n, 2), linear between samples, with a first-order lag.
+
+    The first row of the speeds is where they start.
+    """
+    if speeds.shape != commands.shape or commands.shape[1] != 2:
+        raise ValueError(WRONG_SIZE)
+    decay = np.exp(-step / time_constant)
+    share = (1.0 - decay) * time_constant / step
+    for k in range(1, len(commands)):
+        for side in range(2):
+            before, after = commands[k - 1, side], commands[k, side]
+            speeds[k, side] = (
+                decay * speeds[k - 1, side] + (share - decay) * before + (1.0 - share) * after
+            )
+
+
+@compiled
+def integrate(
+    vehicle: Vehicle,
+    patches: Floats,
+    start: float,
+    step: float,
+    speeds: Floats,
+    speed_rates: Floats,
+    tolerance: Tolerance,
+    position: Floats,
+    states: Floats,
+    slopes: Floats,
+    tipping: NDArray[np.bool_],
+) -> int:
+    """March from grid point to grid point; the ground is looked up at each of them.
+
+    Args:
+        vehicle: what moves.
+        patches: (k, width) terrain, see `simulation.truth.terrain_kernel`.
+        start: time of the first grid point [s].
+        step: between grid points [s].
+        speeds: (n, 2) track speeds at the grid points [m/s]; cubic between them.
+        speed_rates: (n, 2) their derivatives [m/s²].
+        tolerance: error allowed per step.
+        position: (2,) x, y in odom at the first grid point [m], for looking up the ground; overwritten.
+        states: (n, 6), the first row given, the others overwritten.
+        slopes: (n, 2) overwritten with the acceleration of gravity along the slope in odom [m/s²].
+        tipping: (n,) overwritten, but for the last, with whether the vehicle tips there.
+
+    Returns:
+        Number of steps taken, rejected ones included; or minus the index of the grid point that was
+        not reached because the step became too small.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    n = len(speeds)
+    sizes_fit = speeds.shape == speed_rates.shape == slopes.shape == (n, 2)
+    sizes_fit &= states.shape == (n, SIZE) and tipping.shape == (n,) and position.shape == (2,)
+    if not sizes_fit or patches.shape[1] != WIDTH or tolerance.absolute.shape != (SIZE,):
+        raise ValueError(WRONG_SIZE)
+    count = len(vehicle.ground.x)
+    loads, by_right, by_forward = np.empty(count), np.empty(count), np.empty(count)
+    values, jacobian = np.empty(3), np.empty((3, COLUMNS))
+    by_state, by_time = np.empty((SIZE, SIZE)), np.empty(SIZE)
+    matrix, pivots = np.empty((SIZE, SIZE)), np.empty(SIZE, dtype=np.int64)
+    stages, rate, at = np.empty((STAGES, SIZE)), np.empty(SIZE), np.empty(SIZE)
+    ground = vehicle.ground
+    base_friction, base_rolling = ground.friction.copy(), ground.rolling_resistance.copy()
+    h, taken = step, 0
+    for k in range(len(speeds)):
+        look_up(
+            patches,
+            start + k * step,
+            position,
+            states[k, 5],
+            ground.half_gauge,
+            base_friction,
+            base_rolling,
+            ground.friction,
+            ground.rolling_resistance,
+            slopes[k],
+        )
+        if k + 1 == len(speeds):
+            break
+        pressing = _pressing(ground, slopes[k])
+        y = states[k + 1]
+        y[:] = states[k]
+        done = 0.0
+        while done < 1.0:
+            h = min(h, (1.0 - done) * step)
+            if h > 0.999 * (1.0 - done) * step:
+                h = (1.0 - done) * step
+            for stage in range(STAGES):
+                for row in range(SIZE):
+                    at[row] = y[row]
+                    for before in range(stage):
+                        at[row] += A[stage, before] * stages[before, row]
+                left, right, left_rate, right_rate = _speeds_at(
+                    speeds, speed_rates, k, step, done + STAGE_TIMES[stage] * h / step
+                )
+                tips = _rates(
+                    vehicle,
+                    pressing,
+                    slopes[k],
+                    at,
+                    left,
+                    right,
+                    loads,
+                    by_right,
+                    by_forward,
+                    values,
+                    jacobian,
+                    rate,
+                )
+                if stage == 0:
+                    if done == 0.0:
+                        tipping[k] = tips
+                    _slopes(
+                        vehicle,
+                        pressing,
+                        slopes[k],
+                        y,
+                        left_rate,
+                        right_rate,
+                        jacobian,
+                        by_state,
+                        by_time,
+                    )
+                    for row in range(SIZE):
+                        for column in range(SIZE):
+                            matrix[row, column] = -by_state[row, column]
+                        matrix[row, row] += 1.0 / (GAMMA * h)
+                    _factor(matrix, pivots)
+                for row in range(SIZE):
+                    total = rate[row] + h * OF_TIME[stage] * by_time[row]
+                    for before in range(stage):
+                        total += C[stage, before] / h * stages[before, row]
+                    stages[stage, row] = total
+                _substitute(matrix, pivots, stages[stage])
+            error = 0.0
+            for row in range(SIZE):
+                at[row] += stages[STAGES - 1, row]
+                scale = tolerance.absolute[row] + tolerance.relative * max(
+                    abs(y[row]), abs(at[row])
+                )
+                error += (stages[STAGES - 1, row] / scale) ** 2
+            error = np.sqrt(error / SIZE)
+            taken += 1
+            used = h
+            if error > 0.0:
+                h *= min(GROW, max(SHRINK, SAFETY * error**-0.25))
+            elif error == 0.0:
+                h *= GROW
+            else:
+                h *= SHRINK
+            if error <= 1.0:
+                y[:] = at
+                done += used / step
+                if 1.0 - done < 1e-12:
+                    done = 1.0
+            elif h < SMALLEST_STEP:
+                return -(k + 1)
+        _advance(position, states[k], y, step)
+    return taken
+
+
+@compiled
+def _rates(
+    vehicle: Vehicle,
+    pressing: Ground,
+    slope: Floats,
+    y: Floats,
+    V_l: float,
+    V_r: float,
+    loads: Floats,
+    by_right: Floats,
+    by_forward: Floats,
+    values: Floats,
+    jacobian: Floats,
+    rate: Floats,
+) -> bool:
+    """Rates (6,) of the state; leaves the derivatives of the ground's forces in `jacobian`.
+
+    Returns whether the vehicle tips.
+    """
+    v_x, v_y, w = y[0], y[1], y[2]
+    values[:] = 0.0
+    jacobian[:] = 0.0
+    tips = point_loads(pressing, y[3], y[4], loads, by_right, by_forward)
+    add_track_forces(pressing, v_x, v_y, w, V_l, V_r, loads, by_right, by_forward, values, jacobian)
+    rate[3] = (-values[0] - y[3]) / vehicle.load_lag
+    rate[4] = (-values[1] - y[4]) / vehicle.load_lag
+    rate[5] = w
+    x, y_CM, _ = pressing.centre
+    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[5])
+    right = M * (w * (v_y + x * w) + g_right)
+    forward = M * (w * (y_CM * w - v_x) + g_forward)
+    f_x, f_y = values[0] + right, values[1] + forward
+    moment = values[2] + x * forward - y_CM * right
+    for row in range(3):
+        inverse = vehicle.inverse_mass[row]
+        rate[row] = inverse[0] * f_x + inverse[1] * f_y + inverse[2] * moment
+    return tips
+
+
+@compiled
+def _slopes(
+    vehicle: Vehicle,
+    pressing: Ground,
+    slope: Floats,
+    y: Floats,
+    left_rate: float,
+    right_rate: float,
+    jacobian: Floats,
+    by_state: Floats,
+    by_time: Floats,
+) -> None:
+    """Derivatives of the rates by the state (6, 6) and by time (6,)."""
+    by_state[:] = 0.0
+    v_x, v_y, w = y[0], y[1], y[2]
+    x, y_CM, _ = pressing.centre
+    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[5])
+    for column in range(SIZE):
+        right = forward = f_x = f_y = moment = 0.0
+        if column == 0:
+            forward = -M * w
+        elif column == 1:
+            right = M * w
+        elif column == 2:
+            right, forward = M * (v_y + 2.0 * x * w), M * (2.0 * y_CM * w - v_x)
+        elif column == 5:
+            right, forward = M * g_forward, -M * g_right
+        if column < 5:
+            of = column if column < 3 else column + 2
+            f_x, f_y, moment = jacobian[0, of], jacobian[1, of], jacobian[2, of]
+        by_state[3, column] = -f_x / vehicle.load_lag
+        by_state[4, column] = -f_y / vehicle.load_lag
+        f_x, f_y, moment = f_x + right, f_y + forward, moment + x * forward - y_CM * right
+        for row in range(3):
+            inverse = vehicle.inverse_mass[row]
+            by_state[row, column] = inverse[0] * f_x + inverse[1] * f_y + inverse[2] * moment
+    by_state[3, 3] -= 1.0 / vehicle.load_lag
+    by_state[4, 4] -= 1.0 / vehicle.load_lag
+    by_state[5, 2] = 1.0
+    f_x = jacobian[0, 3] * left_rate + jacobian[0, 4] * right_rate
+    f_y = jacobian[1, 3] * left_rate + jacobian[1, 4] * right_rate
+    moment = jacobian[2, 3] * left_rate + jacobian[2, 4] * right_rate
+    for row in range(3):
+        inverse = vehicle.inverse_mass[row]
+        by_time[row] = inverse[0] * f_x + inverse[1] * f_y + inverse[2] * moment
+    by_time[3] = -f_x / vehicle.load_lag
+    by_time[4] = -f_y / vehicle.load_lag
+    by_time[5] = 0.0
+
+
+@compiled
+def _in_body(slope: Floats, yaw: float) -> tuple[float, float]:
+    """A vector of the plane, from odom to the paper's axes: right, forward."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return slope[0] * sin - slope[1] * cos, slope[0] * cos + slope[1] * sin
+
+
+@compiled
+def _pressing(ground: Ground, slope: Floats) -> Ground:
+    """The contact with the weight that is left to press where gravity has a part along the slope."""
+    flat = ground.weight / ground.mass
+    down = np.sqrt(max(flat * flat - slope[0] * slope[0] - slope[1] * slope[1], 0.0))
+    return Ground(
+        ground.x,
+        ground.y,
+        ground.share,
+        ground.even,
+        ground.half_gauge,
+        ground.outline,
+        ground.friction,
+        ground.rolling_resistance,
+        ground.shear_modulus,
+        ground.small,
+        ground.opposes_travel,
+        ground.mass,
+        ground.mass * down,
+        ground.centre,
+    )
+
+
+@compiled
+def _speeds_at(
+    speeds: Floats, rates: Floats, k: int, step: float, share: float
+) -> tuple[float, float, float, float]:
+    """Left and right track speed and their rates, on the cubic from grid point k to the next."""
+    s = share
+    from_value, to_value = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
+    from_rate, to_rate = step * s * (1.0 - s) ** 2, step * s * s * (s - 1.0)
+    value_rate = 6.0 * s * (s - 1.0) / step
+    from_rate_rate, to_rate_rate = (1.0 - s) * (1.0 - 3.0 * s), s * (3.0 * s - 2.0)
+    left = (
+        from_value * speeds[k, 0]
+        + to_value * speeds[k + 1, 0]
+        + from_rate * rates[k, 0]
+        + to_rate * rates[k + 1, 0]
+    )
+    right = (
+        from_value * speeds[k, 1]
+        + to_value * speeds[k + 1, 1]
+        + from_rate * rates[k, 1]
+        + to_rate * rates[k + 1, 1]
+    )
+    left_rate = (
+        value_rate * (speeds[k, 0] - speeds[k + 1, 0])
+        + from_rate_rate * rates[k, 0]
+        + to_rate_rate * rates[k + 1, 0]
+    )
+    right_rate = (
+        value_rate * (speeds[k, 1] - speeds[k + 1, 1])
+        + from_rate_rate * rates[k, 1]
+        + to_rate_rate * rates[k + 1, 1]
+    )
+    return left, right, left_rate, right_rate
+
+
+@compiled
+def _advance(position: Floats, before: Floats, after: Floats, step: float) -> None:
+    """Move the position (2,) in odom by the mean of the velocities at both ends of a step."""
+    for state in (before, after):
+        cos, sin = np.cos(state[5]), np.sin(state[5])
+        position[0] += 0.5 * step * (cos * state[1] + sin * state[0])
+        position[1] += 0.5 * step * (sin * state[1] - cos * state[0])
+
+
+@compiled
+def _factor(matrix: Floats, pivots: NDArray[np.int64]) -> None:
+    """LU factors in place, with partial pivoting."""
+    size = len(pivots)
+    for k in range(size):
+        best = k
+        for row in range(k + 1, size):
+            if abs(matrix[row, k]) > abs(matrix[best, k]):
+                best = row
+        pivots[k] = best
+        if best != k:
+            for column in range(size):
+                matrix[k, column], matrix[best, column] = matrix[best, column], matrix[k, column]
+        for row in range(k + 1, size):
+            matrix[row, k] /= matrix[k, k]
+            for column in range(k + 1, size):
+                matrix[row, column] -= matrix[row, k] * matrix[k, column]
+
+
+@compiled
+def _substitute(matrix: Floats, pivots: NDArray[np.int64], vector: Floats) -> None:
+    """Solve in place with the factors from `_factor`."""
+    size = len(pivots)
+    for k in range(size):
+        best = pivots[k]
+        vector[k], vector[best] = vector[best], vector[k]
+    for row in range(size):
+        for column in range(row):
+            vector[row] -= matrix[row, column] * vector[column]
+    for row in range(size - 1, -1, -1):
+        for column in range(row + 1, size):
+            vector[row] -= matrix[row, column] * vector[column]
+        vector[row] /= matrix[row, row]

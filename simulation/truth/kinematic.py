@@ -1,0 +1,121 @@
+"""The truth that has the filter's own form: inertia-based kinematics with a slip residual.
+
+The robot is not quite the one of its file. It serves to test the filter where its model is right; nothing
+that friction does beyond that model is in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.random import Generator
+
+from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.motion.icr import direct, indices_at_signed_inertia, signed_inertia
+from icreckon.estimator.motion.index_model import solve
+from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.trajectories import Command
+from icreckon.simulation.truth.true_motion import (
+    DEFAULT_SPREAD,
+    TRUE_SLIP,
+    TrueMotion,
+    grid_times,
+    slip_residual,
+    true_motion,
+)
+
+# How often to draw parameters, and how finely to look for a second motion.
+DRAWS = 100
+SPEED_GRID = 31
+FORCE_GRID = 150
+
+
+@dataclass(frozen=True)
+class KinematicTruth:
+    """Inertia-based kinematics of a robot that differs from its file, plus a slip residual.
+
+    The tracks follow their commands.
+
+    Attributes:
+        spread: relative spread of the true parameters; see `draw_parameters`.
+        slip: size and correlation time of the slip residual, a Gauss-Markov process.
+        slip_noise: factor on its size [-].
+    """
+
+    spread: float = DEFAULT_SPREAD
+    slip: Slip = TRUE_SLIP
+    slip_noise: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Name of the truth."""
+        return "kinematic"
+
+    def run(
+        self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
+    ) -> TrueMotion:
+        """The motion; see `TruthModel.run`, and `draw_parameters` for what is raised."""
+        parameters = draw_parameters(robot, self.spread, rng)
+        speeds = command(grid_times(duration, rate))
+        vehicle = robot.constants
+        solved = solve(speeds[:, 0], speeds[:, 1], parameters.as_array(), vehicle).twist
+        v_x, v_y = paper_to_rep103(solved.v_x, solved.v_y)
+        effective_gauge = robot.vehicle.track_gauge * parameters.eta0
+        slip = slip_residual(speeds, self.slip, effective_gauge, 1.0 / rate, rng)
+        twists = np.stack([v_x, v_y, solved.w], axis=-1) + self.slip_noise * slip
+        return true_motion(rate, twists, speeds, self.name, parameters)
+
+
+def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
+    """The robot's index parameters, each times its own log-normal factor; H stays, and eta0 >= 1.
+
+    Parameters for which some track speeds have more than one steady motion are drawn again: with
+    them the vehicle would jump from one motion to the other.
+
+    Args:
+        robot: gives the parameters about which to draw, mass, geometry and speed range.
+        spread: standard deviation of the logarithm of each factor [-].
+        rng: draws the factors.
+
+    Raises:
+        SimulationError: `DRAWS` draws brought none with a single motion.
+    """
+    for _ in range(DRAWS):
+        factors = np.exp(spread * rng.standard_normal(7))
+        values = {
+            name: float(factor * getattr(robot.indices, name))
+            for name, factor in zip(Indices.__struct_fields__[1:], factors, strict=True)
+        }
+        values["eta0"] = max(values["eta0"], 1.0)
+        drawn = msgspec.structs.replace(robot.indices, **values)
+        if spread == 0.0 or has_single_motion(drawn, robot):
+            return drawn
+    raise SimulationError(
+        f"no true parameters of {robot.name!r} with a single motion for all track speeds in "
+        f"{DRAWS} draws; lower truth_spread ({spread!r}) or the robot's max_track_speed"
+    )
+
+
+def has_single_motion(indices: Indices, robot: Robot) -> bool:
+    """Whether the implicit model has one solution for all track speeds within max_track_speed.
+
+    Args:
+        indices: the parameters.
+        robot: gives mass, geometry and speed range.
+    """
+    vehicle, top = robot.constants, robot.vehicle.max_track_speed
+    grid = np.linspace(-top, top, SPEED_GRID)
+    V_l, V_r = (speed.ravel() for speed in np.meshgrid(grid, grid))
+    # The other half is these motions backward in time, with the same force of inertia.
+    V_l, V_r = V_l[V_r > V_l, None], V_r[V_r > V_l, None]
+    largest = 3.0 * top * robot.vehicle.mass * 2.0 * top / vehicle.gauge
+    positive = np.geomspace(1e-5 * largest, largest, FORCE_GRID)
+    force = np.concatenate([-positive[::-1], positive])
+    free = indices_at_signed_inertia(force, 0.0, indices.as_array())
+    values = free._replace(eta=np.maximum(free.eta, 1.0))
+    twist = direct(V_l, V_r, values, vehicle.gauge)
+    above = force > signed_inertia(twist, vehicle.mass, vehicle.x_CM)[0]
+    return bool((np.count_nonzero(np.diff(above, axis=1), axis=1) == 1).all())

@@ -1,0 +1,182 @@
+"""Terrain along the way, and payload: what changes while a simulated vehicle drives.
+
+A `Patch` covers a rectangle of odom, a span of time, or both, and says what is different there. A
+`Payload` is put on the vehicle and taken off again. Slopes are planes: the vehicle stays planar, and
+gravity gets a part along the ground.
+"""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import rep103_to_paper
+from icreckon.estimator.motion.contact import Body
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.field_types import settle_types
+
+EVERYWHERE = (-float("inf"), float("inf"))
+STEEPEST = 60.0
+
+
+class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Ground that differs from the robot's usual one; what is left out (None) stays as it is around it.
+
+    Attributes:
+        x: from, to in odom [m]; the track's middle (for the slope, the vehicle's origin) counts.
+        y: the same.
+        time: from, to since the start of the run [s].
+        edge: width over which the patch begins and ends [m].
+        onset: time over which it begins and ends [s].
+        friction: coefficient of friction, across and along the track [-].
+        rolling_resistance: [-].
+        slope_deg: steepness of the plane [deg]; with it comes its direction.
+        uphill_deg: direction in which it rises, in odom, 0 for x and 90 for y [deg]; only with
+            slope_deg, and 0 where left out.
+
+    Raises:
+        SimulationError: a wrong type, a number that makes no sense, uphill_deg without slope_deg, or
+            nothing that differs.
+    """
+
+    x: tuple[float, float] = EVERYWHERE
+    y: tuple[float, float] = EVERYWHERE
+    time: tuple[float, float] = EVERYWHERE
+    edge: float = 0.2
+    onset: float = 0.5
+    friction: float | None = None
+    rolling_resistance: float | None = None
+    slope_deg: float | None = None
+    uphill_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        settle_types(self)
+        for name in ("x", "y", "time"):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise SimulationError(
+                    f"{name} of a patch must rise from its first to its second value, "
+                    f"found {low!r} to {high!r}"
+                )
+        for name in ("edge", "onset", "rolling_resistance"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0.0):
+                raise SimulationError(
+                    f"{name} of a patch must be zero or a positive number, found {value!r}"
+                )
+        if self.friction is not None and not (np.isfinite(self.friction) and self.friction > 0.0):
+            raise SimulationError(
+                f"friction of a patch must be a positive number, found {self.friction!r}"
+            )
+        if self.slope_deg is not None and not 0.0 <= self.slope_deg <= STEEPEST:
+            raise SimulationError(
+                f"slope_deg of a patch must lie between 0 and {STEEPEST:g} degrees, found "
+                f"{self.slope_deg!r}; uphill_deg says in which direction it rises"
+            )
+        if self.uphill_deg is not None:
+            if not np.isfinite(self.uphill_deg):
+                raise SimulationError(
+                    f"uphill_deg of a patch must be a finite number, found {self.uphill_deg!r}"
+                )
+            if self.slope_deg is None:
+                raise SimulationError(
+                    f"a patch has uphill_deg = {self.uphill_deg!r} but no slope_deg; give both"
+                )
+        if self.friction is None and self.rolling_resistance is None and self.slope_deg is None:
+            raise SimulationError(
+                "a patch changes nothing; give it friction, rolling_resistance or slope_deg"
+            )
+
+
+class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A load on the vehicle for a span of time.
+
+    Attributes:
+        time: put on, taken off, since the start of the run [s].
+        mass: [kg].
+        position: x forward, y left, z up of its centre of mass in base_link [m].
+
+    Raises:
+        SimulationError: a wrong type, or a number that makes no sense.
+    """
+
+    time: tuple[float, float]
+    mass: float
+    position: tuple[float, float, float] = (0.0, 0.0, 0.3)
+
+    def __post_init__(self) -> None:
+        settle_types(self)
+        if not self.time[0] < self.time[1]:
+            raise SimulationError(
+                "time of a payload must rise from its first to its second value, "
+                f"found {self.time[0]!r} to {self.time[1]!r}"
+            )
+        if not (np.isfinite(self.mass) and self.mass > 0.0):
+            raise SimulationError(
+                f"mass of a payload must be a positive number, found {self.mass!r}"
+            )
+        if not (np.isfinite(self.position).all() and self.position[2] >= 0.0):
+            raise SimulationError(
+                "position of a payload must be finite and not below the ground, "
+                f"found {self.position!r}"
+            )
+
+
+def patch_rows(patches: tuple[Patch, ...]) -> Floats:
+    """Patches as `simulation.truth.terrain_kernel` takes them, (k, WIDTH)."""
+    nothing = float("nan")
+    rows = []
+    for patch in patches:
+        friction = nothing if patch.friction is None else patch.friction
+        rolling = nothing if patch.rolling_resistance is None else patch.rolling_resistance
+        downhill = (nothing, nothing)
+        if patch.slope_deg is not None:
+            size = -GRAVITY * np.sin(np.radians(patch.slope_deg))
+            uphill = np.radians(patch.uphill_deg or 0.0)
+            downhill = (float(size * np.cos(uphill)), float(size * np.sin(uphill)))
+        rows.append(
+            (
+                *patch.x,
+                *patch.y,
+                *patch.time,
+                patch.edge,
+                patch.onset,
+                friction,
+                friction,
+                rolling,
+                *downhill,
+            )
+        )
+    from icreckon.simulation.truth.terrain_kernel import WIDTH
+
+    return np.array(rows, dtype=float).reshape(len(rows), WIDTH)
+
+
+def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Body, float]:
+    """The vehicle with payloads on it; each of them is a point mass.
+
+    Args:
+        body: the bare vehicle.
+        yaw_inertia: its moment of inertia about the vertical through its centre of mass [kg m²].
+        payloads: what is on it.
+
+    Returns:
+        Mass and centre of mass of all, and the moment of inertia about the vertical through that.
+    """
+    masses = np.array([body.mass, *(payload.mass for payload in payloads)])
+    centres = np.array(
+        [
+            (body.x_CM, body.y_CM, body.z_CM),
+            *(
+                (*rep103_to_paper(payload.position[0], payload.position[1]), payload.position[2])
+                for payload in payloads
+            ),
+        ]
+    )
+    mass = masses.sum()
+    centre = masses @ centres / mass
+    apart = ((centres - centre)[:, :2] ** 2).sum(axis=1)
+    x, y, z = (float(part) for part in centre)
+    return Body(float(mass), x, y, z), float(yaw_inertia + masses @ apart)

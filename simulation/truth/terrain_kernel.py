@@ -1,0 +1,88 @@
+"""Looking up the ground under the tracks, compiled; `simulation.truth.terrain` describes it.
+
+A patch is a row: x from, x to, y from, y to [m], time from, to [s], width of its soft edge [m], length
+of its soft beginning and end [s], coefficient of friction across and along [-], rolling resistance [-],
+acceleration of gravity along the slope in x and y of odom [m/s²]. A property that is NaN stays as it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.tracing.jit_kernel import compiled
+
+WIDTH = 13
+X, Y, TIME, EDGE, ONSET, ACROSS, ALONG, ROLLING, SLOPE = 0, 2, 4, 6, 7, 8, 9, 10, 11
+
+
+@compiled
+def look_up(
+    patches: Floats,
+    time: float,
+    position: Floats,
+    yaw: float,
+    half_gauge: float,
+    base_friction: Floats,
+    base_rolling: Floats,
+    friction: Floats,
+    rolling: Floats,
+    slope: Floats,
+) -> None:
+    """Friction (2, 2), rolling resistance (2,) under each track's middle, slope (2,) at the origin.
+
+    Args:
+        patches: (k, WIDTH), later ones lie on top of earlier ones.
+        time: since the start of the run [s].
+        position: (2,) of the origin in odom [m].
+        yaw: of the vehicle [rad].
+        half_gauge: L / 2 [m].
+        base_friction: (2, 2) where there is no patch.
+        base_rolling: (2,) where there is no patch.
+        friction: overwritten.
+        rolling: overwritten.
+        slope: overwritten [m/s²].
+    """
+    friction[:] = base_friction
+    rolling[:] = base_rolling
+    slope[:] = 0.0
+    for patch in patches:
+        for track in range(2):
+            side = half_gauge if track else -half_gauge
+            share = _cover(
+                patch,
+                time,
+                position[0] + side * np.sin(yaw),
+                position[1] - side * np.cos(yaw),
+            )
+            friction[track, 0] = _blend(friction[track, 0], patch[ACROSS], share)
+            friction[track, 1] = _blend(friction[track, 1], patch[ALONG], share)
+            rolling[track] = _blend(rolling[track], patch[ROLLING], share)
+        share = _cover(patch, time, position[0], position[1])
+        slope[0] = _blend(slope[0], patch[SLOPE], share)
+        slope[1] = _blend(slope[1], patch[SLOPE + 1], share)
+
+
+@compiled
+def _cover(patch: Floats, time: float, x: float, y: float) -> float:
+    """How much of a patch there is at a place and time, from 0 to 1 across its soft edges."""
+    return (
+        _inside(x, patch[X], patch[X + 1], patch[EDGE])
+        * _inside(y, patch[Y], patch[Y + 1], patch[EDGE])
+        * _inside(time, patch[TIME], patch[TIME + 1], patch[ONSET])
+    )
+
+
+@compiled
+def _inside(value: float, low: float, high: float, soft: float) -> float:
+    """1 within [low, high], 0 outside, changing over the length `soft` centred on each end."""
+    inner = min(value - low, high - value)
+    if soft <= 0.0:
+        return 1.0 if inner >= 0.0 else 0.0
+    share = min(max(inner / soft + 0.5, 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+@compiled
+def _blend(value: float, patch: float, share: float) -> float:
+    return value if np.isnan(patch) else value + share * (patch - value)

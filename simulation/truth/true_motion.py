@@ -1,0 +1,274 @@
+"""A true motion, and what a truth is: it turns commanded track speeds into one.
+
+All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
+`simulation.truth.friction` (friction, the default) and `simulation.truth.kinematic`;
+`simulation.truth.by_name` has them by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import compose
+from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
+from icreckon.estimator.robot.slip import slip_sigma
+from icreckon.simulation.drives.trajectories import Command
+
+DEFAULT_SPREAD = 0.15
+# What no index model explains; it vanishes in straight driving.
+TRUE_SLIP = Slip(
+    turning_x=0.01,
+    turning_y=0.005,
+    turning_w=0.02,
+    driving_x=0.0,
+    driving_y=0.0,
+    driving_w=0.0,
+    time_constant=1.0,
+)
+# A time that lies closer than this to a grid point is that grid point [s].
+SAME_TIME = 1e-9
+
+
+@dataclass(frozen=True)
+class TrueMotion:
+    """The true motion on an even grid of times, and between.
+
+    Attributes:
+        rate: grid points per second [Hz]; the first is at time zero.
+        poses: (m, 3) x, y [m], yaw [rad], not wrapped.
+        twists: (m, 3) v_x, v_y [m/s], w [rad/s] of base_link in its own axes.
+        track_speeds: (m, 2) left, right [m/s].
+        distances: (m, 2) their integrals since the start [m].
+        parameters: the true parameters, or None where the truth has no index parameters.
+        source: name of the truth.
+        gravity: (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground.
+    """
+
+    rate: float
+    poses: Floats
+    twists: Floats
+    track_speeds: Floats
+    distances: Floats
+    parameters: Indices | None
+    source: str
+    gravity: Floats | None = None
+
+    @property
+    def end(self) -> float:
+        """Time of the last grid point [s]."""
+        return (len(self.poses) - 1) / self.rate
+
+    def poses_at(self, times: Floats) -> Floats:
+        """Poses (n, 3) at times (n,) [s]: the arc of the mean twist since the grid point before."""
+        at, rest = self._locate(times)
+        mean = 0.5 * (self.twists[at] + self.twists_at(times))
+        return compose(self.poses[at], exponential(mean * rest[:, None]))
+
+    def twists_at(self, times: Floats) -> Floats:
+        """Twists (n, 3) at times (n,) [s], linear between grid points."""
+        return self._linear(self.twists, times)
+
+    def track_speeds_at(self, times: Floats) -> Floats:
+        """Track speeds (n, 2) [m/s] at times (n,) [s], linear between grid points."""
+        return self._linear(self.track_speeds, times)
+
+    def mean_track_speeds(self, times: Floats) -> Floats:
+        """Track speeds (n, 2) [m/s]: averages since the time before, the first one momentary."""
+        at, rest = self._locate(times)
+        mean = 0.5 * (self.track_speeds[at] + self.track_speeds_at(times))
+        distances = self.distances[at] + mean * rest[:, None]
+        averages = np.diff(distances, axis=0) / np.diff(times)[:, None]
+        return np.concatenate([self.track_speeds_at(times[:1]), averages])
+
+    def twist_rates_at(self, times: Floats, window: float) -> Floats:
+        """Time derivative (n, 3) of the twist, averaged over a window around each time.
+
+        The slip residual has no derivative at a point in time, and no sensor has endless bandwidth;
+        the average over a window does not depend on the grid.
+
+        Args:
+            times: (n,) [s].
+            window: its length [s]; cut off at the start and the end of the motion.
+
+        Returns:
+            dv_x/dt, dv_y/dt [m/s²], dw/dt [rad/s²].
+        """
+        before = np.clip(times - 0.5 * window, 0.0, self.end)
+        after = np.clip(times + 0.5 * window, 0.0, self.end)
+        change = self.twists_at(after) - self.twists_at(before)
+        return np.asarray(change / (after - before)[:, None])
+
+    def accelerations_at(self, times: Floats, window: float) -> Floats:
+        """Acceleration (n, 3) of base_link in its own axes, and of its yaw.
+
+        Args:
+            times: (n,) [s].
+            window: as in `twist_rates_at`.
+
+        Returns:
+            Forward and left, dv/dt + w x v [m/s²], and dw/dt [rad/s²].
+        """
+        rates = self.twist_rates_at(times, window)
+        v_x, v_y, w = self.twists_at(times).T
+        rates[:, 0] -= w * v_y
+        rates[:, 1] += w * v_x
+        return rates
+
+    def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
+        """Index of the grid point at or before each time, and the seconds since."""
+        at = np.floor((times + SAME_TIME) * self.rate).astype(np.int64)
+        at = np.clip(at, 0, len(self.poses) - 1)
+        rest = times - at / self.rate
+        return at, np.where(np.abs(rest) <= SAME_TIME, 0.0, rest)
+
+    def _linear(self, values: Floats, times: Floats) -> Floats:
+        at, rest = self._locate(times)
+        following = np.minimum(at + 1, len(values) - 1)
+        share = (rest * self.rate)[:, None]
+        return np.asarray(values[at] + share * (values[following] - values[at]))
+
+
+class TruthModel(Protocol):
+    """A truth: it turns commanded track speeds into the motion of a robot."""
+
+    @property
+    def name(self) -> str:
+        """Name of the truth, as in `TRUTHS`."""
+
+    def run(
+        self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
+    ) -> TrueMotion:
+        """The motion.
+
+        Args:
+            command: commanded track speeds.
+            duration: seconds that the motion must cover.
+            robot: the robot as its file describes it.
+            rng: draws what the robot file does not know, and slip.
+            rate: grid points per second [Hz].
+        """
+
+
+def grid_times(duration: float, rate: float) -> Floats:
+    """Times (m,) [s] of the grid points that cover a duration [s] at a rate [Hz]."""
+    return np.arange(int(np.ceil((duration - SAME_TIME) * rate)) + 1) / rate
+
+
+def true_motion(
+    rate: float,
+    twists: Floats,
+    speeds: Floats,
+    source: str,
+    parameters: Indices | None = None,
+) -> TrueMotion:
+    """The motion of twists (m, 3) and track speeds (m, 2) at an even rate [Hz], from the origin."""
+    step = 1.0 / rate
+    distances = np.zeros_like(speeds)
+    distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
+    poses = integrate_twists(twists, step)
+    return TrueMotion(rate, poses, twists, speeds, distances, parameters, source)
+
+
+def slip_residual(
+    speeds: Floats, slip: Slip, effective_gauge: float, step: float, rng: Generator
+) -> Floats:
+    """What no model explains of the twist (m, 3): Gauss-Markov processes as large as `Slip` says.
+
+    Args:
+        speeds: (m, 2) track speeds [m/s].
+        slip: size and correlation time.
+        effective_gauge: L eta0 [m].
+        step: between samples [s].
+        rng: draws it.
+    """
+    unit = gauss_markov(len(speeds), step, slip.time_constant, rng)
+    return slip_sigma(speeds[:, 0], speeds[:, 1], slip, effective_gauge) * unit
+
+
+def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
+    """Three independent first-order Gauss-Markov processes of unit variance, exact at any step.
+
+    x_k = a x_(k-1) + sqrt(1 - a²) n_k with a = exp(-step / time_constant), stationary from the
+    start (Gelb, Applied Optimal Estimation, section 3.6).
+
+    Args:
+        count: number of samples.
+        step: time between them [s].
+        time_constant: correlation time [s].
+        rng: draws the noise.
+
+    Returns:
+        (count, 3).
+    """
+    from icreckon.simulation.base.noise_kernel import gauss_markov_entry
+
+    noise = rng.standard_normal((count, 3))
+    decay = step / time_constant
+    gauss_markov_entry(noise, float(np.exp(-decay)), float(np.sqrt(-np.expm1(-2.0 * decay))))
+    return noise
+
+
+def integrate_twists(twists: Floats, step: float) -> Floats:
+    """Poses from twists sampled at an even step, starting at the origin.
+
+    Each step is the exponential map of SE(2) of the fourth-order Magnus expansion: the integral of
+    the twist plus the commutator of its two ends (Iserles et al., Lie-group methods, Acta Numerica
+    2000).
+
+    Args:
+        twists: (n, 3) v_x, v_y [m/s], w [rad/s] in body axes.
+        step: time between them [s].
+
+    Returns:
+        (n, 3) x, y [m], yaw [rad], not wrapped.
+    """
+    motion = integrals(twists, step)
+    (a_x, a_y, a_w), (b_x, b_y, b_w) = twists[:-1].T, twists[1:].T
+    motion[:, 0] += step**2 / 12.0 * (b_w * a_y - a_w * b_y)
+    motion[:, 1] += step**2 / 12.0 * (a_w * b_x - b_w * a_x)
+    steps = exponential(motion)
+    poses = np.zeros_like(twists)
+    poses[1:, 2] = np.cumsum(steps[:, 2])
+    cos, sin = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
+    poses[1:, 0] = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
+    poses[1:, 1] = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    return poses
+
+
+def integrals(values: Floats, step: float) -> Floats:
+    """Integral over each interval of values sampled at an even step, to fourth order inside.
+
+    Args:
+        values: (n, k).
+        step: time between them [s].
+
+    Returns:
+        (n - 1, k): the cubic through four samples; at both ends, the trapezoid.
+    """
+    result = 0.5 * step * (values[:-1] + values[1:])
+    if len(values) > 3:
+        inner = values[1:-2] + values[2:-1]
+        result[1:-1] = step / 24.0 * (13.0 * inner - values[:-3] - values[3:])
+    return result
+
+
+def exponential(motion: Floats) -> Floats:
+    """Exponential map of SE(2): the pose after driving a constant twist for unit time.
+
+    Args:
+        motion: (n, 3) twist times time: x, y [m], yaw [rad].
+
+    Returns:
+        (n, 3) x, y [m], yaw [rad] (Sola et al., A micro Lie theory, eq. 156 and 158).
+    """
+    x, y, yaw = motion.T
+    half = 0.5 * yaw
+    along = np.sinc(yaw / np.pi)
+    across = np.sin(half) * np.sinc(half / np.pi)
+    return np.stack([along * x - across * y, across * x + along * y, yaw], axis=-1)

@@ -1,0 +1,118 @@
+"""Runs drawn from the filter's own model: they are what it assumes, and it is as sure as it may be."""
+
+import numpy as np
+import pytest
+from analysis.sampled_model import Fixes, ModelSampler, Terms
+from scipy.stats import chi2
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.frames import compose
+from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
+from icreckon.estimator.robot.robot_file import Slip, load_robot
+from icreckon.estimator.robot.settings import Settings, StandstillSettings
+from icreckon.estimator.robot.slip import slip_components
+from icreckon.estimator.robot.variants import find_variant, slip_of
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.truth.true_motion import exponential
+
+ALPHA = load_robot("auriga-alpha")
+VARIANT = find_variant("inertia-online")
+SETTINGS = Settings(standstill=StandstillSettings(track_speed=0.0))
+DT = 0.02
+NO_TERMS = Terms(white_slip=0.0, lateness=0.0, sideways=0.0, track_noise=0.0)
+
+
+def bend(seconds, dt=DT):
+    return np.tile([0.3, 0.6], (int(seconds / dt) + 1, 1))
+
+
+def draw(speeds, seed=1, dt=DT, **options):
+    sampler = ModelSampler(ALPHA, VARIANT, options.pop("settings", SETTINGS), **options)
+    return sampler.run(speeds, dt, np.random.default_rng(seed))
+
+
+def test_the_same_seed_draws_the_same_run():
+    a, b, c = draw(bend(1.0)), draw(bend(1.0)), draw(bend(1.0), seed=2)
+    assert a.measurements == b.measurements
+    assert (a.states == b.states).all()
+    assert a.measurements != c.measurements
+
+
+def test_without_slip_and_spread_it_is_the_kinematics():
+    shares = [f"{kind}_{axis}" for kind in ("turning", "driving") for axis in "xyw"]
+    calm = Settings(slip=Slip(**dict.fromkeys(shares, 0.0)))
+    run = draw(bend(4.0), settings=calm, terms=NO_TERMS, share=0.0)
+    assert np.ptp(run.twists, axis=0) == pytest.approx(0.0, abs=0.02)
+    expected = np.zeros(3)
+    for twist in run.twists[1:]:
+        expected = compose(expected, exponential(twist[None] * DT)[0])
+    # The walk of the parameters moves the twist within a step.
+    assert run.states[-1, s.POSE] == pytest.approx(expected, abs=1e-4)
+
+
+def test_slip_is_as_large_and_lasts_as_long_as_the_variant_says():
+    slip = slip_of(ALPHA, VARIANT)
+    run = draw(bend(400.0, 0.1), dt=0.1, share=0.0)
+    gauge = ALPHA.vehicle.track_gauge * run.states[:, s.ETA0]
+    sigma = np.stack(np.broadcast_arrays(*slip_components(0.3, 0.6, slip, gauge)), axis=-1)
+    unit = (run.states[:, s.SLIP] / sigma)[50:]
+    # Some 400 independent values: their variance is within four of its standard deviations.
+    assert (unit**2).mean(axis=0) == pytest.approx(np.ones(3), abs=4.0 * np.sqrt(2.0 / 400))
+    kept = (unit[1:] * unit[:-1]).mean(axis=0) / (unit**2).mean(axis=0)
+    assert kept == pytest.approx(np.full(3, np.exp(-0.1 / slip.time_constant)), abs=0.06)
+
+
+def test_start_is_drawn_from_what_the_filter_does_not_know():
+    estimator = PoseEstimator(ALPHA, "inertia-online", settings=SETTINGS)
+    known = np.flatnonzero(np.diagonal(estimator.covariance))
+    starts = np.array([draw(bend(0.0), seed).states[0] for seed in range(300)])
+    unit = (starts - estimator.state)[:, known] / np.sqrt(np.diagonal(estimator.covariance)[known])
+    # Draws that no vehicle has are left out, which takes a little from the tails of the parameters.
+    assert unit.std(axis=0) == pytest.approx(np.ones(len(known)), abs=0.25)
+    assert unit.mean(axis=0) == pytest.approx(np.zeros(len(known)), abs=0.35)
+
+
+def test_fixes_come_as_often_and_as_good_as_asked():
+    fixes = Fixes(interval=0.1, position_sigma=0.3, heading_sigma=0.1, velocity_sigma=None)
+    run = draw(bend(40.0), fixes=fixes)
+    at = dict(zip(run.stamps.tolist(), run.states, strict=True))
+    errors = [
+        (m.x - at[m.stamp][s.X], m.y - at[m.stamp][s.Y])
+        for m in run.measurements
+        if isinstance(m, PositionFix)
+    ]
+    assert len(errors) == 400
+    assert np.std(errors) == pytest.approx(0.3, rel=4.0 / np.sqrt(2.0 * 800))
+    kinds = [type(m) for m in run.measurements[:3]]
+    assert kinds == [TrackSpeeds, TrackSpeeds, ImuSample]
+
+
+@pytest.mark.parametrize("speeds", [np.zeros((5, 2)), np.ones(5)])
+def test_what_cannot_be_driven_is_refused(speeds):
+    with pytest.raises(SimulationError):
+        draw(speeds)
+
+
+def test_the_filter_is_as_sure_as_it_may_be():
+    # The full study is benchmarks/consistency.py; here are a few short runs.
+    runs, found = 20, []
+    times = np.arange(501) * DT
+    speeds = 0.5 + 0.2 * np.sin(times)[:, None] * [-1.0, 1.0]
+    for seed in range(runs):
+        run = draw(speeds, seed)
+        estimator = PoseEstimator(ALPHA, "inertia-online", settings=SETTINGS)
+        for measurement in run.measurements:
+            estimator.feed(measurement)
+        estimate = estimator.snapshot()
+        error = estimate.state[s.POSE] - run.states[-1, s.POSE]
+        slip = estimate.twist - run.twists[-1]
+        found.append(
+            (
+                error @ np.linalg.solve(estimate.covariance[s.POSE, s.POSE], error),
+                slip @ np.linalg.solve(estimate.twist_covariance, slip),
+            )
+        )
+    low, high = chi2.interval(0.999, 3 * runs)
+    for total in np.sum(found, axis=0):
+        assert low < total < high

@@ -1,0 +1,166 @@
+"""The pages for newcomers: their commands run, print what the pages show, and say what they explain."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import shutil
+from itertools import chain
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from test_cli import fails, icreckon
+
+from conftest import sample_log
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.export.trajectories import read_tum
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from readme import ROOT, blocks, code_blocks, run_page, says
+
+FIRST = "docs/first-bag.md"
+OTHER = "docs/from-robot-localization.md"
+REAL, SIMULATED = "A log of a real robot", "A log with a ground truth"
+BOTH = "The same bag in both"
+
+
+@pytest.fixture
+def with_husky(tmp_path: Path, data_dir: Path) -> Path:
+    """A folder with the bag that the pages have downloaded."""
+    shutil.copy(sample_log(data_dir, "husky_test1.bag"), tmp_path / "test1.bag")
+    return tmp_path
+
+
+def test_no_command_is_left_out() -> None:
+    """All commands of the pages are in the sections that the tests below run."""
+    for page, sections in ((FIRST, (REAL, SIMULATED)), (OTHER, (BOTH,))):
+        executed = chain.from_iterable(code_blocks("sh", page, section) for section in sections)
+        assert code_blocks("sh", page) == list(executed)
+        assert {kind for kind, _ in blocks(page)} <= {"sh", "text"}
+
+
+@pytest.mark.slow
+def test_a_real_log(with_husky: Path) -> None:
+    run_page(FIRST, with_husky, REAL)
+    assert (with_husky / "with-gps" / "page.html").exists()
+
+
+@pytest.mark.slow
+def test_a_simulated_log(evo: Path, tmp_path: Path) -> None:
+    run_page(FIRST, tmp_path, SIMULATED, programs=evo)
+    results = json.loads((tmp_path / "first" / "results.json").read_text(encoding="utf-8"))
+    assert "inertia-online" in results["verdict"]["not_shown_worse"]
+    for name in ("page.html", "odometry.mcap", "odometry.bag", "inertia-online.kitti"):
+        assert (tmp_path / "exported" / name).exists()
+
+
+@pytest.mark.slow
+def test_the_same_bag_in_both(with_husky: Path, evo: Path) -> None:
+    """With a bag for what robot_localization would have published: icreckon's own odometry."""
+
+    def record(command: str) -> None:
+        if "evo_traj bag2 rl" in command:
+            copied(
+                with_husky / "alone" / "odometry.mcap", "/inertia_online/odom", with_husky / "rl"
+            )
+
+    run_page(OTHER, with_husky, BOTH, programs=evo, before=record)
+    assert (with_husky / "test1" / "metadata.yaml").exists()
+    published, own = (
+        read_tum(with_husky / name) for name in ("rl.tum", "alone/inertia-online.tum")
+    )
+    assert len(published.stamps) == len(own.stamps)
+
+
+def copied(source: Path, topic: str, folder: Path) -> None:
+    """A ROS 2 bag of one topic of an MCAP file, as /odometry/filtered."""
+    with (
+        AnyReader([source]) as reader,
+        Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        (connection,) = (one for one in reader.connections if one.topic == topic)
+        target = writer.add_connection(
+            "/odometry/filtered", connection.msgtype, typestore=reader.typestore
+        )
+        for _, stamp, raw in reader.messages(connections=[connection]):
+            writer.write(target, stamp, raw)
+
+
+def test_a_short_log_goes_the_way_of_the_page(tmp_path: Path) -> None:
+    """The commands of the simulated log, in little: from a bag to the page."""
+    words = ("--fix-rate", 0, "--duration", 20)
+    assert icreckon("simulate", "--out", "drive", *words, cwd=tmp_path).returncode == 0
+    found = icreckon("inspect", "drive", "--write", "robot.toml", cwd=tmp_path)
+    assert "complete the lines marked «fill in», then: icreckon replay drive" in found.stderr
+    said = fails("replay", "drive", "--robot", "robot.toml", cwd=tmp_path)
+    assert "it is not filled in" in said
+    file = tmp_path / "robot.toml"
+    text = file.read_text(encoding="utf-8")
+    for pattern, new in re.findall(
+        r"s/(\S.*?)/(.*?)/[;']", "".join(code_blocks("sh", FIRST, SIMULATED))
+    ):
+        text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
+        assert count == 1, pattern
+    file.write_text(text, encoding="utf-8")
+    words = ("--robot", "robot.toml", "--fixes", "0:40%", "--variants", "inertia-online")
+    done = icreckon("replay", "drive", *words, "--out", "first", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "my-robot on drive" in (tmp_path / "first" / "page.html").read_text(encoding="utf-8")
+
+
+def test_a_log_without_track_speeds_is_told_so(tmp_path: Path, robot) -> None:
+    log = simulate(Scenario(duration=2.0, include_truth=False), robot)
+    write_log(log, tmp_path / "whole", "mcap", robot)
+    with (
+        AnyReader([tmp_path / "whole"]) as reader,
+        Writer(tmp_path / "bare", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        (imu,) = (one for one in reader.connections if one.topic == "/imu/data_raw")
+        target = writer.add_connection(imu.topic, imu.msgtype, typestore=reader.typestore)
+        for _, stamp, raw in reader.messages(connections=[imu]):
+            writer.write(target, stamp, raw)
+    found = icreckon("inspect", "bare", "--write", "robot.toml", cwd=tmp_path)
+    assert "Found: no track speeds: nothing here looks like them" in found.stdout
+    assert "without them nothing can be replayed" in found.stderr
+    assert "then: icreckon replay" not in found.stderr
+    assert "imu: header stamps; the header stamps are the times of recording" in found.stdout
+    assert "-0.000" not in found.stdout
+    assert "tracks do not explain" not in (tmp_path / "robot.toml").read_text(encoding="utf-8")
+
+
+def test_the_messages_that_are_explained_are_those_that_are_said() -> None:
+    (table,) = re.findall(
+        r"^\| message \| what to do \|\n\| --- \| --- \|\n((?:\|.*\n)+)",
+        (ROOT / FIRST).read_text(encoding="utf-8"),
+        flags=re.MULTILINE,
+    )
+    messages = re.findall(r"^\| `(.+?)` \|", table, flags=re.MULTILINE)
+    assert len(messages) == len(table.splitlines())
+    said = literals()
+    for message in messages:
+        parts = [part.strip() for part in message.split("…")]
+        assert any(all(part in literal for part in parts) for literal in said), message
+
+
+def literals() -> set[str]:
+    """All strings of the program, with nothing where values are filled in."""
+    found: set[str] = set()
+    for package in ("estimator", "replay", "icreckon"):
+        for file in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.JoinedStr):
+                    parts = (part.value for part in node.values if isinstance(part, ast.Constant))
+                    found.add("".join(map(str, parts)))
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    found.add(node.value)
+    return found
+
+
+def test_what_is_shown_is_compared() -> None:
+    assert says("│ a │ 13.17 │  0.74 │", "│ a │   13.2 │ 0.75 │")
+    assert not says("│ a │ 13.17 │  0.74 │", "│ a │ 13.2 │ 0.84 │")
+    assert not says("│ b │ 13.17 │", "│ a │ 13.17 │")
+    assert not says("│ a │ -13.17 │", "│ a │ 13.17 │")

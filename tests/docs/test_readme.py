@@ -1,0 +1,185 @@
+"""The README and the docs do what they say."""
+
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+import venv
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from icreckon.estimator.motion.contact import Soil
+from icreckon.estimator.robot.robot_file import (
+    ConstantIcr,
+    Imu,
+    Indices,
+    Tracks,
+    Vehicle,
+    load_robot,
+)
+from icreckon.estimator.robot.variants import VARIANTS, used_parameters
+from icreckon.replay.mapping.topics import topic_map
+from icreckon.simulation.drives.trajectories import trajectory_names, trajectory_options
+from icreckon.simulation.scenario import load_scenario
+from readme import ROOT, code_blocks, shell
+
+SHELL = code_blocks("sh")
+
+
+def test_the_first_two_commands_are_the_main_job_and_the_tests() -> None:
+    assert SHELL[0].strip().endswith("icreckon demo")
+    assert SHELL[1].strip().endswith("-m pytest")
+    for block in SHELL[:2]:
+        assert len(block.strip().splitlines()) == 1
+
+
+def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = code_blocks("python")
+    names: dict[str, object] = {}
+    exec(compile(example, "README.md", "exec"), names)  # noqa: S102
+    assert "left ICR" in capsys.readouterr().out
+    estimator = names["estimator"]
+    x, y, yaw = estimator.pose
+    assert 1.5 < x < 2.5
+    assert y > 0.5
+    assert 1.0 < yaw < 1.6
+
+
+def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) -> None:
+    (text,) = code_blocks("toml", "docs/robot-file.md")
+    path = tmp_path / "robot.toml"
+    path.write_text(text, encoding="utf-8")
+    robot = load_robot(path)
+    topic_map(robot, str(path))
+    for table in (
+        robot.vehicle,
+        robot.indices,
+        robot.constant_icr,
+        robot.imu,
+        robot.tracks,
+        robot.soil,
+    ):
+        for field in msgspec.structs.fields(table):
+            assert f"\n{field.name} = " in text, field.name
+    for field in msgspec.structs.fields(robot.slip["inertia-online"]):
+        assert f"\n{field.name} = " in text, field.name
+
+
+def test_the_docs_list_the_defaults_of_a_robot_file_and_what_it_requires(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "robot-file.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `\[(\w+)\]` \| (.*) \|$", page, flags=re.MULTILINE))
+    tables = (Vehicle, Indices, ConstantIcr, Imu, Tracks, Soil)
+    assert list(rows) == ["vehicle", "indices", "constant_icr", "imu", "tracks", "soil"]
+    for table, row in zip(tables, rows.values(), strict=True):
+        said = tomllib.loads("\n".join(re.findall(r"`(\w+ = [^`]*)`", row)))
+        for field in msgspec.structs.fields(table):
+            if field.required:
+                assert f"`{field.name}`" in page
+            elif field.default is None:
+                assert f"`{field.name}` " in row
+            else:
+                default = field.default
+                assert said[field.name] == (list(default) if type(default) is tuple else default)
+    # With what is required, and no more, a file loads.
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        'name = "a"\n[vehicle]\nmass = 80.0\ntrack_gauge = 0.6\nsprocket_radius = 0.1\n'
+        "[constant_icr]\nx_ICRl = -0.4\nx_ICRr = 0.4\n",
+        encoding="utf-8",
+    )
+    assert load_robot(path).imu == Imu()
+
+
+def test_the_docs_name_the_unit_of_every_parameter() -> None:
+    page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"^\| models \| parameter .*\n((?:\|.*\n)+)", page, flags=re.MULTILINE)
+    named = re.findall(r"`(\w+)`", table)
+    variants = (VARIANTS["inertia-online"], VARIANTS["friction-online"])
+    assert sorted(named) == sorted(name for one in variants for name in used_parameters(one))
+
+
+def test_the_scenario_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) -> None:
+    (text,) = code_blocks("toml", "docs/scenario.md")
+    path = tmp_path / "scenario.toml"
+    path.write_text(text, encoding="utf-8")
+    scenario = load_scenario(path)
+    tables = dict(re.findall(r"^\[(\w+)\].*\n((?:(?!\[).*\n)*)", text, flags=re.MULTILINE))
+    for field in msgspec.structs.fields(scenario):
+        value = getattr(scenario, field.name)
+        if isinstance(value, tuple) and value and isinstance(value[0], msgspec.Struct):
+            for key in msgspec.structs.fields(value[0]):
+                assert re.search(rf"^{key.name} = ", text, re.MULTILINE), key.name
+        elif isinstance(value, msgspec.Struct):
+            for key in msgspec.structs.fields(value):
+                assert re.search(rf"^{key.name} = ", tables[field.name], re.MULTILINE), key.name
+        else:
+            assert re.search(rf"^(# |\[)?{field.name}( = |\])", text, re.MULTILINE), field.name
+
+
+def test_the_docs_list_every_trajectory_with_its_options_and_their_defaults() -> None:
+    page = (ROOT / "docs" / "scenario.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w-]+)` \| .* \| (.*) \|$", page, flags=re.MULTILINE)
+    assert sorted(name for name, _ in rows) == sorted(trajectory_names())
+    for name, described in rows:
+        said = {
+            option: float(number) if number else None
+            for option, number in re.findall(r"`(\w+)`(?: ([\d.]+))?", described)
+        }
+        assert said == trajectory_options(name), name
+
+
+def test_links_between_the_pages_lead_somewhere() -> None:
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name} links {target}"
+
+
+@pytest.fixture(scope="module")
+def fresh_clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what git tracks, as it is in the working tree."""
+    folder = tmp_path_factory.mktemp("clone")
+    listed = subprocess.run(
+        ["git", "ls-files"], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    for name in listed.stdout.splitlines():
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, target)
+    return folder
+
+
+@pytest.mark.slow
+def test_the_demo_line_works_in_a_fresh_virtual_environment(fresh_clone: Path) -> None:
+    printed = shell(SHELL[0], fresh_clone)
+    assert "inertia-online" in printed
+    assert (fresh_clone / "icreckon-demo" / "figure.png").exists()
+
+
+@pytest.mark.slow
+def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: Path) -> None:
+    """The block of the README with a simulated bag for LOG; what `inspect` cannot know is filled in."""
+    venv.create(tmp_path / "venv", with_pip=True)
+    binaries = tmp_path / "venv" / "bin"
+    shell(f"{binaries}/pip install -q {fresh_clone}", tmp_path)
+    path = f"{binaries}:{os.environ['PATH']}"
+    shell("icreckon simulate --out LOG --duration 60 --fix-rate 0", tmp_path, PATH=path)
+    first, second, third, fourth = SHELL[2].strip().splitlines()
+    assert "/joint_states" in shell(first, tmp_path, PATH=path)
+    shell(second, tmp_path, PATH=path)
+    robot = tmp_path / "robot.toml"
+    proposed = robot.read_text(encoding="utf-8")
+    for name, value in (("mass", 258.0), ("track_gauge", 0.42), ("sprocket_radius", 0.1)):
+        assert f"{name} = nan" in proposed
+        proposed = proposed.replace(f"{name} = nan", f"{name} = {value}")
+    robot.write_text(proposed, encoding="utf-8")
+    assert "inertia-online" in shell(third, tmp_path, PATH=path)
+    assert "The data support" in shell(fourth, tmp_path, PATH=path)
+
+
+def test_the_test_line_is_the_one_that_ci_runs() -> None:
+    """CI runs the README's test line on a clean clone; running it from within would be a loop."""
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "grep -m 1 -- '-m pytest' README.md" in script

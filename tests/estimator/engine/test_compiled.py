@@ -1,0 +1,457 @@
+"""The compiled filter and the plain one are the same filter."""
+
+import copy
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state
+from icreckon.estimator.filter import initial_state
+from icreckon.estimator.filter.ekf import IcrEkf, ProcessNoise
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
+from icreckon.estimator.motion import index_model as motion
+from icreckon.estimator.motion.friction_model import linearise as linearise_friction
+from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.motion.motion_model import Motion, TwistDerivatives
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import (
+    VARIANTS,
+    find_variant,
+    initial_parameters,
+    motion_model,
+)
+from icreckon.estimator.scalar_engine.compiled_ekf import CompiledEkf
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.smoother import smooth
+from icreckon.estimator.tracing.jit_kernel import entry
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+CORRELATED = ((0.04, 0.01, -0.02), (0.01, 0.05, 0.03), (-0.02, 0.03, 0.5))
+START = {"start": (1.0, 2.0, 0.5), "start_sigma": (0.1, 0.1, 0.1)}
+
+
+# --- the motion models ------------------------------------------------------------------------------
+
+WEIGHT = ALPHA.constants.mass * 9.81
+NASTY = [
+    (0.0, 0.0),
+    (0.5, 0.5),
+    (-0.5, -0.5),
+    (0.7, -0.7),
+    (-0.7, 0.7),
+    (0.0, 0.8),
+    (0.8, 0.0),
+    (-1e-300, 1e-300),
+    (0.5, 0.5 + 1e-9),
+    (1e-13, -1e-13),
+    # Beyond the table of the friction model, and of anything that drives.
+    (9.0, -3.0),
+    (-40.0, 55.0),
+]
+
+
+def points():
+    rng = np.random.default_rng(1)
+    for V_l, V_r in [*rng.uniform(-1.2, 1.2, (60, 2)).tolist(), *NASTY]:
+        slip = tuple(rng.normal(scale=0.1, size=3).tolist())
+        yield V_l, V_r, rng.uniform(0.7, 1.3, 8), slip
+        yield V_l, V_r, np.ones(8), (0.0, 0.0, 0.0)
+        # From no real vehicle: no settling, eta held at 1, the force held at the weight.
+        yield V_l, V_r, rng.uniform(-30.0, 30.0, 8), slip
+
+
+def assert_same(found, expected):
+    for one, other in zip(flat(found), flat(expected), strict=True):
+        assert one == pytest.approx(other, rel=1e-12, abs=1e-13)
+
+
+def flat(result):
+    if isinstance(result, tuple | list):
+        return [number for part in result for number in flat(part)]
+    return [result]
+
+
+@pytest.mark.parametrize("slip_in_inertia", [False, True], ids=["tracks", "imu"])
+@pytest.mark.parametrize("form", ["smooth", "literal"])
+def test_inertia_model_is_the_same_compiled(form, slip_in_inertia):
+    compiled = entry(motion.linearise)
+    published = ALPHA.indices.as_array()
+    held = 0
+    for V_l, V_r, factors, slip in points():
+        parameters = tuple((published * factors).tolist())
+        options = (ALPHA.constants, form == "literal", slip_in_inertia)
+        expected = motion.linearise(V_l, V_r, parameters, slip, *options)
+        held += abs(expected[0].u) > WEIGHT
+        if np.abs(flat(expected)).max() < 1e9:
+            assert_same(compiled(V_l, V_r, parameters, slip, *options), expected)
+    assert held > 10
+
+
+def test_friction_model_is_the_same_compiled():
+    compiled = entry(linearise_friction)
+    variant = find_variant("friction-online")
+    model, start = motion_model(ALPHA, variant), initial_parameters(ALPHA, variant)
+    for V_l, V_r, factors, slip in points():
+        parameters = tuple((start * factors).tolist())
+        model.begin_step(0.02, V_l, V_r, start)
+        found = compiled(V_l + 0.01, V_r, parameters, slip, model.vehicle, model.memory)
+        assert_same(found, model.linearise(V_l + 0.01, V_r, parameters, slip))
+
+
+# --- the algebra ------------------------------------------------------------------------------------
+
+
+def filters(rng, variant="inertia-online"):
+    """A plain and a compiled filter in the same random state."""
+    scales = np.full(state.SIZE, 0.05)
+    scales[[8, 10, 12, 13]] = 5e-5, 2e-4, 4e-4, 2e-6
+    scales[state.ETA0] = 0.2
+    found = find_variant(variant)
+    root = scales[:, None] * rng.normal(size=(state.SIZE, state.SIZE))
+    x, P = scales * rng.normal(size=state.SIZE), root @ root.T
+    x[state.PARAMETERS] += initial_parameters(ALPHA, found)
+    made = []
+    for engine in (IcrEkf, CompiledEkf):
+        ekf = engine(motion_model(ALPHA, found))
+        ekf.x, ekf.P = x.copy(), 0.5 * (P + P.T)
+        made.append(ekf)
+    return made
+
+
+def assert_same_filter(compiled, plain):
+    sigmas = np.sqrt(np.diagonal(plain.P))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    assert np.abs((compiled.x - plain.x) / unit).max() < 1e-12
+    assert np.abs((compiled.P - plain.P) / np.outer(unit, unit)).max() < 1e-12
+    assert (compiled.P == compiled.P.T).all()
+
+
+@pytest.mark.parametrize("variant", ["inertia-online", "friction-online"])
+@pytest.mark.parametrize("dt", [1e-9, 0.01, 0.3, 50.0, 5000.0])
+def test_prediction_is_the_same(dt, variant):
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        plain, compiled = filters(rng, variant)
+        speeds = rng.uniform(-1.0, 1.0, 2).tolist()
+        walk = np.abs(rng.normal(scale=1e-3, size=state.SIZE))
+        noise = ProcessNoise(np.array([0.03, 0.01, 0.1]), 0.5, walk)
+        for ekf in (plain, compiled):
+            ekf.predict_motion(dt, *speeds, noise)
+        assert_same_filter(compiled, plain)
+        assert pytest.approx(plain.F, rel=1e-10, abs=1e-12) == compiled.F
+        assert pytest.approx(plain.Q, rel=1e-10, abs=1e-18) == compiled.Q
+
+
+def test_update_is_the_same():
+    rng = np.random.default_rng(3)
+    for kept in ((), (state.X, state.Y, state.YAW), (2, 16)):
+        plain, compiled = filters(rng)
+        for _ in range(20):
+            row = rng.normal(size=state.SIZE)
+            innovations = [ekf.innovation(0.3, row, 0.2) for ekf in (plain, compiled)]
+            assert innovations[0] == pytest.approx(innovations[1], rel=1e-12)
+            for ekf in (plain, compiled):
+                ekf.update_scalar(0.3, row, 0.2, kept=kept)
+                ekf.keep_inside_bounds()
+            assert_same_filter(compiled, plain)
+
+
+# --- the estimator ----------------------------------------------------------------------------------
+
+
+def everything():
+    """All kinds of measurements: standstill, wrong ones that are gated and believed, holes, late ones."""
+    scenario = Scenario(
+        duration=40.0, trajectory="aggressive", track_rate=25.0, imu_rate=50.0, seed=5
+    )
+    log = simulate(scenario, ALPHA)
+    rng = np.random.default_rng(6)
+    measurements = []
+    for m in log.measurements():
+        time = (m.stamp - log.start) * 1e-9
+        match m:
+            case TrackSpeeds():
+                if 12.0 < time < 12.8 or 20.0 < time < 24.0:
+                    continue
+                if 28.0 < time < 31.0:
+                    m = TrackSpeeds(m.stamp, 0.0, 0.0)
+                # Stuck.
+                if 36.0 < time < 38.0:
+                    m = TrackSpeeds(m.stamp, 0.123, m.right)
+            case ImuSample(stamp, (_, _, w), force):
+                if 15.0 < time < 16.0:
+                    continue
+                if 28.5 < time < 31.0:
+                    w, force = 0.002 + 1e-4 * rng.normal(), (0.0, 0.01 * rng.normal(), 9.81)
+                if 33.0 < time < 33.4:
+                    w += 30.0
+                if 35.0 < time < 35.4:
+                    force = (0.0, 40.0, 9.81)
+                if 8.0 < time < 9.0:
+                    force = None
+                m = ImuSample(stamp, (0.0, 0.0, w), force)
+            case PositionFix():
+                if time > 25.0 and len(measurements) % 3 == 0:
+                    continue
+        measurements.append(m)
+        if isinstance(m, TrackSpeeds) and 28.2 < time < 30.5:
+            measurements.append(ZeroVelocity(m.stamp + 10_000_000 * (int(10.0 * time) % 3)))
+        if isinstance(m, PositionFix) and 10.0 < time < 26.0:
+            away = 8.0 if 18.0 < time < 25.0 else 0.0
+            # Some with an IMU sample, some between two.
+            stamp = m.stamp + 7_000_000 * (int(time) % 2)
+            measurements[-1] = PositionFix(stamp, m.x + away, m.y, m.variance)
+            measurements.append(BodyVelocity(stamp, 0.4, 0.01, 0.01))
+            measurements.append(HeadingFix(stamp, 0.3 * rng.normal(), 0.5))
+            for at in (stamp, stamp + 3_000_000):
+                pose = PoseFix(at, m.x + away, m.y, rng.normal(), CORRELATED)
+                measurements += [pose, ZeroVelocity(at)]
+    # Some come late.
+    arrival = [
+        m.stamp + (400_000_000 if rng.random() < 0.03 else 0) - log.start for m in measurements
+    ]
+    return [measurements[index] for index in np.argsort(arrival, kind="stable")]
+
+
+EVERYTHING = everything()
+# When the left track has been stuck for a second and a half.
+STUCK = min(m.stamp for m in EVERYTHING) + 37_500_000_000
+CASES = [
+    *((variant, {}) for variant in VARIANTS),
+    *(
+        (variant, options)
+        for variant in ("inertia-fixed", "inertia-online")
+        for options in (
+            {"form": "literal"},
+            {"inertia": "imu"},
+            {"form": "literal", "inertia": "imu"},
+        )
+    ),
+]
+
+
+def fed(engine, variant="inertia-online", measurements=EVERYTHING, **options):
+    settings = Settings(engine=engine, **options)
+    estimator = PoseEstimator(ALPHA, variant, settings=settings, **START)
+    used = [estimator.feed(m) for m in measurements]
+    return estimator, used
+
+
+def apart(one, other):
+    """Difference of state and covariance, in standard deviations."""
+    sigmas = np.sqrt(np.diagonal(other.covariance))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    of_state = np.abs((one.state - other.state) / unit).max()
+    return of_state, np.abs((one.covariance - other.covariance) / np.outer(unit, unit)).max()
+
+
+@pytest.mark.parametrize(("variant", "options"), CASES, ids=str)
+def test_compiled_agrees_with_plain(variant, options):
+    settings = [Settings(engine=engine, **options) for engine in ("plain", "compiled")]
+    plain, compiled = (PoseEstimator(ALPHA, variant, settings=one, **START) for one in settings)
+    worst = np.zeros(2)
+    for number, m in enumerate(EVERYTHING):
+        assert plain.feed(m) == compiled.feed(m)
+        if number % 20 == 0:
+            worst = np.maximum(worst, apart(compiled, plain))
+            assert (compiled.covariance == compiled.covariance.T).all()
+    assert worst.max() < 1e-9
+    a, b = plain.health, compiled.health
+    assert a.rejections() == b.rejections()
+    assert a.standstill_updates == b.standstill_updates > 50
+    assert a.track_gaps == b.track_gaps == 2
+    assert a.stuck_tracks == b.stuck_tracks > 0
+    for name, sensor in a.sensors.items():
+        other = b.sensors[name]
+        for count in ("used", "degrees", "late", "reacquired"):
+            assert getattr(sensor, count) == getattr(other, count)
+        assert sensor.nis_sum == pytest.approx(other.nis_sum, rel=1e-9)
+        if sensor.newest is not None:
+            assert other.newest[:2] == sensor.newest[:2]
+            assert flat(other.newest[2:]) == pytest.approx(flat(sensor.newest[2:]), rel=1e-7)
+    assert a.sensors["gyro"].rejected["gate"] >= 10
+    assert a.sensors["accelerometer"].rejected["gate"] >= 10
+    assert a.sensors["position"].rejected["gate"] >= 10
+    assert a.sensors["pose"].degrees > 10
+    assert a.sensors["zero velocity"].degrees > 100
+    # Believed after so many in a row: used, but no degree of freedom.
+    many = {"position": 2, "pose": 3}
+    for name in ("gyro", "accelerometer", *many):
+        degrees = many.get(name, 1)
+        assert a.sensors[name].degrees < degrees * a.sensors[name].used
+    assert compiled.twist == pytest.approx(plain.twist, abs=1e-10)
+    assert compiled.indices == pytest.approx(plain.indices, abs=1e-10)
+
+
+def test_everything_has_a_stuck_track():
+    estimator, _ = fed("compiled", measurements=[m for m in EVERYTHING if m.stamp < STUCK])
+    tracks = estimator._reckoning._tracks
+    assert tracks.stuck_densities(STUCK, STUCK + 1)[0] > 0.0
+
+
+def everything_in_order():
+    return sorted(EVERYTHING, key=lambda m: m.stamp)
+
+
+class Watcher:
+    """A witness that does nothing, so that all is done one thing at a time."""
+
+    def __getattr__(self, name):
+        return lambda *_: None
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+def test_at_once_is_the_same_as_one_thing_at_a_time_to_the_last_bit(variant):
+    at_once, used = fed("compiled", variant)
+    settings = Settings(engine="compiled")
+    watched = PoseEstimator(ALPHA, variant, settings=settings, **START)
+    watched._reckoning.ekf.witness = Watcher()
+    assert [watched.feed(m) for m in EVERYTHING] == used
+    assert (watched.state == at_once.state).all()
+    assert (watched.covariance == at_once.covariance).all()
+    assert watched.health == at_once.health
+
+
+def test_smoother_works_with_both():
+    log = simulate(Scenario(duration=15.0, seed=7), ALPHA)
+    plain, compiled = (
+        smooth(log, ALPHA, "inertia-online", settings=Settings(engine=engine))
+        for engine in ("plain", "compiled")
+    )
+    for a, b in zip(plain, compiled, strict=True):
+        sigmas = np.where(a.state_sigmas > 0.0, a.state_sigmas, 1.0)
+        assert (np.abs(a.states - b.states) < 1e-8 * sigmas).all()
+        assert b.state_sigmas == pytest.approx(a.state_sigmas, rel=1e-8, abs=1e-14)
+
+
+def test_copies_and_pickles_go_on_to_the_last_bit_and_do_not_carry_the_table():
+    half = len(EVERYTHING) // 2
+    for variant in ("inertia-online", "friction-online"):
+        estimator, _ = fed("compiled", variant, EVERYTHING[:half])
+        pickled = pickle.dumps(estimator)
+        assert len(pickled) < 2_000_000
+        others = [copy.deepcopy(estimator), pickle.loads(pickled)]  # noqa: S301 - our own bytes
+        for m in EVERYTHING[half : half + 400]:
+            used = estimator.feed(m)
+            assert [other.feed(m) for other in others] == [used, used]
+        for other in others:
+            assert (other.state == estimator.state).all()
+            assert (other.covariance == estimator.covariance).all()
+
+
+def test_plain_engine_needs_no_numba():
+    script = (
+        "import sys; from icreckon.estimator.streaming.pose_estimator import PoseEstimator as P;"
+        "from icreckon.estimator.robot.robot_file import load_robot;"
+        "from icreckon.estimator.robot.settings import Settings;"
+        "P(load_robot('auriga-alpha'), 'inertia-online', settings=Settings(engine='plain'));"
+        "print('numba' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "False"
+
+
+# --- a model with memory ----------------------------------------------------------------------------
+
+
+class Sluggish:
+    """A motion model that is not compiled and remembers: the published one, a little late."""
+
+    def __init__(self, time_constant):
+        self._inner = InertiaMotion(ALPHA.constants)
+        self._time_constant = time_constant
+        self._memory = np.zeros(2)
+
+    @property
+    def vehicle(self):
+        return self._inner.vehicle
+
+    @property
+    def memory(self):
+        return self._memory
+
+    def recall(self, memory):
+        if memory.shape != (2,):
+            raise ValueError(f"two numbers are remembered, found {len(memory)}")
+        self._memory = memory
+
+    def linearise(self, V_l, V_r, parameters, slip):
+        if not self._time_constant:
+            return self._inner.linearise(V_l, V_r, parameters, slip)
+        left, right = self._memory.tolist()
+        V_l, V_r = left + 0.5 * (V_l - left), right + 0.5 * (V_r - right)
+        found, by = self._inner.linearise(V_l, V_r, parameters, slip)
+        by_speeds = 0.5 * np.array(by.by_speeds)
+        return Motion(*found), TwistDerivatives(np.array(by.by_parameters), by_speeds, by.by_slip)
+
+    @property
+    def bounds(self):
+        return self._inner.bounds
+
+    def steering_efficiency(self, parameters):
+        return self._inner.steering_efficiency(parameters)
+
+    def begin_step(self, dt, V_l, V_r, parameters):
+        assert len(parameters) == 8
+        share = -np.expm1(-dt / max(self._time_constant, 1e-9))
+        self._memory = self._memory + share * (np.array([V_l, V_r]) - self._memory)
+
+
+@pytest.fixture
+def sluggish(monkeypatch):
+    def use(time_constant):
+        monkeypatch.setattr(initial_state, "motion_model", lambda *_, **__: Sluggish(time_constant))
+
+    return use
+
+
+def test_model_that_is_not_compiled_is_asked_in_python(sluggish):
+    ours, used = fed("compiled")
+    sluggish(0.0)
+    theirs, theirs_used = fed("compiled")
+    assert isinstance(theirs._reckoning.ekf.model, Sluggish)
+    assert used == theirs_used
+    assert max(apart(theirs, ours)) < 1e-9
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, engine, tmp_path):
+    sluggish(0.2)
+    late, _ = fed(engine, history=2.0)
+    in_order, _ = fed(engine, measurements=everything_in_order(), history=2.0)
+    memory = late._reckoning.ekf.model.memory
+    assert np.abs(memory).max() > 0.01
+    assert (memory == in_order._reckoning.ekf.model.memory).all()
+    assert (late.state == in_order.state).all()
+
+    half = len(EVERYTHING) // 2
+    before, _ = fed(engine, measurements=EVERYTHING[:half])
+    before.save(tmp_path / "saved.json")
+    after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    for m in EVERYTHING[half : half + 400]:
+        assert before.feed(m) == after.feed(m)
+    assert (before.state == after.state).all()
+    assert (before._reckoning.ekf.model.memory == after._reckoning.ekf.model.memory).all()
+
+
+def test_memory_of_another_model_is_refused():
+    model = InertiaMotion(ALPHA.constants)
+    model.recall(model.memory)
+    with pytest.raises(ValueError, match="cannot recall 2 numbers"):
+        model.recall(np.zeros(2))

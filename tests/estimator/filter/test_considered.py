@@ -1,0 +1,260 @@
+"""States that are only considered: they stay as they are, and count in all else."""
+
+import msgspec
+import numpy as np
+import pytest
+from analysis.sampled_model import Fixes, ModelSampler
+from scipy.stats import chi2
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings, StandstillSettings
+from icreckon.estimator.robot.variants import (
+    VARIANTS,
+    default_adaptation,
+    find_variant,
+    slip_of,
+    state_names,
+)
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.smoother import smooth
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+START = {"start_sigma": (0.1, 0.1, 0.1)}
+STEP = 10_000_000
+
+
+@pytest.fixture(scope="module")
+def log():
+    scenario = Scenario(
+        duration=20.0, trajectory="aggressive", seed=5, imu_rate=50.0, track_rate=25.0,
+        truth="kinematic", fixes=FixSpec(heading_sigma=0.05),
+    )  # fmt: skip
+    return simulate(scenario, ALPHA)
+
+
+def fed(log, variant="inertia-online", robot=ALPHA, **options):
+    estimator = PoseEstimator(robot, variant, settings=Settings(**options), **START)
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+    return estimator
+
+
+CASES = [
+    ("inertia-online", ("eta0",)),
+    ("inertia-online", ("accelerometer_bias", "epsilon0", "gyro_bias", "track_scale", "eta0")),
+    ("constant-online", ("zeta0", "gyro_scale")),
+    ("friction-online", ("friction", "z_CM", "gyro_bias")),
+]
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize(("variant", "names"), CASES)
+def test_they_keep_value_and_variance_and_the_others_do_not(log, variant, names, engine):
+    estimator = fed(log, variant, engine=engine, considered=names)
+    fresh = PoseEstimator(ALPHA, variant)
+    free = fed(log, variant, engine=engine)
+    for name in s.STATE_NAMES[s.LEARNT] if variant != "friction-online" else names:
+        index = state_names(variant).index(name)
+        stays = (
+            estimator.state[index] == fresh.state[index]
+            and estimator.covariance[index, index] == fresh.covariance[index, index]
+        )
+        was_free = free.covariance[index, index] != fresh.covariance[index, index]
+        assert bool(stays) == (name in names or not was_free)
+    # They are correlated with what is estimated.
+    rows = [state_names(variant).index(name) for name in names]
+    uncertain = [row for row in rows if fresh.covariance[row, row] > 0.0]
+    assert uncertain
+    assert all(np.abs(estimator.covariance[row, s.POSE]).max() > 0.0 for row in uncertain)
+    assert np.linalg.eigvalsh(estimator.covariance)[0] > -1e-9
+
+
+@pytest.mark.parametrize(("variant", "names"), CASES)
+def test_both_engines_do_the_same(log, variant, names):
+    plain, compiled = (fed(log, variant, engine=e, considered=names) for e in ("plain", "compiled"))
+    sigmas = np.sqrt(np.diagonal(plain.covariance))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    assert np.abs((plain.state - compiled.state) / unit).max() < 1e-9
+    apart = np.abs(plain.covariance - compiled.covariance) / np.outer(unit, unit)
+    assert apart.max() < 1e-9
+
+
+def test_nothing_considered_is_the_filter_as_it_was(log):
+    assert (fed(log).state == fed(log, considered=()).state).all()
+    # What has no uncertainty stays in any case.
+    fixed = ("H", "eta0")
+    one, other = (fed(log, "inertia-fixed", considered=names) for names in ((), fixed))
+    assert (one.state == other.state).all()
+    assert (one.covariance == other.covariance).all()
+
+
+@pytest.fixture(scope="module")
+def consistency():
+    """Sums of NEES over runs drawn from the model: slip and bias, pose; slip and bias, eta0 ignored."""
+    variant, runs, fixes = find_variant("inertia-online"), 25, Fixes(interval=2.0)
+    adaptation = default_adaptation("inertia-online", eta0=0.15)
+    standstill = StandstillSettings(track_speed=0.0)
+    # Little slip, or that would explain what eta0 leaves open.
+    settings = Settings(
+        slip=slip_of(ALPHA, variant).scaled(0.1),
+        adaptation=adaptation,
+        considered=("eta0",),
+        standstill=standstill,
+    )
+    ignoring = msgspec.structs.replace(
+        settings, adaptation=default_adaptation("inertia-online", eta0=0.0), considered=()
+    )
+    sampler = ModelSampler(ALPHA, variant, settings, fixes)
+    times = np.arange(401) * 0.02
+    speeds = 0.5 + 0.2 * np.sin(times)[:, None] * [-1.0, 1.0]
+    totals = np.zeros(3)
+    for seed in range(runs):
+        run = sampler.run(speeds, 0.02, np.random.default_rng(seed))
+        for column, used in ((0, settings), (2, ignoring)):
+            estimator = PoseEstimator(ALPHA, "inertia-online", settings=used)
+            for measurement in run.measurements:
+                estimator.feed(measurement)
+            error, P = estimator.state - run.states[-1], estimator.covariance
+            some = [s.SLIP_X, s.SLIP_W, s.GYRO_BIAS]
+            totals[column] += error[some] @ np.linalg.solve(P[np.ix_(some, some)], error[some])
+            if used is settings:
+                totals[1] += error[s.POSE] @ np.linalg.solve(P[s.POSE, s.POSE], error[s.POSE])
+    return totals, runs
+
+
+def test_the_filter_is_as_sure_as_it_may_be(consistency):
+    (others, pose, _), runs = consistency
+    for total in (pose, others):
+        low, high = chi2.interval(0.999, 3 * runs)
+        assert low < total < high
+
+
+def test_ignoring_what_is_uncertain_would_be_too_sure(consistency):
+    (_, _, ignoring), runs = consistency
+    assert ignoring > chi2.isf(5e-4, 3 * runs)
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_an_accelerometer_that_is_far_off_is_not_made_to_fit_by_what_is_known(engine):
+    """Ten times it is refused, then taken as that uncertain; its bias stays, and the rest is sane."""
+    settings = Settings(engine=engine, considered=("accelerometer_bias",))
+    estimator = PoseEstimator(ALPHA, settings=settings)
+    for k in range(600):
+        stamp = k * STEP
+        estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 3.0, 9.3)))
+    health = estimator.health.sensors["accelerometer"]
+    assert health.rejected["gate"] > 500
+    assert health.used > 40
+    assert estimator.biases["accelerometer_bias"] == 0.0
+    assert estimator.covariance[s.ACCELEROMETER_BIAS, s.ACCELEROMETER_BIAS] == pytest.approx(
+        ALPHA.imu.accelerometer_bias_sigma**2
+    )
+    assert np.abs(estimator.pose[2]) < 0.05
+    assert np.abs(estimator.twist[2]) < 0.05
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_at_a_bound_the_others_give_way(engine):
+    """Of a robot that turns almost as an ideal differential drive would, and a gyro that says more."""
+    robot = msgspec.structs.replace(
+        ALPHA, indices=msgspec.structs.replace(ALPHA.indices, eta0=1.02), constant_icr=None
+    )
+    settings = Settings(engine=engine, considered=("epsilon0", "gyro_bias"))
+    both = []
+    for used in (settings, msgspec.structs.replace(settings, considered=("eta0",))):
+        estimator = PoseEstimator(robot, "constant-online", settings=used, **START)
+        for k in range(800):
+            stamp = k * 2 * STEP
+            estimator.feed(TrackSpeeds(stamp, 0.2, 0.6))
+            estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.4 / 0.42 / 0.8)))
+        both.append(estimator)
+    epsilon_kept, eta_kept = both
+    correlation = epsilon_kept.covariance[s.ETA0, s.GYRO_BIAS]
+    assert abs(correlation) > 1e-6, "or the bias is not what the bound would move"
+    assert epsilon_kept.biases["gyro_bias"] == 0.0
+    assert epsilon_kept.parameters["epsilon0"] == robot.indices.epsilon0
+    assert epsilon_kept.parameters["eta0"] == pytest.approx(1.0, abs=1e-9)
+    assert eta_kept.parameters["eta0"] == 1.02
+
+
+def test_what_was_learnt_is_taken_over_and_then_stays(log, tmp_path):
+    learnt = fed(log)
+    learnt.save(tmp_path / "saved.json")
+    settings = Settings(considered=("eta0", "gyro_bias"))
+    warm = PoseEstimator.warm_start(tmp_path / "saved.json", ALPHA, off=3600.0, settings=settings)
+    for index in (s.ETA0, s.GYRO_BIAS):
+        assert warm.state[index] == learnt.state[index]
+        assert warm.covariance[index, index] == learnt.covariance[index, index]
+    # A bias that is estimated has walked meanwhile.
+    index = s.ACCELEROMETER_BIAS
+    assert warm.covariance[index, index] > learnt.covariance[index, index]
+    before = warm.state[s.LEARNT]
+    for measurement in log.measurements():
+        warm.feed(measurement)
+    stays = warm.state[s.LEARNT] == before
+    assert stays[[s.ETA0 - s.LEARNT.start, s.GYRO_BIAS - s.LEARNT.start]].all()
+    assert warm.covariance[s.ETA0, s.ETA0] == learnt.covariance[s.ETA0, s.ETA0]
+    assert not stays[s.EPSILON0 - s.LEARNT.start]
+
+
+def test_a_restored_one_goes_on_considering(log, tmp_path):
+    measurements = list(log.measurements())
+    settings = Settings(considered=("eta0",))
+    original = PoseEstimator(ALPHA, settings=settings, **START)
+    for measurement in measurements[:500]:
+        original.feed(measurement)
+    original.save(tmp_path / "saved.json")
+    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    assert restored.settings == settings
+    for measurement in measurements[500:]:
+        assert original.feed(measurement) is restored.feed(measurement)
+    assert (original.state == restored.state).all()
+    assert restored.parameters["eta0"] == ALPHA.indices.eta0
+
+
+def test_smoothing_refuses_them(log):
+    with pytest.raises(EstimatorError, match=r"Settings.considered names \(eta0, gyro_bias\)"):
+        smooth(log, ALPHA, "inertia-online", settings=Settings(considered=("eta0", "gyro_bias")))
+
+
+@pytest.mark.parametrize(
+    ("variant", "name", "said"),
+    [
+        ("inertia-online", "eta_0", "cannot hold 'eta_0'; did you mean 'eta0'?"),
+        ("inertia-online", "friction", "cannot hold 'friction'; "),
+        ("friction-online", "rolling", "did you mean 'rolling_resistance'?"),
+        ("friction-online", "eta0", "cannot hold 'eta0'"),
+        ("inertia-online", "yaw", "cannot hold 'yaw'"),
+        ("inertia-online", "slip_x", "cannot hold 'slip_x'"),
+        ("friction-online", "unused_1", "cannot hold 'unused_1'"),
+    ],
+)
+def test_a_name_that_is_none_is_refused_with_the_nearest(variant, name, said):
+    with pytest.raises(EstimatorError, match=r"Settings.considered cannot hold") as caught:
+        PoseEstimator(ALPHA, variant, settings=Settings(considered=(name,)))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("value", ["eta0", ["eta0"], None, (1,), ("eta0", None)])
+def test_what_are_no_names_is_refused(value):
+    with pytest.raises(EstimatorError, match=r"Settings.considered must be a tuple of names"):
+        Settings(considered=value)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_all_that_is_learnt_may_be_considered(variant):
+    names = tuple(name for name in state_names(variant)[s.LEARNT] if "unused" not in name)
+    estimator = PoseEstimator(ALPHA, variant, settings=Settings(considered=names), **START)
+    before = estimator.state[s.LEARNT]
+    for k in range(50):
+        estimator.feed(TrackSpeeds(k * STEP, 0.3, 0.5))
+        estimator.feed(ImuSample(k * STEP, (0.0, 0.0, 0.3), (0.0, 0.1, 9.8)))
+    estimator.feed(PositionFix(estimator.stamp, 0.2, 0.1, 0.01))
+    assert (estimator.state[s.LEARNT] == before).all()

@@ -1,0 +1,417 @@
+"""The filter's arithmetic: derivatives, process noise, updates, bounds."""
+
+import copy
+import sys
+
+import numpy as np
+import pytest
+from filterpy.kalman import ExtendedKalmanFilter
+from scipy.integrate import quad
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.frames import arc_factors, compose
+from icreckon.estimator.filter.ekf import IcrEkf, ProcessNoise
+from icreckon.estimator.motion.bounds import BOUND_MARGIN, ROUNDING
+from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
+from icreckon.estimator.scalar_engine.compiled_ekf import CompiledEkf
+
+ALPHA = load_robot("auriga-alpha")
+INERTIA, FRICTION = find_variant("inertia-online"), find_variant("friction-online")
+VEHICLE = motion_model(ALPHA, INERTIA).vehicle
+ENGINES = [IcrEkf, CompiledEkf]
+NO_NOISE = ProcessNoise(np.zeros(3), 1.0, np.zeros(s.SIZE))
+# Standard deviations that a filter may have in the states, in their own units.
+SCALES = np.zeros(s.SIZE)
+SCALES[s.POSE] = 0.1, 0.1, 0.05
+SCALES[s.SLIP] = SCALES[s.FAST_SLIP] = 0.02, 0.02, 0.05
+SCALES[s.PARAMETERS] = 0.0, 0.01, 5e-5, 0.02, 2e-4, 0.2, 4e-4, 2e-6
+SCALES[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS, s.TRACK_SCALE, s.GYRO_SCALE]] = 0.01, 0.1, 0.02, 0.01
+# The gains of the friction model are shares.
+FRICTION_SCALES = SCALES.copy()
+FRICTION_SCALES[[s.ZETA1, s.EPSILON1, s.ETA1, s.ETA2]] = 0.3, 0.3, 0.3, 0.0
+
+
+def scales_of(ekf):
+    return SCALES if isinstance(ekf.model, InertiaMotion) else FRICTION_SCALES
+
+
+@pytest.fixture(autouse=True, params=ENGINES, ids=["plain", "compiled"])
+def engine(request, monkeypatch):
+    """Each fact holds for both."""
+    monkeypatch.setattr(sys.modules[__name__], "Engine", request.param)
+
+
+Engine = IcrEkf
+
+
+def make(rng=None, variant=INERTIA, **options):
+    """A filter about the parameters that it starts from: at them, or at a random state near them."""
+    ekf = Engine(motion_model(ALPHA, variant, **options))
+    ekf.x[s.PARAMETERS] = initial_parameters(ALPHA, variant)
+    if rng is not None:
+        scales = scales_of(ekf)
+        ekf.x += scales * rng.normal(size=s.SIZE)
+        root = scales[:, None] * rng.normal(size=(s.SIZE, s.SIZE))
+        ekf.P = root @ root.T / s.SIZE
+    return ekf
+
+
+def at(ekf, x):
+    other = copy.deepcopy(ekf)
+    other.x = x.copy()
+    return other
+
+
+def derivative(function, x, scales):
+    """Central differences (m, SIZE) of a function of the state, each step in the state's own unit."""
+    columns = []
+    for index, scale in enumerate(scales):
+        step = np.zeros(s.SIZE)
+        step[index] = 1e-4 * scale if scale else 1e-4
+        columns.append((function(x + step) - function(x - step)) / (2.0 * step[index]))
+    return np.stack(columns, axis=-1)
+
+
+def assert_jacobian(found, expected, scales):
+    """Equal to 1e-6 of what a standard deviation of any state can do to that row."""
+    size = np.where(scales > 0, scales, 1e-3)
+    error = (found - expected) * size
+    assert np.abs(error).max() < 1e-6 * np.abs(expected * size).max()
+
+
+def noise(sigma=(0.03, 0.01, 0.1), time_constant=1.0, walk=None):
+    return ProcessNoise(np.array(sigma), time_constant, 0.1 * SCALES if walk is None else walk)
+
+
+OPTIONS = [
+    {"form": "smooth"},
+    {"form": "smooth", "slip_in_inertia": True},
+    {"form": "literal"},
+    {"form": "literal", "slip_in_inertia": True},
+    {"variant": FRICTION},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_jacobian_of_the_twist_is_its_derivative_by_the_state(options):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        ekf = make(rng, **options)
+        left, right = rng.uniform(-1.0, 1.0, 2)
+        model = ekf.twist_model(left, right, 0.9)
+
+        def twist(x, ekf=ekf, left=left, right=right):
+            return at(ekf, x).twist_model(left, right, 0.9).twist
+
+        scales = scales_of(ekf)
+        assert_jacobian(model.jacobian, derivative(twist, ekf.x, scales), scales)
+
+
+@pytest.mark.parametrize("variant", [INERTIA, FRICTION], ids=lambda variant: variant.name)
+def test_derivative_by_the_track_speeds(variant):
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        ekf = make(rng, variant)
+        speeds = rng.uniform(-1.0, 1.0, 2)
+        for track in (0, 1):
+            step = np.zeros(2)
+            step[track] = 1e-6
+            change = (
+                ekf.twist_model(*(speeds + step)).twist - ekf.twist_model(*(speeds - step)).twist
+            )
+            assert ekf.twist_model(*speeds).by_speeds[:, track] == pytest.approx(
+                change / 2e-6, abs=1e-7
+            )
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
+@pytest.mark.parametrize("options", [*OPTIONS[:2], OPTIONS[-1]], ids=str)
+def test_transition_is_the_derivative_of_the_prediction(dt, options):
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        ekf = make(rng, **options)
+        left, right = rng.uniform(-1.0, 1.0, 2)
+
+        def predicted(x, ekf=ekf, left=left, right=right):
+            other = at(ekf, x)
+            other.predict_motion(dt, left, right, NO_NOISE)
+            return other.x
+
+        scales = scales_of(ekf)
+        expected = derivative(predicted, ekf.x, scales)
+        ekf.predict_motion(dt, left, right, NO_NOISE)
+        assert_jacobian(ekf.F, expected, scales)
+
+
+def test_transition_where_the_arc_becomes_a_line():
+    # The slope of the arc's factors is a series below 1e-4 rad and a quotient above.
+    for turn in (0.0, 0.9e-4, 1.1e-4, 1e-3):
+        ekf = make()
+        ekf.x[s.SLIP_W] = turn / 0.1
+        noise_free = ProcessNoise(np.zeros(3), 1e9, np.zeros(s.SIZE))
+        ekf.predict_motion(0.1, 0.5, 0.5, noise_free)
+        # d(y) / d(w) of a chord of 0.05 m: half of it times dt, to 1e-6 of it.
+        assert ekf.F[s.Y, s.SLIP_W] == pytest.approx(0.05 * 0.1 / 2, rel=1e-6)
+        assert ekf.F[s.X, s.SLIP_W] == pytest.approx(-0.05 * 0.1 * turn / 3, abs=1e-9)
+
+
+def test_constant_twist_drives_the_exact_arc():
+    ekf = make()
+    ekf.x[s.POSE] = 1.0, 2.0, 0.5
+    start = ekf.x[s.POSE].copy()
+    forward, left, w = ekf.twist_model(0.3, 0.7).twist * 2.0
+    a, b = arc_factors(w)
+    ekf.predict_motion(2.0, 0.3, 0.7, NO_NOISE)
+    chord = [a * forward - b * left, b * forward + a * left, w]
+    assert ekf.x[s.POSE] == pytest.approx(compose(start, chord), abs=1e-14)
+
+
+def test_dividing_a_step_changes_nothing_without_slip():
+    rng = np.random.default_rng(4)
+    whole = make(rng)
+    whole.x[s.SLIP] = 0.0
+    whole.P[s.SLIP, :] = whole.P[:, s.SLIP] = 0.0
+    parts = copy.deepcopy(whole)
+    whole.predict_motion(1.0, 0.2, 0.8, NO_NOISE)
+    for _ in range(100):
+        parts.predict_motion(0.01, 0.2, 0.8, NO_NOISE)
+    assert parts.x == pytest.approx(whole.x, abs=1e-13)
+    assert np.abs(parts.P - whole.P).max() < 1e-13
+
+
+def test_dividing_a_step_changes_the_noise_to_second_order_only():
+    rng = np.random.default_rng(5)
+    start = make(rng)
+    differences = []
+    for dt in (0.1, 0.05, 0.025):
+        whole, parts = copy.deepcopy(start), copy.deepcopy(start)
+        whole.predict_motion(dt, 0.2, 0.8, noise())
+        for _ in range(10):
+            parts.predict_motion(dt / 10, 0.2, 0.8, noise())
+        unit = np.sqrt(np.diagonal(parts.P).clip(1e-30))
+        differences.append(np.abs((whole.P - parts.P) / np.outer(unit, unit)).max())
+        assert whole.x == pytest.approx(parts.x, abs=0.1 * dt**2)
+    assert differences[0] < 1e-3
+    # Halving the step divides the difference by four or more.
+    assert differences[1] < 0.3 * differences[0]
+    assert differences[2] < 0.3 * differences[1]
+
+
+@pytest.mark.parametrize("steps", [1, 7, 300])
+def test_slip_becomes_the_uncertainty_of_an_integrated_gauss_markov_process(steps):
+    # From no slip at all, over T seconds along a straight line.
+    T, tau, sigma = 3.0, 0.7, 0.05
+    ekf = make()
+    for _ in range(steps):
+        ekf.predict_motion(T / steps, 0.5, 0.5, noise((sigma, 0, 0), tau, np.zeros(s.SIZE)))
+    density = 2.0 * sigma**2 / tau
+
+    def response(t):
+        return tau * -np.expm1(-t / tau)
+
+    position = quad(lambda t: density * response(t) ** 2, 0.0, T)[0]
+    mixed = quad(lambda t: density * response(t) * np.exp(-t / tau), 0.0, T)[0]
+    velocity = quad(lambda t: density * np.exp(-2.0 * t / tau), 0.0, T)[0]
+    assert ekf.P[s.X, s.X] == pytest.approx(position, rel=1e-9)
+    assert ekf.P[s.X, s.SLIP_X] == pytest.approx(mixed, rel=1e-9)
+    assert ekf.P[s.SLIP_X, s.SLIP_X] == pytest.approx(velocity, rel=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1e-9, 1e-6, 0.9999e-3, 1.0001e-3, 0.1, 5.0])
+def test_noise_of_a_step_on_both_sides_of_the_switch_to_the_series(ratio):
+    ekf = make()
+    ekf.predict_motion(ratio, 0.5, 0.5, noise((1.0, 0.0, 0.0), 1.0, np.zeros(s.SIZE)))
+    integral = quad(lambda t: 2.0 * np.expm1(-t) ** 2, 0.0, ratio, epsabs=0.0)[0]
+    # The series leaves out 0.35 ratio², the closed form loses 1e-16 of ratio against ratio³ / 3.
+    assert ekf.Q[s.X, s.X] == pytest.approx(integral, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize("steps", [1, 200])
+def test_random_walks_reach_the_pose_within_the_step(steps):
+    # A gap of the track speeds is one long step: what the walk does to the pose must not wait.
+    walk = np.zeros(s.SIZE)
+    walk[s.FAST_SLIP] = 0.3, 0.0, 0.0
+    ekf = make()
+    for _ in range(steps):
+        ekf.predict_motion(5.0 / steps, 0.5, 0.5, noise((0, 0, 0), 1.0, walk))
+    fast = s.FAST_SLIP.start
+    assert ekf.P[s.X, s.X] == pytest.approx(0.09 * 5.0**3 / 3)
+    assert ekf.P[s.X, fast] == pytest.approx(0.09 * 5.0**2 / 2)
+    assert ekf.P[fast, fast] == pytest.approx(0.09 * 5.0)
+
+
+def test_heading_error_swings_the_position():
+    ekf = make()
+    ekf.P[s.YAW, s.YAW] = 0.01
+    for _ in range(50):
+        ekf.predict_motion(0.1, 0.6, 0.6, NO_NOISE)
+    assert ekf.P[s.Y, s.Y] == pytest.approx((0.1 * 3.0) ** 2)
+    assert ekf.P[s.X, s.X] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_update_is_filterpys_update():
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        ours = make(rng)
+        theirs = ExtendedKalmanFilter(dim_x=s.SIZE, dim_z=1)
+        theirs.x, theirs.P = ours.x.copy(), ours.P.copy()
+        row = rng.normal(size=s.SIZE)
+        residual, variance = rng.normal(), rng.uniform(0.01, 1.0)
+        theirs.update(
+            np.array([residual]),
+            HJacobian=lambda _, row=row: row[None, :],
+            Hx=lambda _: np.zeros(1),
+            R=np.array([[variance]]),
+        )
+        assert theirs.x.shape == (s.SIZE,)
+        ours.update_scalar(residual, row, variance)
+        assert ours.x == pytest.approx(theirs.x, abs=1e-12)
+        assert np.abs(ours.P - theirs.P).max() < 1e-12
+
+
+def test_update_is_the_sum_of_information():
+    rng = np.random.default_rng(7)
+    root = rng.normal(size=(s.SIZE, s.SIZE))
+    ekf = Engine(InertiaMotion(VEHICLE))
+    ekf.P = root @ root.T + np.eye(s.SIZE)
+    row, variance, residual = rng.normal(size=s.SIZE), 0.3, 0.7
+    information = np.linalg.inv(ekf.P) + np.outer(row, row) / variance
+    ekf.update_scalar(residual, row, variance)
+    assert ekf.P @ information == pytest.approx(np.eye(s.SIZE), abs=1e-10)
+    assert information @ ekf.x == pytest.approx(row * residual / variance, abs=1e-10)
+
+
+def test_update_that_must_not_move_the_pose_leaves_it_and_its_covariance():
+    ekf = make(np.random.default_rng(13))
+    free = copy.deepcopy(ekf)
+    pose, P = ekf.x[s.POSE].copy(), ekf.P.copy()
+    row = np.random.default_rng(14).normal(size=s.SIZE)
+    row[s.POSE] = 0.0
+    ekf.update_scalar(0.3, row, 0.01, kept=(s.X, s.Y, s.YAW))
+    free.update_scalar(0.3, row, 0.01)
+    assert (ekf.x[s.POSE] == pose).all()
+    assert ekf.P[s.POSE, s.POSE] == pytest.approx(P[s.POSE, s.POSE], abs=1e-15)
+    # All else is as in the full update.
+    others = np.delete(np.arange(s.SIZE), s.POSE)
+    assert ekf.x[others] == pytest.approx(free.x[others], abs=1e-14)
+    assert ekf.P[np.ix_(others, others)] == pytest.approx(free.P[np.ix_(others, others)], abs=1e-14)
+    assert np.linalg.eigvalsh(ekf.P)[0] > -1e-14
+
+
+def test_innovation_is_residual_and_its_variance():
+    ekf = make(np.random.default_rng(8))
+    row = np.zeros(s.SIZE)
+    row[s.X] = 2.0
+    innovation = ekf.innovation(3.0, row, 0.5)
+    expected = 4.0 * ekf.P[s.X, s.X] + 0.5
+    assert innovation.variance == pytest.approx(expected)
+    assert innovation.nis == pytest.approx(9.0 / expected)
+
+
+def test_new_fast_slip_is_independent_of_all_else():
+    ekf = make(np.random.default_rng(9))
+    others = np.delete(np.arange(s.SIZE), s.FAST_SLIP)
+    before = ekf.P[np.ix_(others, others)].copy()
+    covariance = np.diag([1.0, 2.0, 3.0])
+    ekf.renew_fast_slip(covariance)
+    assert (ekf.x[s.FAST_SLIP] == 0.0).all()
+    assert (ekf.P[s.FAST_SLIP, s.FAST_SLIP] == covariance).all()
+    assert (ekf.P[np.ix_(others, others)] == before).all()
+    assert (ekf.P[s.FAST_SLIP, others] == 0.0).all()
+    assert (ekf.P[others, s.FAST_SLIP] == 0.0).all()
+
+
+def inside(ekf):
+    half = 0.5 * VEHICLE.gauge * ekf.x[s.ETA0]
+    epsilon = ekf.x[s.EPSILON0]
+    tolerance = 1e-9
+    return (
+        ekf.x[s.ETA0] >= 1.0 - tolerance
+        and half + epsilon >= BOUND_MARGIN - tolerance
+        and half - epsilon >= BOUND_MARGIN - tolerance
+    )
+
+
+def test_parameters_are_brought_back_inside_whatever_the_covariance():
+    rng = np.random.default_rng(10)
+    outside = 0
+    for _ in range(1000):
+        ekf = make(rng)
+        root = rng.normal(size=(s.SIZE, s.SIZE))
+        ekf.P = root @ root.T
+        ekf.x[s.ETA0], ekf.x[s.EPSILON0] = rng.normal(1.0, 1.0), rng.normal(0.0, 0.3)
+        outside += not inside(ekf)
+        P = ekf.P.copy()
+        ekf.keep_inside_bounds()
+        assert inside(ekf)
+        assert (ekf.P == P).all()
+    assert outside > 300
+
+
+def test_projection_moves_along_the_covariance_to_the_nearest_point():
+    ekf = make()
+    ekf.x[s.ETA0] = 0.8
+    ekf.P[s.ETA0, s.ETA0] = 0.04
+    ekf.P[s.ETA0, s.GYRO_BIAS] = ekf.P[s.GYRO_BIAS, s.ETA0] = 0.001
+    ekf.P[s.GYRO_BIAS, s.GYRO_BIAS] = 0.0001
+    ekf.keep_inside_bounds()
+    assert ekf.x[s.ETA0] == pytest.approx(1.0)
+    # What is known together moves together: 0.2 * 0.001 / 0.04.
+    assert ekf.x[s.GYRO_BIAS] == pytest.approx(0.005)
+
+
+def test_projection_moves_neither_the_pose_nor_what_only_fixes_show():
+    rng = np.random.default_rng(13)
+    ekf = make(rng)
+    root = rng.normal(size=(s.SIZE, s.SIZE))
+    ekf.P = root @ root.T
+    ekf.x[s.ETA0] = 0.5
+    before = ekf.x.copy()
+    ekf.keep_inside_bounds()
+    assert ekf.x[s.ETA0] >= 1.0 - ROUNDING
+    assert ekf.x[s.GYRO_BIAS] != before[s.GYRO_BIAS]
+    still = [s.X, s.Y, s.YAW, s.TRACK_SCALE]
+    assert (ekf.x[still] == before[still]).all()
+
+
+def test_nothing_moves_that_is_inside_or_not_estimated():
+    ekf = make(np.random.default_rng(11))
+    x = ekf.x.copy()
+    ekf.keep_inside_bounds()
+    assert (ekf.x == x).all()
+    fixed = make()
+    fixed.x[s.ETA0] = 0.5
+    fixed.keep_inside_bounds()
+    assert fixed.x[s.ETA0] == 0.5
+
+
+def test_covariance_stays_symmetric_and_positive_over_a_long_run():
+    rng = np.random.default_rng(12)
+    ekf = make()
+    ekf.P = np.diag(SCALES**2)
+    worst = np.inf
+    for step in range(20_000):
+        if step % 20 == 0:
+            left, right = rng.uniform(-1.0, 1.0, 2)
+        if step % 2 == 0:
+            ekf.renew_fast_slip(np.diag([1e-4, 1e-6, 1e-3]))
+        ekf.predict_motion(0.01, left, right, noise(walk=1e-3 * SCALES))
+        row = ekf.twist_model(left, right).jacobian[2]
+        row[s.GYRO_BIAS] += 1.0
+        ekf.update_scalar(0.02 * rng.normal(), row, 1e-7)
+        if step % 100 == 99:
+            row = np.zeros(s.SIZE)
+            row[[s.X, s.Y][step % 200 // 100]] = 1.0
+            ekf.update_scalar(-ekf.x[np.argmax(row)], row, 1e-4)
+        ekf.keep_inside_bounds()
+        if step % 200 == 0:
+            assert (ekf.P == ekf.P.T).all()
+            unit = np.sqrt(np.diagonal(ekf.P))
+            known = unit > 0.0
+            P = (ekf.P / np.outer(unit, unit).clip(1e-300))[np.ix_(known, known)]
+            worst = min(worst, np.linalg.eigvalsh(P)[0])
+    # Correlations are computed to about 1e-16 times some hundred terms.
+    assert worst > -1e-12
+    assert np.isfinite(ekf.x).all()

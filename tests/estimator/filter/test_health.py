@@ -1,0 +1,258 @@
+"""What the estimator says about its own condition."""
+
+import math
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.filter.gate import ADMITTED, REJECTED
+from icreckon.estimator.filter.health import (
+    EXCITED,
+    Health,
+    JudgedInnovation,
+    ParameterHealth,
+    SensorHealth,
+)
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
+from icreckon.estimator.robot.robot_file import Slip, load_robot
+from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+SLIP = Slip(0.05, 0.01, 0.1, driving_x=0.0, driving_y=0.0, driving_w=0.0)
+OFFSETS = {"zeta0", "epsilon0", "eta0"}
+GAINS = {"zeta1", "epsilon1", "eta1", "eta2"}
+
+
+def excited(left, right, variant="inertia-online", **options):
+    estimator = PoseEstimator(ALPHA, variant, settings=Settings(slip=SLIP, **options))
+    estimator.feed(TrackSpeeds(0, left, right))
+    return {name for name, one in estimator.parameter_health.items() if one.excited}
+
+
+def test_standing_and_straight_driving_show_no_parameter():
+    for speed in (0.0, 0.1, 1.0, -0.5):
+        assert excited(speed, speed) == set()
+
+
+def test_hard_turns_show_all_but_H():
+    assert excited(0.1, 0.9) == OFFSETS | GAINS
+    assert excited(0.1, 0.9, form="literal") == OFFSETS | GAINS
+
+
+def test_gentle_turns_show_the_offsets_only():
+    assert excited(0.05, 0.06) == OFFSETS
+
+
+@pytest.mark.parametrize("variant", ["differential", "constant-fixed", "inertia-fixed"])
+def test_what_is_not_estimated_is_not_excited_and_has_no_share(variant):
+    assert excited(0.1, 0.9, variant) == set()
+    rows = PoseEstimator(ALPHA, variant).parameter_health.values()
+    assert all(math.isnan(row.share) and row.sigma_at_start == 0.0 for row in rows)
+
+
+def test_excitation_is_what_a_deviation_does_to_the_twist_against_the_slip():
+    estimator = PoseEstimator(ALPHA, "constant-online", settings=Settings(slip=SLIP))
+    estimator.feed(TrackSpeeds(0, 0.1, 0.9))
+    row = estimator.parameter_health["zeta0"]
+    # v_y = -zeta w, and slip by the difference of the track speeds.
+    slip = SLIP.turning_y * 0.8
+    expected = row.sigma_at_start * abs(estimator.twist[2]) / slip
+    assert row.excitation == pytest.approx(expected)
+    assert ParameterHealth(0.1, 0.2, EXCITED).excited
+    assert not ParameterHealth(0.1, 0.2, 0.99 * EXCITED).excited
+
+
+def test_the_share_falls_as_a_parameter_is_learnt():
+    estimator = PoseEstimator(ALPHA)
+    assert {row.share for name, row in estimator.parameter_health.items() if name != "H"} == {1.0}
+    scenario = Scenario(duration=60.0, seed=3, trajectory="aggressive", truth="kinematic")
+    for measurement in simulate(scenario, ALPHA).measurements():
+        estimator.feed(measurement)
+    shares = {name: row.share for name, row in estimator.parameter_health.items()}
+    assert shares["eta0"] < 0.5
+    assert shares["epsilon0"] < 0.5
+    sigma = math.sqrt(estimator.covariance[s.ETA0, s.ETA0])
+    assert estimator.parameter_health["eta0"].sigma == sigma
+    assert shares["eta0"] == pytest.approx(sigma / 0.4)
+
+
+def test_what_is_read_does_not_go_on_counting():
+    estimator = PoseEstimator(ALPHA)
+    estimator.feed(TrackSpeeds(0, 0.1, 0.1))
+    health = estimator.health
+    health.sensor("tracks").used = 99
+    estimator.feed(TrackSpeeds(1, np.nan, 0.1))
+    assert health.rejections() == {}
+    assert estimator.health.sensor("tracks").used == 1
+    assert estimator.health.rejections() == {"tracks: not finite": 1}
+
+
+def test_counts_add_up():
+    one = Health({"gyro": SensorHealth(3, {"gate": 1}, 2.5, 3, 1, reacquired=1)}, 4, 2, 1)
+    other = Health(
+        {
+            "gyro": SensorHealth(2, {"gate": 2, "x": 1}, 1.0, 2, reacquired=3),
+            "imu": SensorHealth(1),
+        },
+        1,
+        3,
+        5,
+    )
+    total = one.copy()
+    total.add(other)
+    summed = SensorHealth(5, {"gate": 3, "x": 1}, 3.5, 5, 1, reacquired=4)
+    assert total.sensors["gyro"] == summed
+    assert total.sensors["imu"].used == 1
+    assert (total.standstill_updates, total.track_gaps, total.stuck_tracks) == (5, 5, 6)
+    assert one.sensors["gyro"].rejected == {"gate": 1}
+    assert other.sensors["gyro"].rejected == {"gate": 2, "x": 1}
+
+
+def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
+    health = SensorHealth()
+    for _ in range(5000):
+        health.judged(ADMITTED, 2.0, degrees=2)
+    assert health.recent_nis == pytest.approx(1.0)
+    for _ in range(300):
+        health.judged(REJECTED, 60.0, 2, (7, REJECTED, (3.0, 4.0), ((1.0, 0.5), (0.5, 2.0))))
+    residual, covariance = (3.0, 4.0), ((1.0, 0.5), (0.5, 2.0))
+    assert health.newest == JudgedInnovation(7, "rejected", residual, covariance)
+    assert health.newest_nis == 60.0
+    assert health.nis_per_degree == pytest.approx(1.0)
+    assert health.recent_nis == pytest.approx(30.0, rel=0.1)
+    assert health.copy() == health
+    both = SensorHealth()
+    both.add(health)
+    assert both == health
+
+
+# --- innovations ------------------------------------------------------------------------------------
+
+STEP = 10_000_000
+
+
+def one_of_each(engine):
+    """An estimator that was fed each kind of measurement, and what each was, by its sensor."""
+    settings = Settings(engine=engine, gates=GateSettings(patience=2))
+    estimator = PoseEstimator(ALPHA, settings=settings, start_sigma=(0.1, 0.2, 0.3))
+    scenario = Scenario(duration=8.0, seed=3, trajectory="slalom", fix_rate=0.0, imu_rate=50.0)
+    for measurement in simulate(scenario, ALPHA).measurements():
+        estimator.feed(measurement)
+    at, (x, y, yaw) = estimator.stamp, estimator.pose
+    forward, left, w = estimator.twist
+    fed = {
+        "position": PositionFix(at, x + 0.3, y - 0.2, 0.04),
+        "heading": HeadingFix(at, yaw + 2.0 * math.pi - 0.1, 0.02),
+        "body velocity": BodyVelocity(at, forward + 0.02, left - 0.01, 0.01),
+        "pose": PoseFix(at, x + 0.1, y, yaw, np.diag([0.04, 0.05, 0.06])),
+        "zero velocity": ZeroVelocity(at, (0.5, 0.1, 0.9)),
+    }
+    for measurement in fed.values():
+        assert estimator.feed(measurement)
+    assert estimator.feed(ImuSample(at + STEP, (0.0, 0.0, w), (0.0, forward * w, 9.81)))
+    return estimator, fed
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_the_newest_innovation_of_each_sensor_is_what_its_gate_has_judged(engine):
+    estimator, fed = one_of_each(engine)
+    sensors = estimator.health.sensors
+    for name in ("gyro", "accelerometer", *fed):
+        newest = sensors[name].newest
+        assert newest.verdict == "admitted"
+        residual, covariance = np.array(newest.residual), np.array(newest.covariance)
+        assert covariance == pytest.approx(covariance.T)
+        assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+        nis = residual @ np.linalg.solve(covariance, residual)
+        assert nis == pytest.approx(sensors[name].newest_nis, rel=1e-9)
+    at = fed["position"].stamp
+    assert [sensors[name].newest.stamp for name in ("gyro", *fed)] == [at + STEP] + [at] * 5
+    assert sensors["position"].newest.residual == pytest.approx((0.3, -0.2))
+    variances = np.diagonal(sensors["position"].newest.covariance)
+    assert (variances > 0.04 + 0.1**2).all()
+    # Wrapped.
+    assert sensors["heading"].newest.residual[0] == pytest.approx(-0.1, abs=0.2)
+    assert np.shape(sensors["pose"].newest.covariance) == (3, 3)
+    assert sensors["zero velocity"].newest.residual[0] == pytest.approx(-0.6, abs=0.5)
+    assert sensors["tracks"].newest is None
+
+
+def test_verdicts_are_told_in_words_and_a_copy_is_the_same():
+    estimator, fed = one_of_each("compiled")
+    far, told = fed["position"], []
+    for k in range(1, 4):
+        fix = PositionFix(far.stamp + k, far.x + 50.0, far.y, 1e-4)
+        estimator.feed(fix)
+        newest = estimator.health.sensors["position"].newest
+        assert newest.stamp == fix.stamp
+        assert newest.residual[0] == pytest.approx(50.0, abs=0.5)
+        # Of what was expected then, not of what was made uncertain on account of it.
+        assert newest.covariance[0][0] < 1.0
+        told.append(newest.verdict)
+    assert told == ["rejected", "rejected", "reacquired"]
+
+
+def test_innovations_outlive_a_program(tmp_path):
+    estimator, _ = one_of_each("compiled")
+    estimator.save(tmp_path / "saved.json")
+    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    for name, sensor in estimator.health.sensors.items():
+        assert restored.health.sensors[name].newest == sensor.newest
+
+
+# --- what would go unnoticed ------------------------------------------------------------------------
+
+
+def test_what_is_believed_after_many_rejections_is_counted_apart():
+    estimator, fed = one_of_each("compiled")
+    assert {sensor.reacquired for sensor in estimator.health.sensors.values()} == {0}
+    far = fed["position"]
+    for k in range(1, 5):
+        estimator.feed(PositionFix(far.stamp + k, far.x + 50.0, far.y, 1e-4))
+    sensor = estimator.health.sensors["position"]
+    assert (sensor.reacquired, sensor.rejected["gate"], sensor.used) == (1, 2, 3)
+
+
+def test_what_comes_too_late_is_not_among_what_comes_late():
+    estimator, fed = one_of_each("compiled")
+    position = fed["position"]
+    for late in (0.1, 0.5, 1.5, 2.5, 3.5):
+        stamp = position.stamp - round(late * 1e9)
+        estimator.feed(PositionFix(stamp, position.x, position.y, 100.0))
+    sensor = estimator.health.sensors["position"]
+    assert (sensor.late, sensor.too_late) == (2, 3)
+    assert estimator.health.sensors["gyro"].too_late == 0
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_gaps_and_stuck_tracks_are_counted_once_each(engine):
+    estimator = PoseEstimator(ALPHA, settings=Settings(engine=engine))
+    rng, told = np.random.default_rng(0), []
+    for k in range(1500):
+        left, right = (0.4 + 0.01 * rng.normal(size=2)).tolist()
+        if 300 <= k < 320 or 700 <= k < 760:
+            continue
+        if 400 <= k < 500 or 900 <= k < 1000:
+            left = 0.4
+        if 1100 <= k < 1200:
+            right = 0.4
+        estimator.feed(TrackSpeeds(k * STEP, left, right))
+        told.append((k, estimator.health.track_gaps, estimator.health.stuck_tracks))
+    gaps, stuck = told[-1][1:]
+    # The first hole is shorter than `Settings.hold`.
+    assert (gaps, stuck) == (1, 3)
+    assert {at: row for at, *row in told}[430] == [0, 0]
+    assert {at: row for at, *row in told}[499] == [0, 1]
+    assert {at: row for at, *row in told}[760] == [1, 1]

@@ -1,0 +1,203 @@
+"""Fixes and body velocities between two IMU samples: they do not end the step that is under way."""
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.look_ahead import component, pose_ahead, pose_now, twist_ahead
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+EPOCH = 1_700_000_000_000_000_000
+STEP = 10_000_000
+BETWEEN = 6_000_000
+NO_DENSITY = np.zeros((3, 3))
+
+
+def some_ekf():
+    rng = np.random.default_rng(1)
+    ekf = IcrEkf(InertiaMotion(ALPHA.constants))
+    ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
+    ekf.x[s.POSE] = 1.0, -2.0, 0.7
+    ekf.x[s.SLIP] = 0.01, -0.02, 0.05
+    ekf.x[s.FAST_SLIP] = 0.02 * rng.normal(size=3)
+    return ekf
+
+
+def test_pose_ahead_is_that_of_the_motion_without_fast_slip_and_so_are_its_derivatives():
+    ekf, elapsed = some_ekf(), 0.05
+
+    def foretold(x):
+        ekf.x = x
+        return pose_ahead(x, ekf.twist_model(0.2, 0.6), NO_DENSITY, elapsed)
+
+    x = ekf.x.copy()
+    found = foretold(x)
+    still = x.copy()
+    still[s.FAST_SLIP] = 0.0
+    assert found.values == pytest.approx(foretold(still).values, abs=1e-12)
+    for column in range(s.SIZE):
+        step = np.zeros(s.SIZE)
+        step[column] = 1e-6
+        slope = (foretold(x + step).values - foretold(x - step).values) / 2e-6
+        assert slope == pytest.approx(found.by_state[:, column], rel=1e-4, abs=1e-7)
+
+
+def test_what_is_not_told_is_the_fast_slip_to_come():
+    ekf = some_ekf()
+    model, density = ekf.twist_model(0.2, 0.6), np.diag([1e-6, 2e-6, 3e-4])
+    pose = pose_ahead(ekf.x, model, density, 0.01)
+    assert pose.covariance.diagonal().sum() == pytest.approx(1e-2 * np.trace(density), rel=1e-3)
+    twist = twist_ahead(ekf.x, model, density, 0.01)
+    assert twist.covariance == pytest.approx(density / 0.01)
+    without = model.twist - ekf.x[s.FAST_SLIP]
+    assert twist.values == pytest.approx(without, abs=1e-12)
+    assert (pose_now(ekf.x).covariance == 0.0).all()
+    reading = component(2, 1.0, 0.5, twist, ekf.x, ekf.x)
+    assert reading.variance == pytest.approx(0.5 + 3e-2)
+
+
+# --- the estimator ------------------------------------------------------------------------------------
+
+
+def driven(engine="compiled", duration=2.0):
+    """An estimator in a bend, with sensors that agree with the robot file, and where it is."""
+    estimator = PoseEstimator(ALPHA, settings=Settings(engine=engine))
+    estimator.feed(TrackSpeeds(EPOCH - STEP, 0.3, 0.6))
+    v_x, v_y, w = estimator.twist
+    for k in range(int(duration * 100)):
+        estimator.feed(TrackSpeeds(EPOCH + k * STEP, 0.3, 0.6))
+        rates, forces = (0.0, 0.0, w), (-w * v_y, w * v_x, 9.81)
+        estimator.feed(ImuSample(EPOCH + k * STEP, rates, forces))
+    return estimator, EPOCH + k * STEP
+
+
+def where_it_will_be(estimator, elapsed):
+    x, y, yaw = estimator.pose
+    v_x, v_y, w = estimator.twist
+    middle = yaw + 0.5 * w * elapsed
+    cos, sin = np.cos(middle), np.sin(middle)
+    return (
+        x + elapsed * (cos * v_x - sin * v_y),
+        y + elapsed * (sin * v_x + cos * v_y),
+        yaw + w * elapsed,
+    )
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_what_agrees_with_the_motion_moves_nothing_and_leaves_the_stamp(engine):
+    estimator, stamp = driven(engine)
+    x, y, yaw = where_it_will_be(estimator, BETWEEN * 1e-9)
+    before, sigmas = estimator.state, np.sqrt(np.diagonal(estimator.covariance))
+    later = stamp + BETWEEN
+    v_x, v_y, _ = estimator.twist
+    for fix in (
+        PositionFix(later, x, y, 1e-4),
+        HeadingFix(later, yaw, 1e-4),
+        BodyVelocity(later, v_x, v_y, 1e-4),
+    ):
+        assert estimator.feed(fix)
+        assert estimator.stamp == stamp
+    assert (np.abs(estimator.state - before) <= 1e-3 * sigmas + 1e-9).all()
+    assert np.sqrt(np.diagonal(estimator.covariance))[0] < 0.9 * sigmas[0]
+    health = estimator.health.sensors
+    assert [health[name].used for name in ("position", "heading", "body velocity")] == [1, 1, 1]
+
+
+def test_without_an_imu_to_wait_for_the_estimate_goes_to_the_fix():
+    estimator, stamp = driven()
+    later = stamp + 10 * STEP
+    x, y, _ = where_it_will_be(estimator, 0.1)
+    assert estimator.feed(PositionFix(later, x, y, 1e-2))
+    assert estimator.stamp == later
+
+
+def test_stray_fixes_between_samples_are_gated_and_believed_at_last():
+    estimator, stamp = driven()
+    used = []
+    for _ in range(12):
+        stamp += STEP
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, estimator.twist[2])))
+        used.append(estimator.feed(PositionFix(stamp + BETWEEN, 30.0, -20.0, 1e-2)))
+        assert estimator.stamp == stamp
+    assert used == [False] * 10 + [True] * 2
+    assert estimator.pose[:2] == pytest.approx([30.0, -20.0], abs=0.1)
+    assert estimator.health.rejections() == {"position: gate": 10}
+
+
+def test_marks_are_corrected_with_the_pose():
+    motions = []
+    for later in (0, BETWEEN):
+        estimator, _ = driven(duration=0.5)
+        mark = estimator.mark()
+        for k in range(100):
+            stamp = EPOCH + (50 + k) * STEP
+            estimator.feed(TrackSpeeds(stamp, 0.3, 0.6))
+            estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.2)))
+            x, y, _ = where_it_will_be(estimator, later * 1e-9)
+            if k % 20 == 10:
+                estimator.feed(PositionFix(stamp + later, x + 0.02, y - 0.01, 1e-4))
+        motions.append(estimator.relative_motion(mark))
+    in_phase, between = motions
+    sigmas = np.sqrt(np.diagonal(in_phase.covariance))
+    assert np.sqrt(np.diagonal(between.covariance)) == pytest.approx(sigmas, rel=0.03)
+    assert (np.abs(between.pose - in_phase.pose) < 0.3 * sigmas).all()
+
+
+def drive_with(shift, kind):
+    """Errors of the pose at the end, its standard deviations, with measurements so late [ns]."""
+    log = simulate(Scenario(duration=20.0, seed=3, fix_rate=0.0, truth_rate=500.0), ALPHA)
+    rng = np.random.default_rng(4)
+    poses, twists = log.truth.poses, log.truth.twists
+    estimator, next_fix = PoseEstimator(ALPHA), log.start + 200_000_000
+    for m in log.measurements():
+        if m.stamp > next_fix + shift:
+            at = np.searchsorted(poses.stamps, next_fix + shift)
+            stamp = int(poses.stamps[at])
+            if kind == "position":
+                x, y = poses.poses[at, :2] + 0.05 * rng.normal(size=2)
+                estimator.feed(PositionFix(stamp, x, y, 0.05**2))
+            elif kind == "heading":
+                yaw = poses.poses[at, 2] + 0.02 * rng.normal()
+                estimator.feed(HeadingFix(stamp, yaw, 0.02**2))
+            else:
+                v_x, v_y = twists.twists[at, :2] + 0.05 * rng.normal(size=2)
+                estimator.feed(BodyVelocity(stamp, v_x, v_y, 0.05**2))
+            next_fix += 200_000_000
+        estimator.feed(m)
+    return np.sqrt(np.diagonal(estimator.pose_covariance))
+
+
+@pytest.mark.parametrize("kind", ["position", "heading", "body velocity"])
+def test_it_does_not_matter_whether_they_come_with_the_imu_or_between(kind):
+    in_phase, between = drive_with(0, kind), drive_with(4_000_000, kind)
+    assert between == pytest.approx(in_phase, rel=0.05)
+
+
+def test_the_order_of_arrival_does_not_matter_between_samples_either():
+    log = simulate(Scenario(duration=8.0, seed=3, fix_rate=7.3), ALPHA)
+    in_order, late = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
+    measurements = list(log.measurements())
+    delays = [200_000_000 * isinstance(m, PositionFix) for m in measurements]
+    arrival = np.argsort(
+        [m.stamp + delay for m, delay in zip(measurements, delays, strict=True)], kind="stable"
+    )
+    for m, index in zip(measurements, arrival, strict=True):
+        in_order.feed(m)
+        late.feed(measurements[index])
+    assert late.health.sensors["position"].late > 20
+    assert (late.state == in_order.state).all()
+    assert (late.covariance == in_order.covariance).all()

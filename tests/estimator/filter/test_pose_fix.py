@@ -1,0 +1,272 @@
+"""Pose fixes with a full covariance: the dense Kalman update, one gate, and a way back."""
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
+from icreckon.estimator.filter.look_ahead import pose_ahead
+from icreckon.estimator.log.measurements import (
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+STEP = 10_000_000
+START = {"start": (1.0, 2.0, 3.0), "start_sigma": (0.3, 0.2, 0.1)}
+SMALL = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.001))
+
+
+def driven(seconds=9.0, engine="compiled", **options):
+    """An estimator in a slalom, its covariance full; at its stamp there was an IMU sample."""
+    settings = Settings(engine=engine, **options)
+    estimator = PoseEstimator(ALPHA, settings=settings, **START)
+    log = simulate(
+        Scenario(duration=seconds, trajectory="slalom", fix_rate=0.0, seed=4, imu_rate=50.0), ALPHA
+    )
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+    return estimator
+
+
+def random_covariance(rng, scale=(0.2, 0.3, 0.1)):
+    root = np.array(scale)[:, None] * rng.normal(size=(3, 3))
+    return root @ root.T
+
+
+def dense_update(x, P, residual, H, R):
+    """The textbook's."""
+    S = H @ P @ H.T + R
+    gain = np.linalg.solve(S, H @ P).T
+    left = np.eye(s.SIZE) - gain @ H
+    return x + gain @ residual, left @ P @ left.T + gain @ R @ gain.T
+
+
+def assert_close(estimator, x, P):
+    sigmas = np.sqrt(np.diagonal(P))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    assert np.abs((estimator.state - x) / unit).max() < 1e-9
+    assert np.abs((estimator.covariance - P) / np.outer(unit, unit)).max() < 1e-9
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("seed", range(6))
+def test_it_is_the_dense_update(engine, seed):
+    rng = np.random.default_rng(seed)
+    estimator, R = driven(engine=engine), random_covariance(rng)
+    x, P = estimator.state, estimator.covariance
+    H = np.eye(s.SIZE)[s.POSE]
+    residual = rng.multivariate_normal(np.zeros(3), H @ P @ H.T + R)
+    pose = (x[s.POSE] + residual).tolist()
+    assert estimator.feed(PoseFix(estimator.stamp, *pose, R)) is True
+    assert_close(estimator, *dense_update(x, P, residual, H, R))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_between_imu_samples_it_is_the_dense_update_of_what_is_foretold(seed):
+    rng = np.random.default_rng(seed)
+    estimator, R = driven(), random_covariance(rng, (0.01, 0.01, 0.005))
+    x, P, stamp = estimator.state, estimator.covariance, estimator.stamp
+    reckoning, elapsed = estimator._reckoning, 0.013
+    model, later = reckoning.model(), stamp + round(elapsed * 1e9)
+    density = 1e4 * reckoning._fast_slip_density(later, model)
+    reckoning._fast_slip_density = lambda *_: density
+    foretold = pose_ahead(x, model, density, elapsed)
+    assert np.abs(foretold.covariance / R).max() > 0.1, "or its correlations count for nothing"
+    residual = rng.normal(size=3) * np.sqrt(R.diagonal())
+    fix = PoseFix(later, *(foretold.values + residual).tolist(), R)
+    assert estimator.feed(fix) is True
+    assert estimator.stamp == stamp
+    assert_close(
+        estimator, *dense_update(x, P, residual, foretold.by_state, R + foretold.covariance)
+    )
+
+
+def test_without_correlations_it_is_a_position_and_a_heading_fix():
+    one, other = driven(), driven()
+    x, y, yaw = one.pose + np.array([0.1, -0.05, 0.02])
+    stamp = one.stamp
+    one.feed(PoseFix(stamp, x, y, yaw, np.diag([0.04, 0.04, 0.01])))
+    other.feed(PositionFix(stamp, x, y, 0.04))
+    other.feed(HeadingFix(stamp, yaw, 0.01))
+    assert_close(one, other.state, other.covariance)
+
+
+def test_with_no_idea_of_the_heading_it_is_a_position_fix():
+    one, other = driven(), driven()
+    x, y, _ = one.pose + np.array([0.1, -0.05, 0.0])
+    one.feed(PoseFix(one.stamp, x, y, -2.0, np.diag([0.04, 0.04, 1e6])))
+    other.feed(PositionFix(other.stamp, x, y, 0.04))
+    sigmas = np.sqrt(np.diagonal(other.covariance))
+    known = sigmas > 0.0
+    assert (np.abs(one.state - other.state)[known] < 1e-4 * sigmas[known]).all()
+    assert np.sqrt(np.diagonal(one.covariance))[known] == pytest.approx(sigmas[known], rel=1e-4)
+
+
+def test_the_heading_is_taken_across_the_turn_of_the_angle():
+    estimator = PoseEstimator(ALPHA, start=(0.0, 0.0, 3.1), start_sigma=(0.1, 0.1, 0.2))
+    estimator.feed(TrackSpeeds(0, 0.0, 0.0))
+    assert estimator.feed(PoseFix(0, 0.0, 0.0, -3.1, np.diag([1.0, 1.0, 0.04]))) is True
+    assert estimator.pose[2] == pytest.approx(np.pi)
+
+
+def test_the_gate_asks_all_three_together():
+    """Along its long axis a fix may be far off, across it not."""
+    estimator = driven()
+    covariance = np.array([[1.0, 0.999, 0.0], [0.999, 1.0, 0.0], [0.0, 0.0, 0.01]])
+    P, (x, y, yaw) = estimator.pose_covariance, estimator.pose
+    spread = P + covariance
+    for direction, used in (((1.0, -1.0, 0.0), False), ((1.0, 1.0, 0.0), True)):
+        away = np.array(direction)
+        far = np.sqrt(1.2 * CHI_SQUARE_1E4[3] / (away @ np.linalg.solve(spread, away)))
+        near = far / 1.2
+        dx, dy, _ = away * (near if used else far)
+        assert (
+            estimator.feed(PoseFix(estimator.stamp + used, x + dx, y + dy, yaw, covariance)) is used
+        )
+    assert estimator.health.rejections() == {"pose: gate": 1}
+    assert estimator.health.sensors["pose"].degrees == 3
+
+
+def test_a_refused_fix_changes_nothing():
+    estimator = driven()
+    before = estimator.state.tolist(), estimator.covariance.tolist()
+    x, y, yaw = estimator.pose
+    assert estimator.feed(PoseFix(estimator.stamp, x + 30.0, y, yaw, SMALL)) is False
+    assert (estimator.state.tolist(), estimator.covariance.tolist()) == before
+
+
+@pytest.mark.parametrize("away", [(40.0, -30.0, 2.5), (0.0, 0.0, 2.5), (0.0, 25.0, 0.0)])
+def test_a_robot_that_was_carried_away_is_found_again(away):
+    estimator = driven(gates=GateSettings(patience=4))
+    there = estimator.pose + away
+    stamp, used = estimator.stamp, []
+    for k in range(1, 8):
+        stamp += 20 * STEP
+        estimator.feed(TrackSpeeds(stamp, 0.0, 0.0))
+        used.append(estimator.feed(PoseFix(stamp + k, *there.tolist(), SMALL)))
+    assert used == [False] * 4 + [True] * 3
+    wrong = estimator.pose - there
+    wrong[2] = wrap_angle(wrong[2])
+    assert np.abs(wrong).max() < 0.1
+
+
+def test_a_used_pose_fix_ends_the_row_of_refused_position_fixes():
+    """They are laid over the path only while nothing else says where it lies."""
+    estimator = driven()
+    x, y, yaw = estimator.pose
+    for k in range(5):
+        assert not estimator.feed(PositionFix(estimator.stamp + k, x + 30.0, y, 0.01))
+    assert len(estimator._reckoning._refused_fixes) == 5
+    assert not estimator.feed(PoseFix(estimator.stamp + 7, x + 30.0, y, yaw, SMALL))
+    assert len(estimator._reckoning._refused_fixes) == 5
+    assert estimator.feed(PoseFix(estimator.stamp + 8, *estimator.pose, SMALL))
+    assert estimator._reckoning._refused_fixes == ()
+
+
+def with_element(row, column, value):
+    covariance = np.array(SMALL)
+    covariance[row, column] = value
+    return covariance
+
+
+BAD = {
+    "not finite": [with_element(0, 1, np.nan), with_element(2, 2, np.inf)],
+    "variance not positive": [with_element(1, 1, 0.0), with_element(2, 2, -0.1)],
+    "covariance not symmetric": [with_element(0, 1, 0.005), with_element(2, 0, 1e-5)],
+    "covariance not positive definite": [
+        [[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        # Each pair would do, the three of them do not.
+        [[1.0, 0.9, 0.9], [0.9, 1.0, 0.0], [0.9, 0.0, 1.0]],
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("reason", "covariance"), [(reason, one) for reason, many in BAD.items() for one in many]
+)
+def test_a_covariance_that_cannot_be_is_refused_by_its_reason(reason, covariance):
+    estimator = driven(0.5)
+    before = estimator.state.tolist()
+    assert estimator.feed(PoseFix(estimator.stamp, 0.0, 0.0, 0.0, covariance)) is False
+    assert estimator.state.tolist() == before
+    assert estimator.health.rejections() == {f"pose: {reason}": 1}
+
+
+@pytest.mark.parametrize("place", [(np.nan, 0.0, 0.0), (0.0, np.inf, 0.0), (0.0, 0.0, np.nan)])
+def test_a_pose_that_cannot_be_is_refused(place):
+    estimator = driven(0.5)
+    assert estimator.feed(PoseFix(estimator.stamp, *place, SMALL)) is False
+    assert estimator.health.rejections() == {"pose: not finite": 1}
+
+
+@pytest.mark.parametrize("scale", [1e-14, 1e12])
+def test_a_covariance_of_any_size_will_do(scale):
+    estimator = driven()
+    fix = PoseFix(estimator.stamp, *estimator.pose, scale * np.array(SMALL))
+    assert estimator.feed(fix) is True
+    assert np.isfinite(estimator.state).all()
+    assert (np.diagonal(estimator.covariance) >= 0.0).all()
+
+
+def test_a_covariance_that_is_symmetric_but_for_rounding_is_taken_as_symmetric():
+    tilted = np.array([[0.04, 0.01, 0.0], [0.01 + 1e-12, 0.05, 0.0], [0.0, 0.0, 0.01]])
+    one, other = driven(), driven()
+    assert one.feed(PoseFix(one.stamp, *one.pose + 0.05, tilted))
+    assert other.feed(PoseFix(other.stamp, *other.pose + 0.05, tilted.T))
+    assert (one.state == other.state).all()
+
+
+@pytest.mark.parametrize("covariance", [0.1, [1.0, 2.0, 3.0], np.eye(2), np.eye(4), "abc", None])
+def test_what_is_no_matrix_is_an_error_of_the_caller(covariance):
+    estimator = driven(0.5)
+    with pytest.raises(EstimatorError, match="covariance must be three rows of three numbers"):
+        estimator.feed(PoseFix(estimator.stamp, 0.0, 0.0, 0.0, covariance))
+
+
+def test_arrays_and_lists_will_do_and_may_be_used_again():
+    one, other = driven(), driven()
+    buffer, pose = np.array(SMALL), one.pose + 0.05
+    late = one.stamp - 7 * STEP
+    one.feed(PoseFix(np.int64(one.stamp), *pose, buffer))
+    buffer[:] = 0.0
+    other.feed(PoseFix(other.stamp, *pose.tolist(), SMALL))
+    for estimator in (one, other):
+        estimator.feed(ImuSample(late + 1, (0.0, 0.0, 0.1)))
+    assert (one.state == other.state).all()
+    assert one.feed(PoseFix(one.stamp, *pose, SMALL)) is False
+    assert one.health.rejections() == {"pose: duplicate stamp": 1}
+
+
+def test_a_late_one_counts_as_if_it_had_come_in_time_and_outlives_a_program(tmp_path):
+    estimators = [driven(), driven()]
+    stamp, pose = estimators[0].stamp, (estimators[0].pose + 0.1).tolist()
+    fix = PoseFix(
+        stamp + STEP // 2, *pose, ((0.02, 0.01, 0.0), (0.01, 0.02, 0.0), (0.0, 0.0, 0.01))
+    )
+    samples = [ImuSample(stamp + k * STEP, (0.0, 0.0, 0.1), (0.0, 0.0, 9.8)) for k in range(1, 30)]
+    estimators[0].feed(fix)
+    for sample in samples:
+        for estimator in estimators:
+            estimator.feed(sample)
+    assert estimators[1].feed(fix) is True
+    assert (estimators[0].state == estimators[1].state).all()
+    assert estimators[1].health.sensors["pose"].late == 1
+    estimators[0].save(tmp_path / "saved.json")
+    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    # It is worked through again after what comes late.
+    late = TrackSpeeds(stamp + 1, 0.5, 0.2)
+    assert restored.feed(late) is estimators[0].feed(late) is True
+    assert (restored.state == estimators[0].state).all()
+    assert (restored.covariance == estimators[0].covariance).all()

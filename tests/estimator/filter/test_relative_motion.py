@@ -1,0 +1,371 @@
+"""The motion between two stamps, and how sure of it the filter is."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import compose, relative, wrap_angle
+from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
+from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PositionFix, TrackSpeeds
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.robot.robot_file import Slip, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.true_motion import TRUE_SLIP
+
+ALPHA = load_robot("auriga-alpha")
+GAUGE = ALPHA.vehicle.track_gauge
+EPOCH = 1_700_000_000_000_000_000
+DT = 0.02
+NO_SLIP = Slip(**dict.fromkeys(("turning_x", "turning_y", "turning_w"), 0.0), white_time=0.0)
+NO_SLIP = msgspec.structs.replace(NO_SLIP, driving_x=0.0, driving_y=0.0, driving_w=0.0)
+# White noise of each track's speed [m/s/√Hz], and nothing else that is not known.
+NOISE = 0.01
+NOISY = msgspec.structs.replace(
+    ALPHA, tracks=msgspec.structs.replace(ALPHA.tracks, speed_noise_density=NOISE)
+)
+
+
+def seconds(value):
+    return round(value * 1e9)
+
+
+def drive(left, right, steps, begin=0, estimator=None, **options):
+    """An ideal differential drive with nothing but noisy tracks at constant speeds."""
+    if estimator is None:
+        estimator = PoseEstimator(NOISY, "differential", settings=Settings(slip=NO_SLIP), **options)
+    for k in range(begin, begin + steps + 1):
+        estimator.feed(TrackSpeeds(EPOCH + seconds(k * DT), left, right))
+    return estimator
+
+
+# --- by hand ---------------------------------------------------------------------------------------
+
+
+def test_straight_with_noisy_tracks_is_as_uncertain_as_integrated_white_noise():
+    v, steps, before = 0.5, 500, 300
+    estimator = drive(v, v, before, start=(3.0, -2.0, 1.0), start_sigma=(2.0, 3.0, 0.5))
+    mark = estimator.mark()
+    drive(v, v, steps, begin=before, estimator=estimator)
+    motion = estimator.relative_motion(mark)
+    T = steps * DT
+    assert motion.from_stamp == EPOCH + seconds(before * DT)
+    assert motion.to_stamp == estimator.stamp == motion.from_stamp + seconds(T)
+    assert motion.pose == pytest.approx([v * T, 0.0, 0.0], abs=1e-9)
+    # Forward the mean of the tracks, turning their difference over the gauge; sideways, what is
+    # driven after it has turned.
+    q_x, q_w = NOISE**2 / 2.0, 2.0 * NOISE**2 / GAUGE**2
+    expected = np.diag([q_x * T, v**2 * q_w * (T**3 / 3.0 - T * DT**2 / 12.0), q_w * T])
+    expected[1, 2] = expected[2, 1] = v * q_w * T**2 / 2.0
+    assert motion.covariance == pytest.approx(expected, rel=1e-9, abs=1e-15)
+    # The pose itself is known worse by far, and the difference of its covariances says nothing.
+    assert estimator.pose_covariance[0, 0] > 4.0
+
+
+def test_turning_on_the_spot_spreads_the_noise_over_all_directions():
+    speed = 0.3
+    w = 2.0 * speed / GAUGE
+    steps = 400
+    T = steps * DT
+    estimator = drive(-speed, speed, 100)
+    mark = estimator.mark()
+    drive(-speed, speed, steps, begin=100, estimator=estimator)
+    motion = estimator.relative_motion(mark)
+    assert motion.pose == pytest.approx([0.0, 0.0, w * T], abs=1e-9)
+    # Noise forward, in the direction of each time: integrals of cos², sin² and sin cos.
+    once, twice = math.sin(2.0 * w * T) / (4.0 * w), math.sin(w * T) ** 2 / (2.0 * w)
+    q_x, q_w = NOISE**2 / 2.0, 2.0 * NOISE**2 / GAUGE**2
+    expected = np.diag([q_x * (T / 2.0 + once), q_x * (T / 2.0 - once), q_w * T])
+    expected[0, 1] = expected[1, 0] = q_x * twice
+    assert motion.covariance == pytest.approx(expected, rel=2e-3, abs=1e-9)
+
+
+def test_a_fix_that_turns_the_whole_path_does_not_bend_the_motion():
+    v, yaw = 0.5, 0.6
+    estimator = drive(v, v, 500, start_sigma=(0.0, 0.0, 1.0))
+    mark = estimator.mark()
+    drive(v, v, 500, begin=500, estimator=estimator)
+    before = estimator.relative_motion(mark)
+    end = 20.0 * v
+    stamp = estimator.stamp
+    estimator.feed(PositionFix(stamp, end * math.cos(yaw), end * math.sin(yaw), 1e-4))
+    estimator.feed(HeadingFix(stamp, yaw, 1e-4))
+    assert estimator.pose[2] == pytest.approx(yaw, abs=0.02)
+    after = estimator.relative_motion(mark)
+    # Of the fixes, hardly anything is about what came after the mark: less than its own sigma.
+    moved = after.pose - before.pose
+    assert (np.abs(moved) < np.sqrt(before.covariance.diagonal())).all()
+    assert after.covariance[0, 0] <= before.covariance[0, 0]
+    assert np.hypot(*after.pose[:2]) == pytest.approx(5.0, abs=0.03)
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
+def test_since_a_start_that_is_known_exactly_it_is_the_pose(variant):
+    start = (1.0, -2.0, 0.7)
+    estimator = PoseEstimator(ALPHA, variant, start=start)
+    for k, m in enumerate(MEASUREMENTS):
+        if isinstance(m, PositionFix):
+            x, y, _ = compose(start, (m.x, m.y, 0.0))
+            m = PositionFix(m.stamp, x, y, m.variance)
+        estimator.feed(m)
+        if k == 0:
+            mark = estimator.mark()
+    motion = estimator.relative_motion(mark)
+    assert motion.pose == pytest.approx(relative(start, estimator.pose), abs=1e-9)
+    cos, sin = math.cos(start[2]), math.sin(start[2])
+    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    expected = turn @ estimator.pose_covariance @ turn.T
+    assert estimator.health.sensors["position"].used > 15
+    assert motion.covariance == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+def test_fixes_in_between_make_the_motion_more_certain():
+    estimator = drive(0.5, 0.5, 0, start_sigma=(0.01, 0.01, 0.001))
+    mark = estimator.mark()
+    drive(0.5, 0.5, 1000, begin=0, estimator=estimator)
+    before, x = estimator.relative_motion(mark), estimator.pose[0]
+    estimator.feed(PositionFix(estimator.stamp, x, 0.02, 1e-4))
+    after = estimator.relative_motion(mark)
+    # Sideways it was known to 0.3 m and more; now to what is not known of its two ends.
+    assert before.covariance[1, 1] > 0.1
+    assert after.covariance[1, 1] == pytest.approx(1e-4 + 1e-4 + (10.0 * 0.001) ** 2, rel=0.01)
+    assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-12
+    assert after.pose[1] == pytest.approx(0.02, abs=0.01)
+
+
+def test_covariance_at_the_end_is_that_of_the_error_seen_from_there():
+    covariance = np.array([[4.0, 1.0, 0.2], [1.0, 2.0, 0.1], [0.2, 0.1, 0.5]]) * 1e-8
+    motion = RelativeMotion(0, 1, np.array([1.0, 2.0, 0.7]), covariance)
+    errors = np.random.default_rng(1).multivariate_normal(
+        np.zeros(3), motion.end_covariance, 100_000
+    )
+    ends = compose(motion.pose, errors)
+    assert np.cov((ends - motion.pose).T) == pytest.approx(covariance, abs=1e-9)
+
+
+# --- against truth ---------------------------------------------------------------------------------
+
+RUNS = 40
+
+
+@pytest.fixture(scope="module")
+def normalised_errors():
+    """NEES (RUNS, 3) of the motion between marks that are 2.5 s, 5 s and 7.5 s apart.
+
+    On circles, since track speeds are averages over the time before, and the filter does not know how
+    they have changed in it; from 5 s on, when the robot has got going.
+    """
+    scenario = Scenario(
+        duration=13.0,
+        seed=21,
+        trajectory="circle",
+        truth="kinematic",
+        truth_spread=0.0,
+        track_rate=50.0,
+        imu_rate=50.0,
+        truth_rate=50.0,
+        fix_rate=0.5,
+        fixes=FixSpec(sigma=0.02),
+    )
+    slip = msgspec.structs.replace(TRUE_SLIP, white_time=0.0)
+    table = []
+    for index in range(RUNS):
+        log = simulate(scenario, ALPHA, run_index=index)
+        estimator = PoseEstimator(ALPHA, "inertia-fixed", settings=Settings(slip=slip))
+        marks = []
+        due = [log.start + seconds(2.5 * k) for k in (2, 3, 4, 5)]
+        for m in log.measurements():
+            estimator.feed(m)
+            if due and isinstance(m, ImuSample) and m.stamp >= due[0]:
+                marks.append(estimator.mark())
+                due.pop(0)
+        true = interpolate_poses(log.truth.poses, np.array(marks))
+        row = []
+        for a, b in ((2, 3), (0, 2), (0, 3)):
+            found = estimator.relative_motion(marks[a], marks[b])
+            row.append(nees(relative(true[a], true[b]), found.pose, found.covariance))
+        table.append(row)
+    return np.array(table)
+
+
+def nees(true, found, covariance):
+    error = true - found
+    error[2] = wrap_angle(error[2])
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def test_motion_is_as_uncertain_as_it_says(normalised_errors):
+    low, high = chi2.interval(0.999, 3 * RUNS)
+    for column in range(3):
+        assert low < normalised_errors[:, column].sum() < high
+
+
+# --- marks as events -------------------------------------------------------------------------------
+
+
+def some_log():
+    return simulate(
+        Scenario(
+            duration=5.0, trajectory="slalom", seed=5, track_rate=25.0, imu_rate=50.0, fix_rate=4.0
+        ),
+        ALPHA,
+    )
+
+
+MEASUREMENTS = list(some_log().measurements())
+IMU_STAMPS = [m.stamp for m in MEASUREMENTS if isinstance(m, ImuSample)]
+FIRST, SECOND = IMU_STAMPS[205], IMU_STAMPS[230]
+
+
+def numbers(estimator, *stamps):
+    motion = estimator.relative_motion(*stamps)
+    return motion.pose.tolist(), motion.covariance.tolist()
+
+
+def fed_in_order(until=None):
+    estimator = PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.1))
+    due = [FIRST, SECOND]
+    for m in MEASUREMENTS[:until]:
+        # Behind all of its stamp.
+        if due and m.stamp > due[0]:
+            estimator.mark(due.pop(0))
+        estimator.feed(m)
+    return estimator
+
+
+def test_marks_do_not_change_the_estimate():
+    plain = PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.1))
+    for m in MEASUREMENTS:
+        plain.feed(m)
+    marked = fed_in_order()
+    assert marked.marks == (FIRST, SECOND)
+    assert (marked.state == plain.state).all()
+    assert (marked.covariance == plain.covariance).all()
+    assert marked.health == plain.health
+
+
+def test_what_comes_late_counts_as_if_it_had_come_in_time():
+    in_order = fed_in_order()
+    late = [m for m in MEASUREMENTS[60:] if isinstance(m, PositionFix)]
+    estimator = PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.1))
+    for m in MEASUREMENTS:
+        if m not in late:
+            estimator.feed(m)
+        if m.stamp in (FIRST, SECOND) and isinstance(m, ImuSample):
+            estimator.mark()
+        while late and m.stamp > late[0].stamp + seconds(0.5):
+            assert estimator.feed(late.pop(0))
+    for m in late:
+        estimator.feed(m)
+    assert (estimator.state == in_order.state).all()
+    assert numbers(estimator, FIRST) == numbers(in_order, FIRST)
+    assert numbers(estimator, FIRST, SECOND) == numbers(in_order, FIRST, SECOND)
+
+
+def test_a_late_mark_is_set_at_its_own_stamp():
+    in_order, estimator = fed_in_order(), PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.1))
+    for m in MEASUREMENTS:
+        estimator.feed(m)
+        if m.stamp in (FIRST, SECOND):
+            before = estimator.state
+        if m.stamp > SECOND and not estimator.marks:
+            for stamp in (SECOND, FIRST):
+                assert estimator.mark(stamp) == stamp
+    assert before is not None
+    assert numbers(estimator, SECOND) == numbers(in_order, SECOND)
+    # Set in another order, the marks are the same but for rounding.
+    found, expected = estimator.relative_motion(FIRST), in_order.relative_motion(FIRST)
+    assert found.pose == pytest.approx(expected.pose, abs=1e-12)
+    assert found.covariance == pytest.approx(expected.covariance, rel=1e-9, abs=1e-15)
+
+
+def test_between_two_marks_nothing_changes_any_more_without_fixes():
+    blind = [m for m in MEASUREMENTS if not isinstance(m, PositionFix)]
+    estimator = PoseEstimator(ALPHA)
+    for m in blind:
+        estimator.feed(m)
+        if m.stamp in (FIRST, SECOND) and isinstance(m, ImuSample):
+            if m.stamp == SECOND:
+                then = estimator.relative_motion(FIRST)
+            estimator.mark()
+    now = estimator.relative_motion(FIRST, SECOND)
+    assert now.pose == pytest.approx(then.pose, abs=1e-12)
+    assert now.covariance == pytest.approx(then.covariance, rel=1e-9)
+    back = estimator.relative_motion(SECOND, FIRST)
+    assert compose(now.pose, back.pose) == pytest.approx(np.zeros(3), abs=1e-12)
+    # Seen from its end, the way back is as uncertain as the way there from its start.
+    assert back.end_covariance == pytest.approx(now.covariance[:3, :3], rel=0.2, abs=1e-7)
+
+
+def test_a_mark_between_two_steps_lies_between_them():
+    estimator = fed_in_order()
+    stamps = [FIRST + seconds(share * 0.02) for share in (0.25, 0.5, 0.75)]
+    for stamp in stamps:
+        estimator.mark(stamp)
+    ends = [FIRST, *stamps, IMU_STAMPS[206]]
+    estimator.mark(ends[-1])
+    whole = estimator.relative_motion(ends[0], ends[-1])
+    assert np.hypot(*whole.pose[:2]) > 0.001
+    for stamp, share in zip(stamps, (0.25, 0.5, 0.75), strict=True):
+        part = estimator.relative_motion(FIRST, stamp)
+        rest = estimator.relative_motion(stamp, ends[-1])
+        assert compose(part.pose, rest.pose) == pytest.approx(whole.pose, abs=1e-9)
+        # But for the change of the twist in 0.02 s.
+        assert part.pose[0] == pytest.approx(share * whole.pose[0], abs=0.2 * whole.pose[0])
+        assert np.linalg.eigvalsh(part.covariance).min() > -1e-12
+
+
+def test_forgotten_marks_are_gone_and_stay_gone():
+    estimator, other = fed_in_order(), fed_in_order()
+    estimator.forget(FIRST)
+    assert estimator.marks == (SECOND,)
+    # What comes late takes the filter back to before the mark.
+    for stamp in (SECOND - 1, FIRST - 1):
+        for one in (estimator, other):
+            assert one.feed(PositionFix(stamp, 0.0, 0.0, 1.0))
+        assert estimator.marks == (SECOND,)
+    found, expected = estimator.relative_motion(SECOND), other.relative_motion(SECOND)
+    assert found.pose == pytest.approx(expected.pose, abs=1e-12)
+    assert found.covariance == pytest.approx(expected.covariance, rel=1e-9, abs=1e-15)
+    for use in (estimator.forget, estimator.relative_motion):
+        with pytest.raises(EstimatorError, match=f"no mark at {FIRST}; there are marks at"):
+            use(FIRST)
+
+
+def test_marks_are_saved_and_restored(tmp_path):
+    before = fed_in_order(until=len(MEASUREMENTS) - 30)
+    before.save(tmp_path / "saved.json")
+    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    for m in [*MEASUREMENTS[-30:], PositionFix(FIRST + 1, 0.0, 0.0, 0.01)]:
+        assert before.feed(m) == restored.feed(m)
+    assert restored.marks == before.marks
+    assert numbers(restored, FIRST, SECOND) == numbers(before, FIRST, SECOND)
+
+
+def test_a_mark_that_cannot_be_set_says_why():
+    estimator = PoseEstimator(ALPHA)
+    with pytest.raises(EstimatorError, match="before the first measurement"):
+        estimator.mark()
+    for m in MEASUREMENTS[:20]:
+        estimator.feed(m)
+    now = estimator.stamp
+    with pytest.raises(EstimatorError, match="before the first measurement"):
+        estimator.mark(MEASUREMENTS[0].stamp - 1)
+    with pytest.raises(EstimatorError, match=r"0\.500 s ahead of the estimate"):
+        estimator.mark(now + seconds(0.5))
+    for m in MEASUREMENTS[20:]:
+        estimator.feed(m)
+    with pytest.raises(EstimatorError, match=r"older than Settings\.history"):
+        estimator.mark(now)
+    for k in range(MOST_MARKS):
+        estimator.mark(estimator.stamp - k)
+    assert estimator.mark(estimator.stamp) == estimator.stamp, "there is one already"
+    with pytest.raises(EstimatorError, match="forget those"):
+        estimator.mark(estimator.stamp + 1)

@@ -1,0 +1,85 @@
+"""Refused fixes that tell of another heading, not only of another place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.filter.reacquisition import RefusedFix, relocation
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import FixSeries
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+PATH = np.stack([np.linspace(0.0, 4.0, 11), 0.3 * np.linspace(0.0, 2.0, 11) ** 2], axis=-1)
+
+
+def turned(points: np.ndarray, angle: float) -> np.ndarray:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return points @ np.array([[cos, sin], [-sin, cos]])
+
+
+def refused(measured: np.ndarray, sigma: float = 0.05) -> tuple[RefusedFix, ...]:
+    return tuple(
+        RefusedFix(*z, sigma**2, *p) for z, p in zip(measured.tolist(), PATH.tolist(), strict=True)
+    )
+
+
+@pytest.mark.parametrize("angle", [-3.1, -1.5, 0.4, 2.0, 3.14])
+def test_the_turn_and_the_shift_are_found(angle: float) -> None:
+    noise = 0.05 * np.random.default_rng(1).normal(size=PATH.shape)
+    measured = turned(PATH, angle) + np.array([7.0, -3.0])
+    found = relocation(refused(measured + noise))
+    assert found is not None
+    assert abs(wrap_angle(found.turn - angle)) < 4.0 * math.sqrt(found.turn_variance)
+    pose, covariance = found.pose(np.array([*PATH[-1], 0.2]))
+    assert abs(wrap_angle(pose[2] - 0.2 - angle)) < 0.1
+    error = pose[:2] - measured[-1]
+    assert error @ np.linalg.solve(covariance[:2, :2], error) < 12.0
+    assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+def test_what_is_no_turned_path_is_left_alone() -> None:
+    rng = np.random.default_rng(2)
+    assert relocation(refused(10.0 * rng.normal(size=PATH.shape))) is None
+    # A shift needs no turn, a robot that stands shows none, and a mirrored path is no turned one.
+    assert relocation(refused(PATH + np.array([5.0, 5.0]))) is None
+    assert relocation(refused(turned(PATH, 1.0))[:4]) is None
+    standing = tuple(RefusedFix(5.0, 5.0, 0.01, 0.0, 0.0) for _ in range(11))
+    assert relocation(standing) is None
+
+
+def fixes_turned(log: Log, angle: float, since: float) -> Log:
+    fixes = log.fixes
+    assert fixes is not None
+    late = fixes.stamps >= log.start + round(since * 1e9)
+    poses = fixes.poses.copy()
+    poses[late, :2] = turned(poses[late, :2], angle)
+    poses[late, 2] += angle
+    return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances))
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("angle", [0.6, 1.5, 2.5, math.pi])
+def test_a_heading_that_is_wrong_is_found_from_positions(angle: float, engine: str) -> None:
+    log = simulate(Scenario(duration=90.0, seed=2, truth_rate=5.0), ALPHA)
+    truth = log.truth
+    assert truth is not None
+    estimator = PoseEstimator(ALPHA, "constant-online", settings=Settings(engine=engine))  # type: ignore[arg-type]
+    for measurement in fixes_turned(log, angle, 30.0).measurements():
+        estimator.feed(measurement)
+    end = truth.poses.poses[-1]
+    wanted = np.array([*turned(end[None, :2], angle)[0], end[2] + angle])
+    error = estimator.pose - wanted
+    error[2] = wrap_angle(error[2])
+    assert abs(error[2]) < 0.15
+    assert np.hypot(*error[:2]) < 0.3
+    assert error @ np.linalg.solve(estimator.pose_covariance, error) < 20.0

@@ -1,0 +1,266 @@
+"""Being told that the robot stands: what that moves, what it leaves alone, when it is not believed."""
+
+import copy
+import math
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
+from icreckon.estimator.log.measurements import (
+    STANDSTILL_SIGMA,
+    BodyVelocity,
+    ImuSample,
+    TrackSpeeds,
+    ZeroVelocity,
+)
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import GateSettings, Settings, StandstillSettings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+
+ALPHA = load_robot("auriga-alpha")
+EPOCH = 1_700_000_000_123_456_789
+STEP = 10_000_000
+BIAS = 0.012
+# Vibration, say, keeps the filter from finding out by itself.
+BLIND = StandstillSettings(duration=1000.0)
+
+
+def brought_to_a_stop(
+    told_every=None, *, engine="compiled", after=10.0, shift=STEP // 3, standstill=BLIND
+):
+    """Two seconds of a bend, then at rest, with a gyro of some bias and noise; IMU at 100 Hz.
+
+    Args:
+        told_every: so many IMU samples pass between two zero velocities; None for none.
+        engine: of the filter.
+        after: time at rest [s].
+        shift: of the stamps of the zero velocities against those of the IMU [ns].
+        standstill: detection.
+    """
+    settings = Settings(engine=engine, standstill=standstill)
+    estimator, rng = PoseEstimator(ALPHA, settings=settings), np.random.default_rng(0)
+    probe = PoseEstimator(ALPHA, "inertia-fixed")
+    probe.feed(TrackSpeeds(0, 0.3, 0.6))
+    v_x, v_y, w = probe.twist
+    for k in range(200 + round(100 * after)):
+        stamp, moving = EPOCH + k * STEP, k < 200
+        if k % 2 == 0:
+            estimator.feed(TrackSpeeds(stamp, *((0.3, 0.6) if moving else (0.0, 0.0))))
+        rate = w if moving else 0.0
+        reading = rate + BIAS + 5e-3 * rng.normal()
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, reading), (-rate * v_y, rate * v_x, 9.81)))
+        if told_every and not moving and k % told_every == 0:
+            estimator.feed(ZeroVelocity(stamp + shift))
+    return estimator
+
+
+def sigma_of(estimator, index):
+    return math.sqrt(estimator.covariance[index, index])
+
+
+@pytest.mark.parametrize("shift", [0, STEP // 3])
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_the_gyro_tells_its_bias_once_the_robot_is_known_to_stand(engine, shift):
+    untold = brought_to_a_stop(engine=engine)
+    assert sigma_of(untold, s.GYRO_BIAS) > 5e-3, "or there is nothing to gain"
+    told = brought_to_a_stop(10, engine=engine, shift=shift)
+    # The noise of the gyro over a hundred samples that were taken at a known rest.
+    sigma = sigma_of(told, s.GYRO_BIAS)
+    assert 5e-3 / math.sqrt(100.0) < sigma < 1.3 * 5e-3 / math.sqrt(100.0) + 1e-4
+    assert abs(told.biases["gyro_bias"] - BIAS) < 4.0 * sigma
+    assert told.health.sensors["zero velocity"].used == 100
+    assert told.health.rejections() == {}
+
+
+def test_told_at_each_sample_it_is_as_good_as_finding_out():
+    told = brought_to_a_stop(1, after=20.0)
+    found = brought_to_a_stop(after=20.0, standstill=StandstillSettings())
+    assert found.health.standstill_updates > 1900
+    for index in (s.GYRO_BIAS, s.SLIP_W):
+        assert sigma_of(told, index) == pytest.approx(sigma_of(found, index), rel=0.1, abs=2e-4)
+    assert np.abs(told.twist).max() < 1e-3
+
+
+@pytest.mark.parametrize("shift", [0, STEP // 3, 30 * STEP])
+def test_it_moves_neither_pose_nor_what_was_learnt_but_the_slip(shift):
+    estimator = brought_to_a_stop(after=2.0)
+    before, P = estimator.state, estimator.covariance
+    shared = P[s.SLIP_W, s.GYRO_BIAS]
+    assert abs(shared) > 1e-5
+    assert estimator.feed(ZeroVelocity(estimator.stamp + shift)) is True
+    after = estimator.state
+    assert (after[s.LEARNT] == before[s.LEARNT]).all()
+    # But for the walk of the biases.
+    variances, walked = np.diagonal(P)[s.LEARNT], estimator.covariance.diagonal()[s.LEARNT]
+    assert walked == pytest.approx(variances, rel=5e-3)
+    if shift < STEP:
+        assert (after[s.POSE] == before[s.POSE]).all()
+        assert (walked == variances).all()
+        assert np.abs(after[s.SLIP]).max() < 1e-4 < np.abs(before[s.SLIP]).max()
+        assert sigma_of(estimator, s.SLIP_W) < 1.01 * STANDSTILL_SIGMA[2] < math.sqrt(P[5, 5])
+        # What the slip was believed to share with the bias is gone with it.
+        assert abs(estimator.covariance[s.SLIP_W, s.GYRO_BIAS]) < 0.01 * abs(shared)
+
+
+def test_the_twist_is_as_certain_as_is_said():
+    for sigma in (STANDSTILL_SIGMA, (0.02, 0.03, 0.004)):
+        estimator = brought_to_a_stop(after=2.0)
+        slip = estimator.covariance.diagonal()[s.SLIP]
+        assert estimator.feed(ZeroVelocity(estimator.stamp, sigma))
+        variance = np.square(sigma)
+        together = slip * variance / (slip + variance)
+        assert estimator.twist_covariance.diagonal() == pytest.approx(together, rel=0.05)
+
+
+def test_between_imu_samples_the_estimate_stays_where_it_is_and_the_step_goes_on():
+    one, other = brought_to_a_stop(after=2.0), brought_to_a_stop(after=2.0)
+    stamp = one.stamp
+    assert one.feed(ZeroVelocity(stamp + STEP // 2))
+    assert one.stamp == stamp
+    sample = ImuSample(stamp + STEP, (0.0, 0.0, BIAS), (0.0, 0.0, 9.81))
+    for estimator in (one, other):
+        assert estimator.feed(sample)
+    assert one.stamp == other.stamp == stamp + STEP
+    assert sigma_of(one, s.GYRO_BIAS) < 0.8 * sigma_of(other, s.GYRO_BIAS)
+    # One step later it may be pushed again, as far as is known.
+    assert one._reckoning._may_be_pushed()
+
+
+def test_a_robot_that_moves_is_not_believed_to_stand_and_nothing_changes():
+    estimator = PoseEstimator(ALPHA)
+    for k in range(100):
+        estimator.feed(TrackSpeeds(EPOCH + k * STEP, 0.5, 0.5))
+        estimator.feed(ImuSample(EPOCH + k * STEP, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
+    for shift in (0, STEP // 2):
+        before = estimator.state.tolist(), estimator.covariance.tolist(), estimator.stamp
+        assert estimator.feed(ZeroVelocity(estimator.stamp + shift)) is False
+        assert (estimator.state.tolist(), estimator.covariance.tolist(), estimator.stamp) == before
+    assert estimator.health.rejections() == {"zero velocity: gate": 2}
+
+
+def test_the_gate_asks_all_three_together():
+    moving, told = brought_to_a_stop(after=2.0), []
+    moving.feed(TrackSpeeds(moving.stamp + 1, 0.3, 0.6))
+    for scale in np.geomspace(0.01, 1.0, 200).tolist():
+        estimator = copy.deepcopy(moving)
+        used = estimator.feed(ZeroVelocity(estimator.stamp + 2, (scale, scale, scale)))
+        health = estimator.health.sensors["zero velocity"]
+        told.append((health.newest_nis, used))
+        assert health.degrees == 3 * used
+    assert all(used is (nis <= CHI_SQUARE_1E4[3]) for nis, used in told)
+    # Some are used that a gate of fewer degrees would refuse.
+    assert any(CHI_SQUARE_1E4[2] < nis and used for nis, used in told)
+    assert not all(used for _, used in told)
+
+
+def test_spinning_tracks_of_a_robot_that_is_held_are_found_out():
+    both = []
+    for engine in ("plain", "compiled"):
+        settings = Settings(engine=engine, gates=GateSettings(patience=5))
+        estimator, used = PoseEstimator(ALPHA, settings=settings), []
+        for k in range(600):
+            stamp = EPOCH + k * STEP
+            estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
+            estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
+            if k >= 100 and k % 10 == 0:
+                used.append(estimator.feed(ZeroVelocity(stamp)))
+                if used[-1]:
+                    assert np.abs(estimator.twist).max() < 0.01
+        assert used[:6] == [False] * 5 + [True]
+        assert sum(used) == len(used) // 6
+        both.append(estimator)
+    plain, compiled = both
+    sigmas = np.sqrt(np.diagonal(plain.covariance))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    apart = np.abs(plain.covariance - compiled.covariance) / np.outer(unit, unit)
+    assert apart.max() < 1e-9
+    assert (np.abs(plain.state - compiled.state) / unit).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "sigma", [(0.0, 1e-3, 1e-3), (1e-3, -1.0, 1e-3), (1e-3, 1e-3, math.nan), (math.inf, 1.0, 1.0)]
+)
+def test_a_sigma_that_cannot_be_is_refused(sigma):
+    estimator = brought_to_a_stop(after=2.0)
+    before = estimator.state.tolist()
+    assert estimator.feed(ZeroVelocity(estimator.stamp, sigma)) is False
+    assert estimator.state.tolist() == before
+    assert estimator.health.rejections() == {"zero velocity: sigma not positive": 1}
+
+
+@pytest.mark.parametrize("sigma", [0.1, (0.1, 0.1), "abc", None])
+def test_what_are_no_three_numbers_is_an_error_of_the_caller(sigma):
+    with pytest.raises(EstimatorError, match="sigma must be three numbers"):
+        PoseEstimator(ALPHA).feed(ZeroVelocity(EPOCH, sigma))
+
+
+def test_duplicates_and_what_is_too_old_are_refused():
+    estimator = brought_to_a_stop(1, after=1.0)
+    assert estimator.feed(ZeroVelocity(estimator.stamp + STEP // 3)) is False
+    assert estimator.feed(ZeroVelocity(estimator.stamp - 150 * STEP)) is False
+    assert estimator.health.rejections() == {
+        "zero velocity: duplicate stamp": 1,
+        "zero velocity: older than Settings.history": 1,
+    }
+
+
+def test_before_any_track_speeds_it_does_no_harm():
+    estimator = PoseEstimator(ALPHA)
+    assert estimator.feed(ZeroVelocity(EPOCH)) is True
+    fresh = PoseEstimator(ALPHA)
+    for one in (estimator, fresh):
+        one.feed(TrackSpeeds(EPOCH + STEP, 0.4, 0.5))
+        one.feed(ImuSample(EPOCH + 2 * STEP, (0.0, 0.0, 0.1)))
+    assert estimator.state == pytest.approx(fresh.state, abs=1e-12)
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_a_late_one_counts_as_if_it_had_come_in_time_and_outlives_a_program(engine, tmp_path):
+    estimators = [brought_to_a_stop(after=2.0, engine=engine) for _ in range(2)]
+    stamp = estimators[0].stamp
+    word = ZeroVelocity(stamp + STEP // 2, (2e-3, 1e-3, 1e-3))
+    estimators[0].feed(word)
+    estimators[0].save(tmp_path / "saved.json")
+    estimators.append(PoseEstimator.restore(tmp_path / "saved.json", ALPHA))
+    for k in range(1, 30):
+        for estimator in estimators:
+            estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, BIAS), (0.0, 0.0, 9.8)))
+    assert (estimators[0].state != estimators[1].state).any()
+    assert estimators[1].feed(word) is True
+    late = BodyVelocity(stamp + 1, 0.0, 0.0, 1e-4)
+    for estimator in estimators:
+        assert estimator.feed(late) is True
+        assert (estimator.state == estimators[0].state).all()
+        assert (estimator.covariance == estimators[0].covariance).all()
+
+
+def test_what_is_worked_through_again_does_not_know_the_word_before_its_time():
+    in_order = brought_to_a_stop(after=2.0)
+    late, stamp = copy.deepcopy(in_order), in_order.stamp
+    seen = BodyVelocity(stamp + 1, 0.0, 0.0, 1e-4)
+    samples = [ImuSample(stamp + k * STEP, (0.0, 0.0, BIAS), (0.0, 0.0, 9.8)) for k in range(1, 20)]
+    word = ZeroVelocity(stamp + 19 * STEP + 1)
+    for measurement in (seen, *samples, word):
+        assert in_order.feed(measurement)
+    for measurement in (*samples, word, seen):
+        assert late.feed(measurement)
+    assert (late.state == in_order.state).all()
+    assert (late.covariance == in_order.covariance).all()
+
+
+def test_a_word_that_is_refused_leaves_no_trace():
+    """Of a robot that is pushed hard with its tracks at rest."""
+    untold = brought_to_a_stop(after=2.0)
+    for k in range(1, 200):
+        untold.feed(ImuSample(untold.stamp + STEP, (0.0, 0.0, 2.0), (0.0, 0.0, 9.81)))
+        if k % 2 == 0:
+            untold.feed(TrackSpeeds(untold.stamp, 0.0, 0.0))
+    told, stamp = copy.deepcopy(untold), untold.stamp
+    assert told.feed(ZeroVelocity(stamp + STEP // 2)) is False
+    for estimator in (told, untold):
+        assert estimator.feed(ImuSample(stamp + STEP, (0.0, 0.0, 2.0), (0.0, 0.0, 9.81)))
+    assert (told.state == untold.state).all()
+    assert (told.covariance == untold.covariance).all()

@@ -1,0 +1,360 @@
+"""The in-memory log: screening, shapes, and the order in which it hands out measurements."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conftest import make_log
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.log.input_checks import STREAMS, key_of
+from icreckon.estimator.log.log import Log, screen
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
+from icreckon.estimator.log.series import (
+    FixSeries,
+    ImuSeries,
+    PoseSeries,
+    TrackSpeedSeries,
+    TwistSeries,
+)
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.variants import state_names
+from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.smoother import smooth
+
+
+def stamps(*values):
+    return np.array(values, dtype=np.int64)
+
+
+def test_clean_stream_is_kept_whole():
+    keep, reasons = screen("imu", [1, 2, 5], [0.0, 1.0, 2.0], [[1, 2]] * 3, positive=[1, 2, 3])
+    assert keep.tolist() == [True, True, True]
+    assert reasons == {}
+
+
+def test_empty_stream_is_no_defect():
+    keep, reasons = screen("imu", [], np.zeros((0, 3)), positive=np.zeros((0, 2)))
+    assert keep.tolist() == []
+    assert reasons == {}
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_value_that_is_not_finite_is_dropped(bad):
+    values = np.zeros((4, 3))
+    values[2, 1] = bad
+    keep, reasons = screen("imu", [1, 2, 3, 4], np.ones(4), values)
+    assert keep.tolist() == [True, True, False, True]
+    assert reasons == {"imu: not finite": 1}
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_variance_that_is_not_positive_is_dropped(bad):
+    keep, reasons = screen("fixes", [1, 2, 3], np.zeros(3), positive=[[1, 1], [1, bad], [1, 1]])
+    assert keep.tolist() == [True, False, True]
+    assert reasons == {"fixes: variance not positive": 1}
+
+
+def test_only_the_first_of_equal_stamps_is_kept():
+    keep, reasons = screen("tracks", [1, 2, 2, 2, 3], np.zeros(5))
+    assert keep.tolist() == [True, True, False, False, True]
+    assert reasons == {"tracks: duplicate stamp": 2}
+
+
+def test_one_stamp_behind_costs_one_sample():
+    keep, reasons = screen("tracks", [10, 11, 12, 9, 13, 14], np.zeros(6))
+    assert keep.tolist() == [True, True, True, False, True, True]
+    assert reasons == {"tracks: stamp goes backward": 1}
+
+
+def test_one_stamp_ahead_costs_one_sample():
+    keep, reasons = screen("tracks", [10, 11, 3600, 12, 13], np.zeros(5))
+    assert keep.tolist() == [True, True, False, True, True]
+    assert reasons == {"tracks: stamp jumps ahead": 1}
+
+
+def test_as_many_samples_as_can_be_are_kept():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        raw = rng.integers(0, 12, 9)
+        keep, _ = screen("s", raw, np.zeros(9))
+        best = max(
+            (
+                len(picks)
+                for n in range(10)
+                for picks in itertools.combinations(range(9), n)
+                if all(raw[a] < raw[b] for a, b in itertools.pairwise(picks))
+            ),
+        )
+        assert keep.sum() == best
+
+
+def test_a_dropped_sample_does_not_make_the_next_one_late():
+    # The sample of the far future is NaN; those after it are in order.
+    keep, reasons = screen("imu", [1, 900, 2, 3], [0.0, np.nan, 0.0, 0.0])
+    assert keep.tolist() == [True, False, True, True]
+    assert reasons == {"imu: not finite": 1}
+
+
+def test_sample_of_the_same_stamp_as_a_dropped_one_is_no_duplicate():
+    keep, reasons = screen("imu", [1, 2, 2, 3], [0.0, np.nan, 0.0, 0.0])
+    assert keep.tolist() == [True, False, True, True]
+    assert reasons == {"imu: not finite": 1}
+
+
+def test_each_sample_is_counted_once_by_its_first_defect():
+    keep, reasons = screen(
+        "fixes",
+        [1, 2, 2, 1, 3, 4, 5],
+        [0.0, 0.0, np.nan, 0.0, np.inf, 0.0, 0.0],
+        positive=[1.0, 1.0, -1.0, 1.0, 0.0, 0.0, 1.0],
+    )
+    assert keep.tolist() == [True, True, False, False, False, False, True]
+    assert reasons == {
+        "fixes: not finite": 2,
+        "fixes: variance not positive": 1,
+        "fixes: stamp goes backward": 1,
+    }
+    assert sum(reasons.values()) == np.count_nonzero(~keep)
+
+
+def test_kept_stamps_ascend_and_every_drop_is_counted():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        raw = rng.integers(0, 60, 80)
+        values = np.where(rng.random(80) < 0.1, np.nan, 0.0)
+        keep, reasons = screen("s", raw, values, positive=rng.uniform(-0.1, 1.0, 80))
+        assert (np.diff(raw[keep]) > 0).all()
+        assert sum(reasons.values()) == 80 - keep.sum()
+
+
+def test_stamps_of_today_keep_their_nanoseconds():
+    now = 1_700_000_000_123_456_789
+    keep, reasons = screen("imu", [now, now + 1, now + 1, now], np.zeros(4))
+    assert keep.tolist() == [True, True, False, False]
+    assert reasons == {"imu: duplicate stamp": 1, "imu: stamp goes backward": 1}
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: TrackSpeedSeries(stamps(1, 2), np.zeros((2, 3))), "speeds"),
+        (lambda: TrackSpeedSeries(stamps(1, 2), np.zeros((3, 2))), "speeds"),
+        (lambda: ImuSeries(stamps(1), np.zeros((1, 2))), "angular_velocity"),
+        (lambda: ImuSeries(stamps(1), np.zeros((1, 3)), np.zeros(3)), "linear_acceleration"),
+        (lambda: PoseSeries(stamps(1), np.zeros(3)), "poses"),
+        (lambda: TwistSeries(stamps(1), np.zeros((1, 6))), "twists"),
+        (lambda: FixSeries(stamps(1), np.zeros((1, 2)), np.zeros((1, 2))), "poses"),
+        (lambda: FixSeries(stamps(1), np.zeros((1, 3)), np.zeros((1, 1))), "variances"),
+    ],
+)
+def test_wrong_shape_is_refused_by_name(make, name):
+    with pytest.raises(EstimatorError, match=f"{name} must have shape .* found"):
+        make()
+
+
+def test_measurements_come_in_the_order_of_their_stamps():
+    log = make_log()
+    got = list(log.measurements())
+    assert len(got) == (
+        len(log.tracks.stamps)
+        + len(log.imu.stamps)
+        + len(log.fixes.stamps)
+        + np.isfinite(log.fixes.poses[:, 2]).sum()
+    )
+    assert (np.diff([m.stamp for m in got]) >= 0).all()
+
+
+def test_at_equal_stamps_tracks_come_first_then_imu_then_fixes():
+    at = stamps(5, 7)
+    log = Log(
+        "equal",
+        TrackSpeedSeries(at, np.array([[0.1, 0.2], [0.3, 0.4]])),
+        ImuSeries(at, np.ones((2, 3))),
+        FixSeries(at, np.array([[1.0, 2.0, np.nan], [3.0, 4.0, 0.5]]), np.full((2, 2), 0.25)),
+    )
+    assert list(log.measurements()) == [
+        TrackSpeeds(5, 0.1, 0.2),
+        ImuSample(5, (1.0, 1.0, 1.0)),
+        PositionFix(5, 1.0, 2.0, 0.25),
+        TrackSpeeds(7, 0.3, 0.4),
+        ImuSample(7, (1.0, 1.0, 1.0)),
+        PositionFix(7, 3.0, 4.0, 0.25),
+        HeadingFix(7, 0.5, 0.25),
+    ]
+
+
+def test_measurements_are_plain_numbers():
+    for m in make_log(seconds=1.0).measurements():
+        assert type(m.stamp) is int
+        if isinstance(m, ImuSample):
+            assert type(m.angular_velocity) is tuple
+            assert type(m.angular_velocity[2]) is float
+
+
+def test_start_and_end_are_those_of_tracks_and_imu():
+    log = Log(
+        "spans",
+        TrackSpeedSeries(stamps(2_000_000_000, 5_000_000_000), np.zeros((2, 2))),
+        ImuSeries(stamps(1_000_000_000, 4_000_000_000), np.zeros((2, 3))),
+        FixSeries(stamps(0), np.zeros((1, 3)), np.ones((1, 2))),
+    )
+    assert (log.start, log.end) == (1_000_000_000, 5_000_000_000)
+    assert log.duration == 4.0
+
+
+def test_log_of_nothing_says_so():
+    log = Log("nothing", TrackSpeedSeries(stamps(), np.zeros((0, 2))))
+    with pytest.raises(EstimatorError, match="'nothing' holds neither track speeds nor IMU"):
+        _ = log.duration
+    assert list(log.measurements()) == []
+
+
+# --- from measurements ------------------------------------------------------------------------------
+
+COVARIANCE = ((0.04, 0.01, 0.0), (0.01, 0.05, 0.02), (0.0, 0.02, 0.3))
+
+
+def all_kinds():
+    """Measurements of all kinds, in order, many with equal stamps; one IMU sample has no force."""
+    found = list(make_log(seconds=2.0).measurements())
+    at = next(m.stamp for m in found[20:] if isinstance(m, PositionFix))
+    found += [
+        BodyVelocity(at, 0.3, 0.0, 0.01),
+        PoseFix(at, 0.1, 0.2, 0.3, COVARIANCE),
+        PoseFix(at + 1, 0.1, 0.2, 0.3, COVARIANCE),
+        ZeroVelocity(at, (0.1, 0.2, 0.3)),
+        HeadingFix(at + 1, 0.3, 0.4),
+        ImuSample(at + 1, (0.0, 0.0, 0.1)),
+        ZeroVelocity(at + 2),
+    ]
+    return sorted(found, key=key_of)
+
+
+def test_a_log_of_its_measurements_has_the_same_measurements():
+    for measurements in (all_kinds(), list(make_log().measurements())):
+        assert list(Log.from_measurements(measurements).measurements()) == measurements
+    kinds = {type(m) for m in all_kinds()}
+    assert kinds == set(STREAMS), "or a kind is not tested"
+
+
+def test_the_order_that_measurements_are_given_in_does_not_matter():
+    measurements = all_kinds()
+    shuffled = [measurements[i] for i in np.random.default_rng(0).permutation(len(measurements))]
+    log = Log.from_measurements((m for m in shuffled), name="mixed")
+    assert log.name == "mixed"
+    assert list(log.measurements()) == measurements
+    for series in (log.tracks, log.imu, log.fixes):
+        assert (np.diff(series.stamps) > 0).all()
+    # A heading that comes with a position is part of that fix.
+    assert sum(isinstance(m, HeadingFix) for m in log.others) == 1
+    assert log.dropped == {}
+
+
+def test_numbers_of_any_kind_make_a_log_of_plain_numbers():
+    covariance = np.array(COVARIANCE)
+    log = Log.from_measurements(
+        [
+            TrackSpeeds(np.int64(3), 1, np.float32(0.5)),
+            ImuSample(4, np.zeros(3), [0, 0, 10]),
+            PoseFix(5, 1, 2, 3, covariance),
+        ]
+    )
+    covariance[:] = 0.0
+    assert list(log.measurements()) == [
+        TrackSpeeds(3, 1.0, 0.5),
+        ImuSample(4, (0.0, 0.0, 0.0), (0.0, 0.0, 10.0)),
+        PoseFix(5, 1.0, 2.0, 3.0, COVARIANCE),
+    ]
+
+
+def test_what_cannot_be_right_is_dropped_and_counted():
+    good = all_kinds()
+    bad = [
+        TrackSpeeds(1, np.nan, 0.0),
+        good[5],
+        PositionFix(1, 0.0, 0.0, -1.0),
+        PoseFix(2, 0.0, 0.0, 0.0, ((1.0, 2.0, 0.0), (2.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+        ZeroVelocity(3, (0.0, 1.0, 1.0)),
+    ]
+    log = Log.from_measurements(good + bad)
+    assert list(log.measurements()) == good
+    assert log.dropped == {
+        "tracks: not finite": 1,
+        f"{STREAMS[type(good[5])]}: duplicate stamp": 1,
+        "position: variance not positive": 1,
+        "pose: covariance not positive definite": 1,
+        "zero velocity: sigma not positive": 1,
+    }
+
+
+def test_what_is_no_measurement_makes_no_log():
+    with pytest.raises(EstimatorError, match="no measurement: 3"):
+        Log.from_measurements([TrackSpeeds(1, 0.0, 0.0), 3])
+
+
+def test_a_list_of_measurements_can_be_run_and_smoothed():
+    robot, at = load_robot("auriga-alpha"), stamps(*range(0, 2_000_000_000, 20_000_000))
+    drive = [
+        kind(stamp, *values)
+        for stamp in at.tolist()
+        for kind, *values in ((TrackSpeeds, 0.3, 0.3), (ImuSample, (0.0, 0.0, 0.0)))
+    ]
+    seen = [PoseFix(10**9, 0.5, 0.2, 0.0, COVARIANCE), BodyVelocity(10**9, 0.32, 0.0, 1e-4)]
+    start = {"start_sigma": (0.5, 0.5, 0.5)}
+    log = Log.from_measurements([*seen, *drive])
+    filtered, smoothed = smooth(log, robot, "constant-fixed", **start)
+    plain = run(log, robot, "constant-fixed", **start)
+    assert (plain.states == filtered.states).all()
+    assert plain.health.sensors["pose"].used == plain.health.sensors["body velocity"].used == 1
+    assert plain.state_names == state_names("constant-fixed")
+    # The fix counts for what was before it, too.
+    assert smoothed.state_sigmas[5, 1] < 0.7 * filtered.state_sigmas[5, 1]
+
+
+def test_an_empty_list_makes_a_log_of_nothing():
+    log = Log.from_measurements([])
+    assert list(log.measurements()) == []
+    assert (log.imu, log.fixes) == (None, None)
+
+
+def test_measurements_made_some_at_a_time_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = replace(make_log(), others=(HeadingFix(make_log().start, 0.1, 0.2),))
+    at_once = list(log.measurements())
+    streams = (log.tracks.stamps, log.imu.stamps, log.fixes.stamps)
+    with_heading = int(np.isfinite(log.fixes.poses[:, 2]).sum())
+    assert len(at_once) == sum(map(len, streams)) + with_heading + 1
+    for size in (1, 7, len(at_once) - 1):
+        monkeypatch.setattr("icreckon.estimator.log.log.AT_A_TIME", size)
+        assert list(log.measurements()) == at_once
+
+
+def test_a_part_of_a_log_has_what_lies_between():
+    log = make_log()
+    begin, end = log.start + 1_000_000_000, log.start + 2_000_000_000
+    part = log.between(begin, end)
+    wanted = [one for one in log.measurements() if begin <= one.stamp <= end]
+    assert list(part.measurements()) == wanted
+    assert log.truth is not None
+    assert part.truth is not None
+    for whole, cut in (
+        (log.truth.poses, part.truth.poses),
+        (log.truth.twists, part.truth.twists),
+        (log.truth.tracks, part.truth.tracks),
+    ):
+        assert (cut is None) == (whole is None)
+        if cut is not None:
+            assert cut.stamps[0] >= begin
+            assert cut.stamps[-1] <= end
+    assert log.between(log.start, log.end).tracks.speeds.shape == log.tracks.speeds.shape
+    bare = replace(log, imu=None, fixes=None, truth=None)
+    assert bare.between(begin, end).imu is None

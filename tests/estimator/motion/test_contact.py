@@ -1,0 +1,305 @@
+"""Loads and forces at the contact points: balances, bounds, derivatives, and cases known by hand."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from icreckon.estimator.motion.contact import (
+    Body,
+    Contact,
+    ContactGeometry,
+    Soil,
+    contact_points,
+    equally_spaced,
+    steady_balance,
+    steady_inertia,
+    track_forces,
+    vertical_loads,
+)
+from icreckon.estimator.motion.icr import PaperTwist
+
+GEOMETRY = equally_spaced(0.42, 0.39, 5)
+UNEVEN = ContactGeometry(0.42, (-0.4, -0.1, 0.3), (1.0, 2.0, 1.5), (-0.05, 0.05))
+BODY = Body(258.0, -0.015, 0.04, 0.79)
+CONTACTS = {
+    "paper": Contact(Soil(0.9, rolling_resistance=0.074), GEOMETRY, BODY),
+    "anisotropic": Contact(Soil(0.5, 0.9, rolling_resistance=0.1), GEOMETRY, BODY),
+    "shear": Contact(Soil(0.7, rolling_resistance=0.05, shear_modulus=0.01), GEOMETRY, BODY),
+    "uneven": Contact(Soil(0.9, 0.6, 0.05, 0.02, resistance_opposes="track"), UNEVEN, BODY),
+    "soft": Contact(Soil(0.9, rolling_resistance=0.1, regularising_speed=0.1), UNEVEN, BODY),
+}
+
+
+@pytest.fixture(params=CONTACTS)
+def contact(request) -> Contact:
+    return CONTACTS[request.param]
+
+
+def draw(count: int, size: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Random twists (3, count) and track speeds (2, count)."""
+    rng = np.random.default_rng(seed)
+    return size * rng.normal(size=(3, count)), rng.uniform(-1.0, 1.0, (2, count))
+
+
+def relative_error(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Largest error (n,) of Jacobians (3, 3, n), as a share of the largest element of each."""
+    return np.abs(found - expected).max(axis=(0, 1)) / np.abs(expected).max(axis=(0, 1))
+
+
+def complex_step(twist: np.ndarray, V: np.ndarray, contact: Contact) -> np.ndarray:
+    columns = []
+    for axis in range(3):
+        moved = twist.astype(complex)
+        moved[axis] += 1e-40j
+        columns.append(steady_balance(PaperTwist(*moved), V[0], V[1], contact).values.imag / 1e-40)
+    return np.stack(columns, axis=1)
+
+
+def test_the_jacobian_is_exact_while_all_points_touch(contact):
+    twist, V = draw(200, 0.3)
+    inertia = steady_inertia(PaperTwist(*twist), contact.body)
+    touch = (vertical_loads(contact, *inertia[:2]).values > 0.0).all(axis=0)
+    twist, V = twist[:, touch], V[:, touch]
+    assert twist.shape[1] > 150
+    found = steady_balance(PaperTwist(*twist), V[0], V[1], contact).jacobian
+    assert relative_error(found, complex_step(twist, V, contact)).max() < 1e-12
+
+
+@pytest.mark.parametrize("slip", [0.0, 1e-9, 1e-5, 1e-4, 1e-3])
+def test_the_jacobian_is_exact_near_zero_slip(contact, slip):
+    rng = np.random.default_rng(2)
+    speed = rng.uniform(-1.0, 1.0, 50)
+    twist = slip * rng.normal(size=(3, 50)) + np.array([[0.0], [1.0], [0.0]]) * speed
+    V = np.stack([speed, speed])
+    found = steady_balance(PaperTwist(*twist), V[0], V[1], contact).jacobian
+    assert np.isfinite(found).all()
+    assert relative_error(found, complex_step(twist, V, contact)).max() < 1e-10
+
+
+def test_the_jacobian_is_finite_and_exact_where_one_track_rests(contact):
+    twist, V = draw(50, 0.2)
+    V[0] = 0.0
+    found = steady_balance(PaperTwist(*twist), V[0], V[1], contact).jacobian
+    assert relative_error(found, complex_step(twist, V, contact)).max() < 1e-10
+
+
+def test_the_jacobian_is_exact_where_points_lift(contact):
+    rng = np.random.default_rng(3)
+    V = np.stack([rng.uniform(0.4, 1.0, 400), rng.uniform(-1.0, 1.0, 400)])
+    twist = np.stack([0.3 * rng.normal(size=400), V.mean(axis=0), rng.uniform(-3.0, 3.0, 400)])
+    inertia = steady_inertia(PaperTwist(*twist), contact.body)
+    loads = vertical_loads(contact, *inertia[:2])
+    lifts = (loads.values == 0.0).any(axis=0) & ~loads.tipping
+    assert lifts.sum() > 20
+    twist, V = twist[:, lifts], V[:, lifts]
+    step = 1e-6
+    columns = []
+    for axis in range(3):
+        moved = np.zeros((3, 1))
+        moved[axis] = step
+        ahead, behind = (
+            steady_balance(PaperTwist(*(twist + sign * moved)), V[0], V[1], contact).values
+            for sign in (1.0, -1.0)
+        )
+        columns.append((ahead - behind) / (2.0 * step))
+    found = steady_balance(PaperTwist(*twist), V[0], V[1], contact).jacobian
+    # A central difference that straddles the lift of one more point is wrong; few do.
+    error = relative_error(found, np.stack(columns, axis=1))
+    assert np.median(error) < 1e-7
+    assert np.quantile(error, 0.9) < 1e-3
+
+
+forces = st.floats(-1e5, 1e5)
+
+
+@settings(deadline=None)
+@given(forces, forces, st.sampled_from([GEOMETRY, UNEVEN]))
+def test_loads_are_never_negative_and_carry_the_weight(right, forward, geometry):
+    contact = Contact(Soil(), geometry, BODY)
+    loads = vertical_loads(contact, right, forward)
+    points = contact_points(geometry)
+    values = loads.values[:, 0]
+    assert (values >= 0.0).all()
+    assert values.sum() == pytest.approx(BODY.weight, rel=1e-9)
+    at_x, at_y = points.x @ values / BODY.weight, points.y @ values / BODY.weight
+    meant_x = BODY.x_CM + BODY.z_CM * right / BODY.weight
+    meant_y = BODY.y_CM + BODY.z_CM * forward / BODY.weight
+    outside = not (abs(meant_x) < points.x.max() and points.y.min() < meant_y < points.y.max())
+    assert (
+        bool(loads.tipping[0]) == outside
+        or min(
+            abs(abs(meant_x) - points.x.max()),
+            abs(meant_y - points.y.max()),
+            abs(meant_y - points.y.min()),
+        )
+        < 1e-5
+    )
+    edge = 2e-6
+    limited_x = np.clip(meant_x, points.x.min(), points.x.max())
+    limited_y = np.clip(meant_y, points.y.min(), points.y.max())
+    assert at_x == pytest.approx(limited_x, abs=edge)
+    assert at_y == pytest.approx(limited_y, abs=edge)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.floats(-800.0, 800.0), st.floats(-1200.0, 1200.0))
+def test_loads_solve_the_complementarity_problem(right, forward):
+    contact = Contact(Soil(), GEOMETRY, BODY)
+    loads = vertical_loads(contact, right, forward)
+    if loads.tipping[0]:
+        return
+    points = contact_points(GEOMETRY)
+    pressure = loads.values[:, 0] / points.weight
+    touching = pressure > 1e-7
+    plane = np.stack([np.ones_like(points.x), points.x, points.y], axis=1)
+    fitted, *_ = np.linalg.lstsq(plane[touching], pressure[touching], rcond=None)
+    scale = BODY.weight
+    np.testing.assert_allclose(plane[touching] @ fitted, pressure[touching], atol=1e-8 * scale)
+    if touching.sum() > 3:
+        assert (plane[~touching] @ fitted <= 1e-6 * scale).all()
+
+
+def test_static_loads_of_a_centred_vehicle_are_even():
+    centred = Contact(Soil(), GEOMETRY, Body(100.0))
+    np.testing.assert_allclose(vertical_loads(centred).values, 98.1, rtol=1e-13)
+
+
+def test_load_moves_to_the_outer_track_of_a_turn():
+    contact = CONTACTS["paper"]
+    left_turn = steady_inertia(PaperTwist(0.0, 0.5, 0.5), BODY)[:, None]
+    loads = vertical_loads(contact, *left_turn[:2]).values[:, 0]
+    still = vertical_loads(contact).values[:, 0]
+    assert loads[5:].sum() > still[5:].sum()
+    assert loads[:5].sum() < still[:5].sum()
+
+
+def test_weight_can_be_given():
+    loads = vertical_loads(CONTACTS["paper"], 10.0, weight=1000.0)
+    assert loads.values.sum() == pytest.approx(1000.0)
+
+
+def test_a_sliding_track_brakes_with_the_coefficient_of_each_direction():
+    contact = Contact(Soil(0.5, 0.8), GEOMETRY, Body(100.0))
+    loads = vertical_loads(contact)
+    for twist, expected in (
+        (PaperTwist(*np.array([[0.5], [0.0], [0.0]])), [-0.5 * 981.0, 0.0, 0.0]),
+        (PaperTwist(*np.array([[0.0], [-0.5], [0.0]])), [0.0, 0.8 * 981.0, 0.0]),
+    ):
+        wrench, *_ = track_forces(twist, np.zeros(1), np.zeros(1), contact, loads)
+        np.testing.assert_allclose(wrench.values[:, 0], expected, atol=1e-3)
+
+
+def test_friction_opposes_slip_and_stays_within_the_ellipse():
+    geometry = ContactGeometry(0.42, (-1e-3, 1e-3))
+    contact = Contact(Soil(0.5, 0.8), geometry, Body(100.0))
+    twist, _ = draw(200, 1.0)
+    twist[2] = 0.0
+    zero = np.zeros(200)
+    force, *_ = track_forces(PaperTwist(*twist), zero, zero, contact, vertical_loads(contact))
+    right, forward = force.values[:2] / 981.0
+    assert (right * twist[0] + forward * twist[1] < 0.0).all()
+    np.testing.assert_allclose((right / 0.5) ** 2 + (forward / 0.8) ** 2, 1.0, rtol=1e-5)
+
+
+def test_rolling_resistance_opposes_travel_or_the_track():
+    zero = np.zeros(1)
+    twist = PaperTwist(zero, zero + 0.5, zero)
+    contact = CONTACTS["paper"]
+    loads = vertical_loads(contact)
+    without = msgspec.structs.replace(contact.soil, rolling_resistance=0.0)
+    by_track = msgspec.structs.replace(contact.soil, resistance_opposes="track")
+
+    def forward(soil: Soil, V: float) -> float:
+        whole = Contact(soil, GEOMETRY, BODY)
+        return track_forces(twist, zero + V, zero + V, whole, loads)[0].values[1, 0]
+
+    resistance = 0.074 * BODY.weight
+    for V in (-0.3, 0.3):
+        free = forward(without, V)
+        assert forward(contact.soil, V) - free == pytest.approx(-resistance, rel=1e-6)
+        assert forward(by_track, V) - free == pytest.approx(-np.sign(V) * resistance, rel=1e-6)
+
+
+def test_shear_displacement_builds_friction_up_from_the_entry():
+    K, slip, V = 0.02, 0.1, 0.5
+    contact = Contact(Soil(0.6, shear_modulus=K, regularising_speed=1e-7), GEOMETRY, Body(100.0))
+    at = np.ones(1)
+    twist = PaperTwist(0.0 * at, (V - slip) * at, 0.0 * at)
+    force, *_ = track_forces(twist, V * at, V * at, contact, vertical_loads(contact))
+    behind = 0.39 - np.array(GEOMETRY.positions)
+    share = np.mean(1.0 - np.exp(-slip * behind / V / K))
+    assert force.values[1, 0] == pytest.approx(0.6 * 981.0 * share, rel=1e-6)
+    backward, *_ = track_forces(
+        PaperTwist(*(-part for part in twist)), -V * at, -V * at, contact, vertical_loads(contact)
+    )
+    assert backward.values[1, 0] == pytest.approx(-force.values[1, 0], rel=1e-12)
+
+
+def test_a_vanishing_shear_modulus_is_full_friction_behind_the_entry():
+    twist, V = draw(50, 0.3)
+    full, sheared = (
+        Contact(Soil(0.6, shear_modulus=K), GEOMETRY, Body(100.0)) for K in (0.0, 1e-9)
+    )
+    V[:] = 0.0  # a track at rest has no entry
+    a, b = (steady_balance(PaperTwist(*twist), V[0], V[1], one).values for one in (full, sheared))
+    np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
+def test_forces_scale_with_mass_and_friction(contact):
+    twist, V = draw(50, 0.3)
+    body = msgspec.structs.replace(contact.body, mass=0.5 * contact.body.mass)
+    light = Contact(contact.soil, contact.geometry, body)
+    whole, half = (
+        steady_balance(PaperTwist(*twist), V[0], V[1], one).values for one in (contact, light)
+    )
+    np.testing.assert_allclose(half, 0.5 * whole, rtol=1e-10, atol=1e-9)
+
+    along = contact.soil.longitudinal_friction
+    slippery = msgspec.structs.replace(
+        contact.soil,
+        friction=0.5 * contact.soil.friction,
+        longitudinal_friction=None if along is None else 0.5 * along,
+        rolling_resistance=0.5 * contact.soil.rolling_resistance,
+    )
+    loads = vertical_loads(contact)
+    whole, half = (
+        track_forces(
+            PaperTwist(*twist), V[0], V[1], Contact(soil, contact.geometry, contact.body), loads
+        )[0].values
+        for soil in (contact.soil, slippery)
+    )
+    np.testing.assert_allclose(half, 0.5 * whole, rtol=1e-10, atol=1e-9)
+
+
+def test_contact_points_and_weights():
+    points = contact_points(UNEVEN)
+    assert len(points.x) == 12
+    assert points.weight.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(points.x[:2], [-0.16, -0.26])
+    np.testing.assert_allclose(points.x[6:8], [0.16, 0.26])
+    np.testing.assert_allclose(points.weight[2] / points.weight[0], 2.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Soil(friction=0.0), "friction must be a positive"),
+        (lambda: Soil(longitudinal_friction=np.nan), "longitudinal_friction must be a positive"),
+        (lambda: Soil(rolling_resistance=-0.1), "rolling_resistance must be zero or"),
+        (lambda: Soil(regularising_speed=0.0), "regularising_speed must be a positive"),
+        (lambda: ContactGeometry(0.4, (0.0,)), "two or more, rising"),
+        (lambda: ContactGeometry(0.4, (0.1, -0.1)), "two or more, rising"),
+        (lambda: ContactGeometry(0.4, (-0.1, 0.1), (1.0,)), "as many as positions"),
+        (lambda: ContactGeometry(0.4, (-0.1, 0.1), across=(0.3,)), "less than half the gauge"),
+        (lambda: Body(-1.0), "mass must be a positive"),
+        (lambda: Body(1.0, z_CM=-0.1), "not below the ground"),
+        (lambda: Contact(Soil(), GEOMETRY, Body(1.0, x_CM=0.3)), "lies outside the contact"),
+    ],
+)
+def test_nonsense_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

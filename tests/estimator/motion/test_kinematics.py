@@ -1,0 +1,228 @@
+"""Equations (1) to (30) of the paper: numbers worked out by hand, and identities."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from icreckon.estimator.motion.icr import (
+    Icrs,
+    IndexValues,
+    PaperTwist,
+    direct,
+    icrs_from_indices,
+    icrs_from_twist,
+    indices_at_inertia,
+    indices_at_signed_inertia,
+    indices_from_icrs,
+    inertial_force,
+    inertial_force_magnitude,
+    inverse,
+    on_spot_ratio,
+    signed_inertia,
+    symmetry_coordinates,
+    velocity_of_centre_of_mass,
+)
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+
+# A vehicle with L eta = 1 m, so that everything can be worked out by hand.
+GAUGE = 0.5
+INDICES = IndexValues(zeta=0.04, epsilon=0.1, eta=2.0)
+ICRS = Icrs(x_ICRl=-0.4, x_ICRr=0.6, y_ICR=0.04)
+V_L, V_R = 0.2, 0.7
+TWIST = PaperTwist(v_x=0.02, v_y=0.4, w=0.5)
+MASS, X_CM, Y_CM = 200.0, -0.1, 0.2
+
+# zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 of Auriga-alpha, section III-C.
+PUBLISHED = (0.67134, 0.048, 0.0002424, 0.106, 0.0011, 2.62, 0.0019, 0.00001)
+
+speeds = st.floats(-3.0, 3.0)
+indices = st.builds(IndexValues, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(1.0, 8.0))
+twists = st.builds(PaperTwist, speeds, speeds, speeds)
+
+
+def test_icrs_by_hand():
+    assert icrs_from_twist(V_L, V_R, TWIST) == pytest.approx(ICRS, rel=1e-14)
+
+
+def test_indices_by_hand():
+    assert indices_from_icrs(ICRS, GAUGE) == pytest.approx(INDICES, rel=1e-14)
+    assert icrs_from_indices(INDICES, GAUGE) == pytest.approx(ICRS, rel=1e-14)
+
+
+def test_direct_and_inverse_kinematics_by_hand():
+    assert direct(V_L, V_R, INDICES, GAUGE) == pytest.approx(TWIST, rel=1e-14)
+    assert inverse(TWIST.v_y, TWIST.w, INDICES, GAUGE) == pytest.approx((V_L, V_R), rel=1e-14)
+
+
+def test_inertia_by_hand():
+    assert velocity_of_centre_of_mass(TWIST, X_CM, Y_CM) == pytest.approx((-0.08, 0.35))
+    assert inertial_force(TWIST, MASS, X_CM, Y_CM) == pytest.approx((35.0, 8.0))
+    assert inertial_force_magnitude(TWIST, MASS, X_CM, Y_CM) == pytest.approx(np.sqrt(1289.0))
+    assert signed_inertia(TWIST, MASS, X_CM) == pytest.approx((-35.0, 35.0))
+
+
+def test_symmetry_coordinates_by_hand():
+    assert symmetry_coordinates(0.2, 0.7, 0.6) == pytest.approx((-0.5, 0.62))
+
+
+@pytest.mark.parametrize(
+    ("x_1", "x_2", "zeta", "epsilon", "eta"),
+    [
+        (0.3, 0.9, 0.07224, 0.216, 2.91),
+        (-0.3, 0.9, 0.07224, -0.004, 2.53),
+        (0.3, -0.9, 0.02376, -0.004, 2.53),
+        (-0.3, -0.9, 0.02376, 0.216, 2.91),
+        (0.0, 0.9, 0.07224, 0.106, 2.72),
+        (0.3, 0.0, 0.048, 0.106, 2.72),
+    ],
+)
+def test_literal_polynomials_at_100_newton(x_1, x_2, zeta, epsilon, eta):
+    values = indices_at_inertia(100.0, x_1, x_2, PUBLISHED)
+    assert values == pytest.approx((zeta, epsilon, eta), rel=1e-14)
+
+
+def test_smooth_polynomials_by_hand():
+    values = indices_at_signed_inertia(-100.0, 50.0, PUBLISHED)
+    assert values == pytest.approx((0.06012, -0.004, 2.53), rel=1e-14)
+
+
+@given(V_l=speeds, V_r=speeds, values=indices, gauge=st.floats(0.2, 2.0))
+def test_inverse_undoes_direct(V_l, V_r, values, gauge):
+    twist = direct(V_l, V_r, values, gauge)
+    back = inverse(twist.v_y, twist.w, values, gauge)
+    assert back == pytest.approx((V_l, V_r), abs=1e-13)
+
+
+@given(V_l=speeds, difference=st.floats(0.01, 3.0), values=indices, gauge=st.floats(0.2, 2.0))
+def test_indices_of_a_motion_are_those_it_was_made_with(V_l, difference, values, gauge):
+    V_r = V_l + difference
+    twist = direct(V_l, V_r, values, gauge)
+    found = indices_from_icrs(icrs_from_twist(V_l, V_r, twist), gauge)
+    assert found == pytest.approx(values, abs=1e-10)
+
+
+@given(values=indices, gauge=st.floats(0.2, 2.0))
+def test_icrs_and_indices_are_each_others_inverse(values, gauge):
+    assert indices_from_icrs(icrs_from_indices(values, gauge), gauge) == pytest.approx(
+        values, abs=1e-14
+    )
+
+
+@given(V_l=speeds, V_r=speeds, values=indices)
+def test_each_track_touches_the_ground_without_slip_at_its_icr(V_l, V_r, values):
+    twist = direct(V_l, V_r, values, GAUGE)
+    left, right, y = icrs_from_indices(values, GAUGE)
+    # Velocity of the track's material at a point: that of the vehicle there, less the track's own.
+    for x, speed in ((left, V_l), (right, V_r)):
+        assert twist.v_y + twist.w * x == pytest.approx(speed, abs=1e-13)
+        assert twist.v_x - twist.w * y == pytest.approx(0.0, abs=1e-13)
+
+
+@given(twist=twists, mass=st.floats(1.0, 500.0), x_CM=speeds, y_CM=speeds, z_CM=speeds)
+def test_inertia_is_minus_mass_times_w_cross_v_of_the_centre_of_mass(twist, mass, x_CM, y_CM, z_CM):
+    w = np.array([0.0, 0.0, twist.w])
+    v_CM = np.array([twist.v_x, twist.v_y, 0.0]) + np.cross(w, [x_CM, y_CM, z_CM])
+    force = -mass * np.cross(w, v_CM)
+    rounding = 1e-12 * mass
+    assert (*inertial_force(twist, mass, x_CM, y_CM), 0.0) == pytest.approx(force, abs=rounding)
+    assert inertial_force_magnitude(twist, mass, x_CM, y_CM) == pytest.approx(
+        np.linalg.norm(force), abs=rounding
+    )
+
+
+@given(w=speeds, v_y=speeds, x_CM=st.floats(-0.5, 0.5), y_CM=st.floats(-0.5, 0.5))
+def test_smooth_inertia_is_the_literal_one_without_its_longitudinal_part(w, v_y, x_CM, y_CM):
+    twist = PaperTwist(y_CM * w, v_y, w)
+    magnitude = inertial_force_magnitude(twist, MASS, x_CM, y_CM)
+    # The tracks that drive it: x_1 has the sign of -w and x_2 that of the centre of mass's velocity.
+    sign_1, sign_2 = -np.sign(w), np.sign(v_y + x_CM * w)
+    expected = (magnitude * sign_1 * sign_2, magnitude * abs(sign_1) * sign_2)
+    assert signed_inertia(twist, MASS, x_CM) == pytest.approx(expected, abs=1e-12 * MASS)
+
+
+@given(values=indices, V_r=st.floats(0.01, 1.0), x_CM=st.floats(-0.05, 0.05))
+def test_on_spot_ratio_leaves_the_centre_of_mass_without_forward_velocity(values, V_r, x_CM):
+    H = on_spot_ratio(icrs_from_indices(values, GAUGE), x_CM)
+    V_l = -H * V_r
+    twist = direct(V_l, V_r, values, GAUGE)
+    assert velocity_of_centre_of_mass(twist, x_CM, 0.0)[1] == pytest.approx(
+        0.0, abs=1e-13 * (1.0 + abs(H))
+    )
+
+
+def test_icrs_of_straight_motion_are_at_infinity():
+    straight = PaperTwist(0.0, 0.5, 0.0)
+    with pytest.raises(ZeroDivisionError):
+        icrs_from_twist(0.5, 0.6, straight)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = icrs_from_twist(
+            np.array([0.4]), np.array([0.6]), PaperTwist(*map(np.array, straight))
+        )
+    assert found.x_ICRl[0] == -np.inf
+    assert found.x_ICRr[0] == np.inf
+
+
+def test_arrays_give_what_floats_give():
+    rng = np.random.default_rng(1)
+    n = 50
+    V_l, V_r, force, signed = rng.uniform(-1, 1, (4, n)) * [[1.0], [1.0], [200.0], [200.0]]
+    values = IndexValues(*rng.uniform([[-0.1], [-0.1], [1.0]], [[0.1], [0.1], [4.0]], (3, n)))
+    twist = direct(V_l, V_r, values, GAUGE)
+    arrays = (
+        *twist,
+        *inverse(twist.v_y, twist.w, values, GAUGE),
+        *icrs_from_twist(V_l, V_r, twist),
+        *inertial_force(twist, MASS, X_CM, Y_CM),
+        inertial_force_magnitude(twist, MASS, X_CM, Y_CM),
+        *signed_inertia(twist, MASS, X_CM),
+        *indices_at_inertia(abs(force), V_l, V_r, PUBLISHED),
+        *indices_at_signed_inertia(signed, force, PUBLISHED),
+    )
+    for i in range(n):
+        left, right, f, g = (float(array[i]) for array in (V_l, V_r, force, signed))
+        one = IndexValues(*(float(array[i]) for array in values))
+        single = direct(left, right, one, GAUGE)
+        floats = (
+            *single,
+            *inverse(single.v_y, single.w, one, GAUGE),
+            *icrs_from_twist(left, right, single),
+            *inertial_force(single, MASS, X_CM, Y_CM),
+            inertial_force_magnitude(single, MASS, X_CM, Y_CM),
+            *signed_inertia(single, MASS, X_CM),
+            *indices_at_inertia(abs(f), left, right, PUBLISHED),
+            *indices_at_signed_inertia(g, f, PUBLISHED),
+        )
+        assert [float(array[i]) for array in arrays] == pytest.approx(floats, rel=1e-14)
+
+
+def test_robot_file_has_the_published_digits():
+    content = tomllib.loads((ROBOTS_FOLDER / "auriga-alpha.toml").read_text())
+    vehicle = content["vehicle"]
+    assert (vehicle["mass"], vehicle["track_gauge"]) == (258.0, 0.42)
+    # Table I: x_CM = -0.015 (right), y_CM = 0.04 (forward).
+    assert vehicle["centre_of_mass"][:2] == [0.04, 0.015]
+    assert content["indices"] == {
+        "H": 0.67134,
+        "zeta0": 0.048,
+        "zeta1": 0.0002424,
+        "epsilon0": 0.106,
+        "epsilon1": 0.0011,
+        "eta0": 2.62,
+        "eta1": 0.0019,
+        "eta2": 0.00001,
+    }
+    assert content["constant_icr"] == {"x_ICRl": -0.458, "x_ICRr": 0.630, "y_ICR": 0.0482}
+
+
+def test_robot_speaks_the_papers_language():
+    robot = load_robot("auriga-alpha")
+    assert robot.centre_of_mass_paper == pytest.approx((-0.015, 0.04))
+    assert tuple(robot.indices.as_array()) == PUBLISHED
+    constant = robot.constant_indices
+    # 0.086 = (0.630 - 0.458) / 2 and 2.59048 = 1.088 / 0.42.
+    assert (constant.zeta0, constant.epsilon0) == pytest.approx((0.0482, 0.086))
+    assert constant.eta0 == pytest.approx(2.5904762, abs=1e-7)
+    assert constant.as_array()[[2, 4, 6, 7]].tolist() == [0.0, 0.0, 0.0, 0.0]

@@ -1,0 +1,311 @@
+"""The implicit motion model: its own equations, its derivatives, its symmetries, its uniqueness."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from complex_step import assert_derivatives
+from icreckon.estimator.motion.icr import (
+    IndexValues,
+    PaperTwist,
+    direct,
+    indices_at_inertia,
+    indices_at_signed_inertia,
+    inertial_force_magnitude,
+    signed_inertia,
+    symmetry_coordinates,
+)
+from icreckon.estimator.motion.index_model import InertiaMotion, solve
+from icreckon.estimator.motion.motion_model import VehicleConstants
+from icreckon.estimator.robot.robot_file import load_robot
+
+ALPHA = load_robot("auriga-alpha")
+VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04)
+PUBLISHED = ALPHA.indices.as_array()
+WEIGHT = 258.0 * 9.81
+FORMS = ("smooth", "literal")
+# The grid of the paper, section II.
+GRID = np.linspace(-1.0, 1.0, 21).round(1)
+V_L, V_R = (speeds.ravel() for speeds in np.meshgrid(GRID, GRID, indexing="ij"))
+
+
+def perturbed(count, seed, share=0.5):
+    """Track speeds and parameters within `share` of the published ones, physical ones only."""
+    rng = np.random.default_rng(seed)
+    factors = rng.uniform(1.0 - share, 1.0 + share, (8, count))
+    parameters = PUBLISHED[:, None] * factors
+    parameters[5] = np.maximum(parameters[5], 1.0)
+    return (*rng.uniform(-1.0, 1.0, (2, count)), parameters)
+
+
+def model(V_l, V_r, twist, parameters, form):
+    """One pass from a twist through inertia and indices to a twist, from the paper's equations."""
+    gauge, mass, x_CM, y_CM = VEHICLE
+    if form == "smooth":
+        indices = indices_at_signed_inertia(*signed_inertia(twist, mass, x_CM), parameters)
+    else:
+        force = inertial_force_magnitude(twist, mass, x_CM, y_CM)
+        indices = indices_at_inertia(
+            force, *symmetry_coordinates(V_l, V_r, parameters[0]), parameters
+        )
+    return direct(V_l, V_r, indices._replace(eta=np.maximum(indices.eta, 1.0)), gauge)
+
+
+def inertia_residual(u, V_l, V_r, parameters, form):
+    """u less the inertia of the motion that u leads to: the scalar equation behind the model."""
+    gauge, mass, x_CM, y_CM = VEHICLE
+    x_1, x_2 = symmetry_coordinates(V_l, V_r, parameters[0])
+    if form == "smooth":
+        # The turn has the sign of -x_1, so |w| w_y is -u times that sign.
+        indices = indices_at_signed_inertia(u, u * np.sign(x_1), parameters)
+    else:
+        indices = indices_at_inertia(u, x_1, x_2, parameters)
+    twist = direct(V_l, V_r, indices._replace(eta=np.maximum(indices.eta, 1.0)), gauge)
+    if form == "smooth":
+        return u - signed_inertia(twist, mass, x_CM)[0]
+    return u - inertial_force_magnitude(twist, mass, x_CM, y_CM)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("V_l", "V_r", "parameters"),
+    [(V_L, V_R, PUBLISHED), perturbed(20_000, 1), perturbed(20_000, 2, share=0.1)],
+    ids=["paper grid", "within 50 %", "within 10 %"],
+)
+def test_solution_satisfies_the_papers_equations(form, V_l, V_r, parameters):
+    motion = solve(V_l, V_r, parameters, VEHICLE, form=form)
+    again = model(V_l, V_r, motion.twist, parameters, form)
+    for found, expected in zip(motion.twist, again, strict=True):
+        assert found == pytest.approx(expected, abs=1e-11)
+    residual = inertia_residual(motion.u, V_l, V_r, parameters, form)
+    assert np.abs(residual).max() < 1e-9 * WEIGHT
+    by_indices = direct(V_l, V_r, motion.indices, 0.42)
+    assert np.array(by_indices) == pytest.approx(np.array(motion.twist), abs=1e-14)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_inertia_of_more_than_the_weight_does_not_move_the_indices(form):
+    """Parameters from anywhere: there is a solution, and friction bounds the force in the indices."""
+    V_l, V_r, _ = perturbed(20_000, 4)
+    share = np.random.default_rng(5).uniform(-2.0, 3.0, (8, 20_000))
+    parameters = share * PUBLISHED[:, None]
+    parameters[5] = np.maximum(parameters[5], 1.0)
+    motion = solve(V_l, V_r, parameters, VEHICLE, form=form)
+    assert (np.abs(motion.force) <= WEIGHT).all()
+    assert (np.abs(motion.u) > WEIGHT).any()
+    forward = motion.twist.v_y + VEHICLE.x_CM * motion.twist.w
+    right = motion.twist.v_x - VEHICLE.y_CM * motion.twist.w
+    magnitude = np.hypot(forward, right) if form == "literal" else np.abs(forward)
+    inertia = VEHICLE.mass * np.abs(motion.twist.w) * magnitude
+    np.testing.assert_allclose(np.abs(motion.u), inertia, rtol=1e-9, atol=1e-8 * WEIGHT)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_solution_is_where_picard_iteration_goes(form):
+    twist = direct(V_L, V_R, IndexValues(*PUBLISHED[[1, 3, 5]]), 0.42)
+    for _ in range(100):
+        before, twist = twist, model(V_L, V_R, twist, PUBLISHED, form)
+    change = np.max([np.abs(a - b) for a, b in zip(before, twist, strict=True)], axis=0)
+    assert (change < 1e-12).all()
+    for found, expected in zip(
+        solve(V_L, V_R, PUBLISHED, VEHICLE, form=form).twist, twist, strict=True
+    ):
+        assert found == pytest.approx(expected, abs=1e-11)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_solution_is_what_brents_method_finds(form):
+    V_l, V_r, parameters = perturbed(200, 3)
+    for i in range(200):
+        args = (V_l[i], V_r[i], parameters[:, i], form)
+        low = 0.0 if form == "literal" else -1e4
+        expected = brentq(inertia_residual, low, 1e4, args=args, xtol=1e-12, rtol=1e-14)
+        found = solve(V_l[i], V_r[i], parameters[:, i], VEHICLE, form=form).u
+        assert found == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_published_parameters_have_one_motion_for_each_pair_of_track_speeds(form):
+    # With eta >= 1, |w| <= 2 / 0.42 and, of a motion at inertia u, |v_CM| <= 1 + |w| (0.15 + 0.0011 u);
+    # no motion has more inertia than 2e4 N, and 0.01 N is no inertia.
+    positive = np.geomspace(1e-2, 2e4, 4000)
+    u = positive if form == "literal" else np.concatenate([-positive[::-1], positive])
+    turning = V_L != V_R
+    V_l, V_r = V_L[turning, None], V_R[turning, None]
+    above = inertia_residual(u[None, :], V_l, V_r, PUBLISHED, form) > 0.0
+    crossings = np.count_nonzero(np.diff(above, axis=1), axis=1)
+    # From below to above at most once; the grid leaves out 0, where on-spot turning may lie.
+    assert crossings.max() <= 1
+    assert above[:, -1].all()
+    if form == "smooth":
+        assert not above[:, 0].any()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_floats_give_what_arrays_give(form):
+    V_l, V_r, parameters = perturbed(300, 4)
+    many = solve(V_l, V_r, parameters, VEHICLE, form=form)
+    for i in range(300):
+        one = solve(float(V_l[i]), float(V_r[i]), parameters[:, i].tolist(), VEHICLE, form=form)
+        assert isinstance(one.twist.w, float)
+        assert one.u == pytest.approx(many.u[i], abs=1e-9)
+        assert one.twist == pytest.approx([part[i] for part in many.twist], abs=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("V", [-1.0, -0.3, 0.0, 0.7])
+def test_equal_tracks_drive_straight_whatever_the_parameters(form, V):
+    _, _, parameters = perturbed(500, 5)
+    motion = solve(np.full(500, V), np.full(500, V), parameters, VEHICLE, form=form)
+    assert (motion.twist.w == 0.0).all()
+    assert (motion.twist.v_x == 0.0).all()
+    assert (motion.twist.v_y == V).all()
+    assert (motion.u == 0.0).all()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_without_inertial_terms_it_is_the_constant_icr_model(form):
+    constant = ALPHA.constant_indices
+    found = solve(V_L, V_R, constant.as_array(), VEHICLE, form=form).twist
+    expected = direct(V_L, V_R, IndexValues(constant.zeta0, constant.epsilon0, constant.eta0), 0.42)
+    for part, wanted in zip(found, expected, strict=True):
+        assert part == pytest.approx(wanted, abs=1e-15)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_mirrored_vehicle_makes_the_mirrored_motion(form):
+    V_l, V_r, parameters = perturbed(2000, 6)
+    # epsilon and what is odd in the turn change their sign; H, the ratio of the tracks, inverts.
+    mirrored = parameters * np.array([1, 1, 1, -1, 1, 1, -1, 1])[:, None]
+    mirrored[0] = 1.0 / parameters[0]
+    motion = solve(V_l, V_r, parameters, VEHICLE, form=form)
+    mirror = solve(V_r, V_l, mirrored, VEHICLE._replace(x_CM=-VEHICLE.x_CM), form=form)
+    assert mirror.twist.v_y == pytest.approx(motion.twist.v_y, abs=1e-15)
+    assert mirror.twist.v_x == pytest.approx(-motion.twist.v_x, abs=1e-15)
+    assert mirror.twist.w == pytest.approx(-motion.twist.w, abs=1e-15)
+    assert np.abs(mirror.indices.epsilon + motion.indices.epsilon).max() < 1e-15
+    assert np.abs(mirror.indices.zeta - motion.indices.zeta).max() < 1e-15
+
+
+def test_backward_motion_is_the_forward_one_reversed_but_for_the_sign_of_the_sliding():
+    V_l, V_r, parameters = perturbed(2000, 7)
+    forward = solve(V_l, V_r, parameters, VEHICLE)
+    backward = solve(-V_l, -V_r, parameters, VEHICLE)
+    assert backward.u == pytest.approx(forward.u, abs=1e-12)
+    assert backward.twist.w == pytest.approx(-forward.twist.w, abs=1e-15)
+    assert backward.twist.v_y == pytest.approx(-forward.twist.v_y, abs=1e-15)
+    # zeta departs from zeta0 by zeta1 |F| sign(x_2), and x_2 changes its sign.
+    zeta0 = parameters[1]
+    assert backward.indices.zeta - zeta0 == pytest.approx(
+        -(forward.indices.zeta - zeta0), abs=1e-15
+    )
+
+
+def test_both_forms_agree_where_there_is_hardly_any_longitudinal_inertia():
+    # v_x - y_CM w is zero for zeta = y_CM: all inertia is lateral. H is then where v_y + x_CM w is.
+    parameters = PUBLISHED.copy()
+    parameters[[1, 2]] = VEHICLE.y_CM, 0.0
+    turning = V_L != V_R
+    smooth = solve(V_L[turning], V_R[turning], parameters, VEHICLE)
+    forward = smooth.twist.v_y + VEHICLE.x_CM * smooth.twist.w
+    x_2 = V_L[turning] + parameters[0] * V_R[turning]
+    same = np.sign(forward) == np.sign(x_2)
+    assert same.mean() > 0.95
+    literal = solve(V_L[turning], V_R[turning], parameters, VEHICLE, form="literal")
+    for a, b in zip(smooth.twist, literal.twist, strict=True):
+        assert a[same] == pytest.approx(b[same], abs=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_slip_is_added_and_does_not_count_in_the_inertia_of_the_tracks(form):
+    slip = (0.03, -0.05, 0.2)
+    without = solve(V_L, V_R, PUBLISHED, VEHICLE, form=form)
+    slipping = solve(V_L, V_R, PUBLISHED, VEHICLE, form=form, slip=slip)
+    assert (slipping.u == without.u).all()
+    for a, b, r in zip(slipping.twist, without.twist, slip, strict=True):
+        assert (a == b + r).all()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_measured_inertia_is_that_of_the_twist_with_slip(form):
+    V_l, V_r, parameters = perturbed(5000, 8, share=0.2)
+    slip = tuple(np.random.default_rng(9).normal(scale=0.05, size=(3, 5000)))
+    motion = solve(V_l, V_r, parameters, VEHICLE, form=form, slip=slip, slip_in_inertia=True)
+    _, mass, x_CM, y_CM = VEHICLE
+    if form == "smooth":
+        inertia = signed_inertia(motion.twist, mass, x_CM)[0]
+    else:
+        inertia = inertial_force_magnitude(motion.twist, mass, x_CM, y_CM)
+    assert motion.u == pytest.approx(inertia, abs=1e-9 * WEIGHT)
+
+
+def test_eta_never_falls_below_one():
+    parameters = PUBLISHED.copy()
+    parameters[5:8] = 1.0, 0.0019, 0.0
+    motion = solve(V_L, V_R, parameters, VEHICLE)
+    assert motion.indices.eta.min() == 1.0
+    assert (motion.indices.eta > 1.0).any()
+
+
+# Track speeds at which something is special: straight, standing, one track stopped, on the spot by H
+# and by the indices, opposed, and almost straight.
+NASTY = [
+    (0.5, 0.5),
+    (0.0, 0.0),
+    (0.0, 0.8),
+    (-0.6, 0.0),
+    (-0.67134 * 0.5, 0.5),
+    (-0.63945 * 0.5, 0.5),
+    (-0.7, 0.7),
+    (0.5, 0.5 + 1e-9),
+    (1.0, -1.0),
+]
+AT_THE_FLOOR = np.array([0.67, 0.048, 0.00024, 0.106, 0.0002, 1.0, 0.0019, 1e-6])
+
+
+def _cases():
+    rng = np.random.default_rng(10)
+    V_l, V_r, parameters = perturbed(40, 11, share=0.3)
+    for i in range(40):
+        slip = tuple(rng.normal(scale=0.05, size=3).tolist())
+        yield V_l[i], V_r[i], parameters[:, i], slip
+    for V_l, V_r in NASTY:
+        yield V_l, V_r, PUBLISHED, (0.0, 0.0, 0.0)
+        yield V_l, V_r, PUBLISHED, (0.02, -0.03, 0.1)
+    for V_l, V_r in ((0.2, 0.9), (0.9, 0.2), (-0.5, 0.4)):
+        yield V_l, V_r, AT_THE_FLOOR, (0.01, 0.02, 0.03)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("slip_in_inertia", [False, True], ids=["tracks", "imu"])
+def test_derivatives_are_the_complex_step_ones(form, slip_in_inertia):
+    # The literal form jumps at x_1 = 0 and x_2 = 0: there it has no derivative to compare with.
+    model = InertiaMotion(VEHICLE, form, slip_in_inertia)
+    for V_l, V_r, parameters, slip in _cases():
+        if form == "literal" and (V_l == V_r or V_l == -parameters[0] * V_r):
+            continue
+        assert_derivatives(model, float(V_l), float(V_r), parameters, slip)
+
+
+def test_derivatives_where_the_force_is_held_at_the_weight():
+    heavy = VEHICLE._replace(mass=40.0)
+    parameters = PUBLISHED * (1.0, 1.0, 5.0, 1.0, 5.0, 0.3, 0.0, 0.0)
+    parameters[5] = 1.0
+    V_l, V_r = 6.0, 9.0
+    motion, _ = InertiaMotion(heavy).linearise(V_l, V_r, parameters, (0.0, 0.0, 0.0))
+    assert abs(motion.u) > abs(motion.force) == 40.0 * 9.81
+    for form in FORMS:
+        assert_derivatives(InertiaMotion(heavy, form), V_l, V_r, parameters, (0.1, 0.2, 0.3))
+
+
+def test_a_parameter_that_the_motion_does_not_show_has_no_derivative():
+    _, by = InertiaMotion(VEHICLE).linearise(0.5, 0.5, PUBLISHED, (0.0, 0.0, 0.0))
+    assert (np.array(by.by_parameters) == 0.0).all()
+    assert by.by_speeds[1] == pytest.approx((0.5, 0.5), abs=0.1)
+    assert sum(by.by_speeds[1]) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_turn_is_to_the_left_when_the_left_track_is_slower():
+    twist = solve(0.3, 0.6, PUBLISHED, VEHICLE).twist
+    assert twist.w > 0.0
+    assert isinstance(twist, PaperTwist)

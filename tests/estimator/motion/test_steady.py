@@ -1,0 +1,235 @@
+"""The stationary twist: balance, symmetry, limits, and agreement with scipy."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.optimize import root
+
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.motion import steady_state
+from icreckon.estimator.motion.contact import (
+    Body,
+    Contact,
+    ContactGeometry,
+    Soil,
+    equally_spaced,
+    steady_balance,
+    steady_inertia,
+    vertical_loads,
+)
+from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.estimator.motion.steady_state import CONVERGED, solve_steady, track_speed_grid
+
+GEOMETRY = equally_spaced(0.42, 0.39, 5)
+BODY = Body(258.0, -0.015, 0.04, 0.79)
+SOIL = Soil(0.9, rolling_resistance=0.074)
+PAPER = Contact(SOIL, GEOMETRY, BODY)
+SYMMETRIC = Contact(SOIL, GEOMETRY, Body(258.0, 0.0, 0.0, 0.5))
+
+
+def changed(**soil: object) -> Contact:
+    return Contact(msgspec.structs.replace(SOIL, **soil), GEOMETRY, BODY)
+
+
+CONTACTS = {
+    "paper": PAPER,
+    "no resistance": changed(rolling_resistance=0.0),
+    "resistance of the track": changed(resistance_opposes="track"),
+    "high resistance": changed(rolling_resistance=0.2),
+    "slippery": changed(friction=0.1, rolling_resistance=0.05),
+    "longitudinally slippery": changed(longitudinal_friction=0.6),
+    "laterally slippery": changed(friction=0.5, longitudinal_friction=0.9),
+    "shear": changed(shear_modulus=0.01),
+    "soft shear": changed(shear_modulus=0.05),
+    "sharp": changed(regularising_speed=1e-6),
+    "soft": changed(regularising_speed=1e-2),
+    "high": Contact(SOIL, GEOMETRY, Body(258.0, -0.015, 0.04, 1.5)),
+    "top-heavy": Contact(SOIL, GEOMETRY, Body(258.0, -0.015, 0.04, 3.0)),
+    "uneven": Contact(
+        SOIL,
+        ContactGeometry(0.42, (-0.4, -0.3, -0.05, 0.2, 0.39), (1, 2, 1, 2, 1), (-0.08, 0.08)),
+        BODY,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+def test_all_pairs_of_the_paper_converge(name):
+    motion = solve_steady(*track_speed_grid(), CONTACTS[name])
+    assert motion.converged.shape == (21, 21)
+    assert motion.converged.all()
+    assert motion.residual.max() <= 1e-10
+    # The residual is the true one: recomputed from the twists.
+    flat = PaperTwist(*(part.ravel() for part in motion.twist))
+    left = steady_balance(flat, motion.V_l.ravel(), motion.V_r.ravel(), CONTACTS[name]).values
+    assert np.abs(left[:2]).max() <= 1e-10 * BODY.weight
+    assert np.abs(left[2]).max() <= 1e-10 * BODY.weight * 0.21
+
+
+def test_fast_vehicles_and_fine_maps_converge():
+    assert solve_steady(*track_speed_grid(3.0), PAPER).converged.all()
+    assert solve_steady(*track_speed_grid(1.0, 101), PAPER).converged.all()
+
+
+def test_both_tracks_at_rest_are_rest():
+    motion = solve_steady(0.0, 0.0, PAPER)
+    assert motion.twist == PaperTwist(0.0, 0.0, 0.0)
+    assert motion.residual == 0.0
+
+
+def test_scalars_and_broadcasting():
+    grid = solve_steady(*track_speed_grid(), PAPER)
+    one = solve_steady(grid.V_l[3, 8], grid.V_r[3, 8], PAPER)
+    assert one.twist.w.shape == ()
+    assert float(one.twist.w) == pytest.approx(grid.twist.w[3, 8], rel=1e-9)
+    row = solve_steady(grid.V_l[3, 0], grid.V_r[3], PAPER)
+    np.testing.assert_allclose(row.twist.v_y, grid.twist.v_y[3], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("speed", [-1.0, -0.3, 0.1, 0.7])
+def test_equal_speeds_are_straight_without_lateral_force(speed):
+    motion = solve_steady(speed, speed, PAPER)
+    assert motion.twist.w == pytest.approx(0.0, abs=1e-12)
+    assert motion.twist.v_x == pytest.approx(0.0, abs=1e-12)
+    # Friction that carries the rolling resistance needs a creep v / sqrt(v² + d²) = f_r / mu.
+    creep = 1e-4 * 0.074 / np.sqrt(0.9**2 - 0.074**2)
+    assert speed - motion.twist.v_y == pytest.approx(np.sign(speed) * creep, rel=1e-6)
+
+
+@pytest.mark.parametrize("speed", [-0.8, 0.1, 1.0])
+def test_a_symmetric_vehicle_spins_on_the_spot(speed):
+    motion = solve_steady(-speed, speed, SYMMETRIC)
+    assert motion.twist.v_x == pytest.approx(0.0, abs=1e-12)
+    assert motion.twist.v_y == pytest.approx(0.0, abs=1e-12)
+    assert np.sign(motion.twist.w) == np.sign(speed)
+    assert abs(motion.twist.w) < abs(speed) / 0.21
+
+
+def test_mirror_symmetry_left_and_right():
+    V_l, V_r = track_speed_grid()
+    mirrored = Contact(SOIL, GEOMETRY, msgspec.structs.replace(BODY, x_CM=-BODY.x_CM))
+    a, b = solve_steady(V_l, V_r, PAPER), solve_steady(V_r, V_l, mirrored)
+    for part, other, sign in zip(a.twist, b.twist, (-1.0, 1.0, -1.0), strict=True):
+        np.testing.assert_allclose(part, sign * other, atol=1e-11)
+
+
+def test_mirror_symmetry_fore_and_aft():
+    V_l, V_r = track_speed_grid()
+    mirrored = Contact(SOIL, GEOMETRY, msgspec.structs.replace(BODY, y_CM=-BODY.y_CM))
+    a, b = solve_steady(V_l, V_r, PAPER), solve_steady(-V_l, -V_r, mirrored)
+    for part, other, sign in zip(a.twist, b.twist, (1.0, -1.0, -1.0), strict=True):
+        np.testing.assert_allclose(part, sign * other, atol=1e-11)
+
+
+def test_loads_of_the_solutions_carry_the_weight():
+    motion = solve_steady(*track_speed_grid(), PAPER)
+    inertia = steady_inertia(motion.twist, BODY).reshape(3, -1)
+    loads = vertical_loads(PAPER, *inertia[:2]).values
+    np.testing.assert_allclose(loads.sum(axis=0), BODY.weight, rtol=1e-12)
+    assert (loads >= 0.0).all()
+    assert not motion.tipping.any()
+
+
+def test_mass_alone_changes_nothing():
+    V_l, V_r = track_speed_grid()
+    heavy = Contact(SOIL, GEOMETRY, msgspec.structs.replace(BODY, mass=2.0 * BODY.mass))
+    a, b = solve_steady(V_l, V_r, PAPER), solve_steady(V_l, V_r, heavy)
+    np.testing.assert_allclose(np.stack(a.twist), np.stack(b.twist), atol=1e-11)
+
+
+def test_friction_scales_with_the_square_of_speed():
+    # With speeds (and the regularising speed) times k, and friction and rolling resistance times k²,
+    # all forces are k² times as large, if no load is transferred.
+    k = np.sqrt(0.5)
+    flat = msgspec.structs.replace(BODY, z_CM=0.0)
+    slow = msgspec.structs.replace(
+        SOIL, friction=0.45, rolling_resistance=0.037, regularising_speed=1e-4 * k
+    )
+    V_l, V_r = track_speed_grid()
+    a = solve_steady(V_l, V_r, Contact(SOIL, GEOMETRY, flat))
+    b = solve_steady(k * V_l, k * V_r, Contact(slow, GEOMETRY, flat))
+    np.testing.assert_allclose(k * np.stack(a.twist), np.stack(b.twist), atol=1e-10)
+
+
+def test_slow_motions_scale_with_speed():
+    # At a crawl inertia is nothing, and Coulomb friction knows only the direction of slip.
+    a = solve_steady(np.array([-1e-2, 3e-3]), np.array([5e-3, 1e-2]), PAPER)
+    soft = changed(regularising_speed=1e-5)
+    b = solve_steady(np.array([-1e-3, 3e-4]), np.array([5e-4, 1e-3]), soft)
+    np.testing.assert_allclose(np.stack(a.twist), 10.0 * np.stack(b.twist), rtol=2e-3)
+
+
+def test_agreement_with_scipy():
+    rng = np.random.default_rng(5)
+    V = rng.uniform(-1.0, 1.0, (2, 60))
+    ours = solve_steady(V[0], V[1], PAPER)
+    agreed = 0
+    for k, (left, right) in enumerate(V.T):
+
+        def balance(twist, left=left, right=right):
+            at = PaperTwist(*twist[:, None])
+            wrench = steady_balance(at, np.array([left]), np.array([right]), PAPER)
+            return wrench.values[:, 0] / BODY.weight, wrench.jacobian[:, :, 0] / BODY.weight
+
+        w = (right - left) / 1.05
+        found = root(balance, [0.04 * w, 0.5 * (left + right), w], jac=True, tol=1e-13)
+        if np.abs(found.fun).max() < CONVERGED:
+            agreed += 1
+            expected = [part[k] for part in ours.twist]
+            np.testing.assert_allclose(found.x, expected, atol=1e-9)
+    assert agreed > 50
+
+
+def test_the_solution_does_not_hang_on_the_guess():
+    rng = np.random.default_rng(6)
+    V_l, V_r = track_speed_grid()
+    motion = solve_steady(V_l, V_r, PAPER)
+    scattered = PaperTwist(*(part + 0.5 * rng.normal(size=part.shape) for part in motion.twist))
+    again = solve_steady(V_l, V_r, PAPER, guess=scattered)
+    np.testing.assert_allclose(np.stack(motion.twist), np.stack(again.twist), atol=1e-9)
+
+
+def test_rolling_resistance_parts_left_from_right_turns():
+    # Design, section 3: at 0.5 m/s the eccentricity jumps with the sign of a gentle turn.
+    motion = solve_steady(0.5 + np.array([0.01, -0.01]), 0.5 - np.array([0.01, -0.01]), PAPER)
+    epsilon = (0.5 - motion.twist.v_y) / motion.twist.w
+    assert epsilon[0] < 0.0 < epsilon[1]
+
+
+def test_what_does_not_converge_is_named(monkeypatch):
+    monkeypatch.setattr(steady_state, "DIRECT_STEPS", 1)
+    monkeypatch.setattr(steady_state, "FINAL_STEPS", 1)
+    monkeypatch.setattr(steady_state, "SPEED_STEPS", (2,))
+    monkeypatch.setattr(steady_state, "YAW_SHARES", (0.4,))
+    monkeypatch.setattr(steady_state, "FORWARD_SHARES", (0.0,))
+    with pytest.raises(EstimatorError, match=r"(?s)of 441 pairs.*\(-1, -0\.8\).*more"):
+        solve_steady(*track_speed_grid(), PAPER)
+    motion = solve_steady(*track_speed_grid(), PAPER, strict=False)
+    assert not motion.converged.all()
+    np.testing.assert_array_equal(motion.converged, motion.residual <= CONVERGED)
+    assert np.isfinite(np.stack(motion.twist)).all()
+
+
+def test_speeds_that_are_no_numbers_are_refused():
+    with pytest.raises(EstimatorError, match="finite"):
+        solve_steady(np.array([0.1, np.nan]), 0.2, PAPER)
+
+
+def test_the_grid_is_exact():
+    V_l, V_r = track_speed_grid()
+    assert V_l.shape == (21, 21)
+    assert V_l[0, 0] == -1.0
+    assert V_r[0, 20] == 1.0
+    assert V_l[10, 0] == 0.0
+    np.testing.assert_array_equal(V_l, -V_l[::-1])
+    np.testing.assert_array_equal(V_l, V_r.T)
+
+
+def test_scipy_is_not_loaded():
+    script = "import icreckon.simulation.paper.dynamic_map, sys; sys.exit('scipy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0

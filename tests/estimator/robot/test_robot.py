@@ -1,0 +1,178 @@
+"""The robot file: defaults, and everything that is refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.robot.robot_file import Indices, load_robot, robot_names
+
+SMALLEST = """
+name = "mine"
+[vehicle]
+mass = 100.0
+track_gauge = 0.5
+sprocket_radius = 0.1
+"""
+
+
+def write(tmp_path, text):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    return path
+
+
+def refused(tmp_path, text):
+    path = write(tmp_path, text)
+    with pytest.raises(EstimatorError) as caught:
+        load_robot(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+def test_smallest_file_is_an_ideal_differential_drive(tmp_path):
+    robot = load_robot(write(tmp_path, SMALLEST))
+    assert robot.indices == Indices(H=1.0, eta0=1.0)
+    assert robot.constant_indices == robot.indices
+    assert robot.centre_of_mass_paper == (0.0, 0.0)
+    assert robot.imu_rotation == pytest.approx(np.eye(3))
+    assert robot.slip == {}
+
+
+def test_path_may_be_text_and_need_not_end_in_toml(tmp_path):
+    path = write(tmp_path, SMALLEST)
+    assert load_robot(str(path)).name == "mine"
+    other = path.rename(tmp_path / "mine.conf")
+    assert load_robot(other).name == "mine"
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_shipped_robots_load_and_are_named_like_their_files(name):
+    robot = load_robot(name)
+    assert robot.name == name
+
+
+def test_a_folder_of_the_same_name_does_not_hide_a_shipped_robot(tmp_path, monkeypatch):
+    (tmp_path / "auriga-alpha").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_robot("auriga-alpha").name == "auriga-alpha"
+
+
+def test_unknown_robot_names_the_nearest():
+    with pytest.raises(
+        EstimatorError, match="no robot named 'auriga-alfa'; did you mean 'auriga-a"
+    ):
+        load_robot("auriga-alfa")
+    with pytest.raises(EstimatorError, match=r"there is 'auriga-alpha', .*path of a \.toml file"):
+        load_robot("zzzzzz")
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(EstimatorError, match=r"none\.toml: no such file"):
+        load_robot(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("more", "found", "right"),
+    [
+        ("[indices]\nzeta_0 = 0.1", "'zeta_0' in [indices]", "'zeta0'"),
+        ("[indicies]\nzeta0 = 0.1", "'indicies'", "'indices'"),
+        ("[imu]\nrotation_rpy = [0.0, 0.0, 0.0]", "'rotation_rpy' in [imu]", "'rotation_rpy_deg'"),
+        ("[constant_icr]\nx_icrl = -1.0", "'x_icrl' in [constant_icr]", "'x_ICRl'"),
+        (
+            "[slip.inertia-online]\nturning_z = 0.1",
+            "'turning_z' in [slip.inertia-online]",
+            "'turning_",
+        ),
+        ("[tracks]\nspeed_noise = 0.1", "'speed_noise' in [tracks]", "'speed_noise_density'"),
+    ],
+)
+def test_misspelt_key_is_refused_with_the_nearest_right_one(tmp_path, more, found, right):
+    message = refused(tmp_path, SMALLEST + more)
+    assert f"unknown key {found}" in message
+    assert f"did you mean {right}" in message
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ("[imu]\ngyro_noise_density = 'low'", "imu.gyro_noise_density"),
+        ("[imu]\nposition = [0.0, 0.0]", "imu.position"),
+        ("[imu]\ngyro_axes = 'y'", "imu.gyro_axes"),
+        ("[indices]\neta0 = 0.9", "eta0 must be at least 1"),
+        ("[indices]\neta0 = nan", "eta0"),
+        ("[indices]\nzeta1 = inf", "zeta1 must be finite, found inf"),
+        ("[constant_icr]\nx_ICRl = 0.3\nx_ICRr = 0.5", "x_ICRl < 0 < x_ICRr must hold"),
+        ("[constant_icr]\nx_ICRl = -0.1\nx_ICRr = 0.1", "at least track_gauge = 0.5 m apart"),
+        ("[constant_icr]\nx_ICRl = -0.4\nx_ICRr = inf", "x_ICRr"),
+        ("[imu]\ngyro_noise_density = 0.0", "gyro_noise_density must be a positive number"),
+        ("[imu]\naccelerometer_noise_density = -1.0", "accelerometer_noise_density"),
+        ("[imu]\ngyro_bias_sigma = -0.1", "gyro_bias_sigma must be zero or a positive number"),
+        ("[imu]\ngyro_scale = 0.0", "gyro_scale must be a positive number"),
+        ("[imu]\nposition = [0.0, nan, 0.0]", "position must be finite, found nan"),
+        ("[imu]\ngyro_axes = 'z'\nrotation_rpy_deg = [90.0, 0.0, 0.0]", "rotation_rpy_deg"),
+        ("[tracks]\nspeed_noise_density = -1.0", "speed_noise_density must be zero or"),
+        ("[slip.constant-online]\ntime_constant = 0.0", "time_constant must be a positive number"),
+        ("[slip.constant-online]\nturning_w = -0.1", "turning_w must be zero or a positive"),
+    ],
+)
+def test_bad_value_is_refused_and_named(tmp_path, more, told):
+    assert told in refused(tmp_path, SMALLEST + more)
+
+
+@pytest.mark.parametrize("name", ["mass", "track_gauge", "sprocket_radius"])
+@pytest.mark.parametrize("value", ["0.0", "-1.0", "nan", "inf"])
+def test_mass_and_geometry_must_be_positive(tmp_path, name, value):
+    lines = [
+        f"{name} = {value}" if line.startswith(name) else line for line in SMALLEST.splitlines()
+    ]
+    assert f"{name} must be a positive number, found" in refused(tmp_path, "\n".join(lines))
+
+
+def test_what_must_be_there_is_asked_for(tmp_path):
+    assert "`vehicle`" in refused(tmp_path, 'name = "mine"')
+    assert "`mass`" in refused(
+        tmp_path, 'name = "mine"\n[vehicle]\ntrack_gauge = 0.5\nsprocket_radius = 0.1'
+    )
+
+
+def test_format_of_another_version_is_refused(tmp_path):
+    message = refused(tmp_path, "format = 2\n" + SMALLEST)
+    assert "format 2 is not known; this version reads 1" in message
+
+
+def test_no_toml_is_refused(tmp_path):
+    assert "not a valid TOML file" in refused(tmp_path, "name = mine")
+
+
+def test_constant_icrs_default_to_the_indices_at_no_inertia(tmp_path):
+    text = SMALLEST + "[indices]\nzeta0 = 0.04\nepsilon0 = 0.1\neta0 = 2.0\neta1 = 0.01\nH = 0.6"
+    constant = load_robot(write(tmp_path, text)).constant_indices
+    assert constant == Indices(H=0.6, zeta0=0.04, epsilon0=0.1, eta0=2.0)
+
+
+def test_constant_icrs_become_indices_by_hand(tmp_path):
+    text = SMALLEST + "[constant_icr]\nx_ICRl = -0.4\nx_ICRr = 0.6\ny_ICR = 0.04"
+    constant = load_robot(write(tmp_path, text)).constant_indices
+    assert (constant.zeta0, constant.epsilon0, constant.eta0) == pytest.approx((0.04, 0.1, 2.0))
+
+
+def test_centre_of_mass_is_converted_to_the_papers_axes(tmp_path):
+    text = SMALLEST + "centre_of_mass = [0.04, 0.015, 0.3]"
+    assert load_robot(write(tmp_path, text)).centre_of_mass_paper == (-0.015, 0.04)
+
+
+def test_imu_rotation_takes_the_imus_axes_to_the_bodys(tmp_path):
+    # Turned a quarter to the left: the IMU's x points to the body's left.
+    robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [0.0, 0.0, 90.0]"))
+    assert robot.imu_rotation @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
+    # Upside down, rolled by half a turn: what is up for the IMU is down for the body.
+    robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [180.0, 0.0, 0.0]"))
+    assert robot.imu_rotation @ [0.0, 0.0, 1.0] == pytest.approx([0.0, 0.0, -1.0])
+
+
+def test_robot_survives_pickling(robot):
+    assert pickle.loads(pickle.dumps(robot)) == robot  # noqa: S301 - our own bytes

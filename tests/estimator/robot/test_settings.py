@@ -1,0 +1,200 @@
+"""What settings, adaptation and the estimator's arguments may be; the rest is refused in words."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+import icreckon
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import (
+    DEFAULT_ADAPTATION,
+    VARIANTS,
+    default_adaptation,
+    state_names,
+)
+
+ALPHA = icreckon.load_robot("auriga-alpha")
+BEYOND_FLOATS = 10**400
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value", "said"),
+    [
+        ("Settings", "engine", "fast", "there is 'compiled', 'plain'"),
+        ("Settings", "engine", "compield", "did you mean 'compiled'?"),
+        ("Settings", "engine", None, "cannot be None"),
+        ("Settings", "form", "rough", "there is 'literal', 'smooth'"),
+        ("Settings", "inertia", "x", "there is 'imu', 'tracks'"),
+        ("Settings", "inertia", ["imu"], "did you mean 'imu'?"),
+        ("Settings", "slip", {}, "Slip(...) or None, found dict"),
+        ("Settings", "adaptation", {"eta0": 0.0}, "Adaptation(...) or None, found dict"),
+        ("Settings", "gates", None, "GateSettings(...), found NoneType"),
+        ("Settings", "standstill", 1.0, "StandstillSettings(...), found float 1.0"),
+        ("Settings", "hold", -1.0, "no more than 1e+09 s, found -1.0"),
+        ("Settings", "hold", 0.0, "no more than 1e+09 s, found 0.0"),
+        ("Settings", "hold", "0.3", "no more than 1e+09 s, found '0.3'"),
+        ("Settings", "hold", True, "no more than 1e+09 s, found True"),
+        ("Settings", "longest_gap", math.inf, "no more than 1e+09 s, found inf"),
+        ("Settings", "longest_gap", 1e300, "no more than 1e+09 s, found 1e+300"),
+        ("Settings", "longest_gap", BEYOND_FLOATS, "no more than 1e+09 s, found 1000"),
+        ("Settings", "gap_acceleration", -0.1, "zero or a positive number, found -0.1"),
+        ("Settings", "history", "1", "from 0 to 60 s, found '1'"),
+        ("Settings", "history", None, "from 0 to 60 s, found None"),
+        ("Settings", "history", math.nan, "from 0 to 60 s, found nan"),
+        ("Settings", "use_accelerometer", "no", "True or False, found 'no'"),
+        ("Settings", "use_accelerometer", 1, "True or False, found 1"),
+        *(
+            ("Adaptation", name, value, f"zero or a positive number, found {value!r}")
+            for name in icreckon.Adaptation.__struct_fields__
+            for value in (-0.4, math.nan)
+        ),
+        ("Adaptation", "eta0", None, "zero or a positive number, found None"),
+        ("GateSettings", "patience", -1, "a whole number, 0 or more, found -1"),
+        ("GateSettings", "patience", 2.5, "a whole number, 0 or more, found 2.5"),
+        ("GateSettings", "patience", True, "a whole number, 0 or more, found True"),
+        ("StandstillSettings", "track_speed", -0.1, "zero or a positive number, found -0.1"),
+        ("StandstillSettings", "quiet_gyro", math.inf, "zero or a positive number, found inf"),
+        ("StandstillSettings", "bias_margin", "0", "zero or a positive number, found '0'"),
+        ("StandstillSettings", "duration", 0.0, "at least 0.001 s, found 0.0"),
+    ],
+)
+def test_what_a_setting_cannot_be_is_refused(kind: str, name: str, value: Any, said: str) -> None:
+    with pytest.raises(EstimatorError) as caught:
+        getattr(icreckon, kind)(**{name: value})
+    message = str(caught.value)
+    assert message.startswith(f"{kind}.{name} ")
+    assert said in message
+    with pytest.raises(EstimatorError):
+        msgspec.structs.replace(getattr(icreckon, kind)(), **{name: value})
+
+
+@pytest.mark.parametrize("value", [-0.1, math.nan, "0.1", None])
+def test_what_a_share_of_slip_cannot_be_is_refused(value: Any) -> None:
+    with pytest.raises(EstimatorError, match="turning_x must be zero or a positive number"):
+        icreckon.Slip(turning_x=value)
+    with pytest.raises(EstimatorError, match="time_constant must be a positive number"):
+        icreckon.Slip(time_constant=value)
+
+
+def test_numbers_of_numpy_and_whole_numbers_will_do() -> None:
+    settings = Settings(
+        hold=1,
+        history=np.float32(0.5),
+        longest_gap=np.int64(10),
+        use_accelerometer=np.bool_(False),
+        gates=icreckon.GateSettings(patience=np.int64(3)),
+        adaptation=icreckon.Adaptation(eta0=0),
+        standstill=icreckon.StandstillSettings(track_speed=0),
+    )
+    assert pickle.loads(pickle.dumps(settings)) == settings  # noqa: S301
+    assert icreckon.PoseEstimator(ALPHA, settings=settings).settings is settings
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"hold": -1.0}', r"Settings.hold must be a time of .*, found -1.0"),
+        ('{"history": 99.0}', "Settings.history must be from 0 to 60 s, found 99.0"),
+        ('{"adaptation": {"eta0": -1.0}}', "Adaptation.eta0 must be .*, found -1.0"),
+        ('{"gates": {"patience": -1}}', "GateSettings.patience must be .*, found -1"),
+    ],
+)
+def test_settings_from_a_file_are_checked_alike(text: str, said: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=said):
+        msgspec.json.decode(text, type=Settings)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"robot": "auriga-alpha"}, r"found str 'auriga-alpha'; use load_robot\('auriga-alpha'\)"),
+        ({"robot": Path("my.toml")}, r"use load_robot\('my.toml'\)"),
+        ({"robot": None}, r"robot must be a Robot, found NoneType None; use load_robot\(path\)"),
+        ({"variant": None}, "no filter variant None; there is 'constant-fixed', "),
+        ({"variant": ["friction-online"]}, "did you mean 'friction-online'?"),
+        ({"settings": {"hold": 1.0}}, r"settings must be Settings\(...\) or None, found dict"),
+        ({"start": (0, 0)}, r"start must be three finite numbers: x, y \[m\], yaw \[rad\], found"),
+        ({"start": (0, math.nan, 0)}, "start must be three finite"),
+        ({"start": None}, "start must be three finite .*, found None"),
+        ({"start": 1.0}, "start must be three finite .*, found 1.0"),
+        ({"start": "000"}, "start must be three finite .*, found '000'"),
+        ({"start": np.zeros((3, 1))}, "start must be three finite"),
+        ({"start": np.array(0.0)}, "start must be three finite"),
+        (
+            {"start_sigma": (-1, 0, 0)},
+            "start_sigma must be three finite numbers, 0 or more: the st",
+        ),
+        ({"start_sigma": (0, math.nan, 0)}, "start_sigma must be three finite"),
+        ({"start_sigma": (0, 0, math.inf)}, "start_sigma must be three finite"),
+        ({"start_sigma": 0.1}, "start_sigma must be three finite"),
+    ],
+)
+def test_what_an_estimator_cannot_be_made_of_is_refused(
+    arguments: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(EstimatorError, match=said):
+        icreckon.PoseEstimator(**{"robot": ALPHA, **arguments})
+
+
+@pytest.mark.parametrize("kind", [list, np.array, lambda row: np.array(row, dtype=np.float32)])
+def test_the_start_may_be_any_row_of_three(kind: Any) -> None:
+    estimator = icreckon.PoseEstimator(ALPHA, start=kind([1, 2, 0.5]), start_sigma=kind([1, 0, 2]))
+    assert estimator.pose.tolist() == [1.0, 2.0, 0.5]
+    assert estimator.pose_covariance.diagonal().tolist() == [1.0, 0.0, 4.0]
+
+
+def test_a_saved_estimator_too_wants_a_robot(tmp_path: Path) -> None:
+    path: Any = tmp_path / "state.json"
+    robot: Any = "auriga-alpha"
+    icreckon.PoseEstimator(ALPHA).save(path)
+    with pytest.raises(EstimatorError, match="use load_robot"):
+        icreckon.PoseEstimator.restore(path, robot)
+    with pytest.raises(EstimatorError, match="use load_robot"):
+        icreckon.PoseEstimator.warm_start(path, robot, off=1.0)
+    with pytest.raises(EstimatorError, match="start must be three finite"):
+        icreckon.PoseEstimator.warm_start(path, ALPHA, off=1.0, start=(math.nan, 0.0, 0.0))
+
+
+# --- a variant's adaptation, with changes ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_default_adaptation_is_what_the_filter_uses(variant: str) -> None:
+    default = default_adaptation(variant)
+    assert default == DEFAULT_ADAPTATION[VARIANTS[variant].model]
+    told = icreckon.PoseEstimator(ALPHA, variant, settings=Settings(adaptation=default))
+    assert (told.covariance == icreckon.PoseEstimator(ALPHA, variant).covariance).all()
+
+
+def test_one_figure_changes_and_the_variants_others_stay() -> None:
+    changed = default_adaptation("constant-online", eta0=0.0)
+    assert (changed.eta0, changed.epsilon0, changed.walk) == (0.0, 0.1, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("variant", "changes", "said"),
+    [
+        ("constant-onlin", {}, "did you mean 'constant-online'?"),
+        ("constant-online", {"eta_0": 0.0}, "Adaptation has no 'eta_0'; did you mean 'eta0'?"),
+        ("constant-online", {"eta0": -1.0}, "Adaptation.eta0 must be zero or a positive number"),
+    ],
+)
+def test_what_cannot_be_changed_is_said(variant: str, changes: dict[str, float], said: str) -> None:
+    with pytest.raises(EstimatorError, match=said):
+        default_adaptation(variant, **changes)
+
+
+def test_state_names_by_name_and_by_variant() -> None:
+    for name, variant in VARIANTS.items():
+        assert icreckon.state_names(name) == state_names(variant)
+    assert icreckon.state_names("inertia-online") == icreckon.STATE_NAMES
+    with pytest.raises(EstimatorError, match="did you mean"):
+        icreckon.state_names("inertia-onlin")

@@ -1,0 +1,102 @@
+"""Whether the filter is as sure as it may be: NEES and NIS over simulated runs of the model itself.
+
+Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, section 5.4.
+"""
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from icreckon.estimator.log.scores import pose_nees
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.true_motion import TRUE_SLIP
+
+ALPHA = load_robot("auriga-alpha")
+RUNS = 12
+SCENARIO = Scenario(
+    duration=60.0,
+    seed=7,
+    trajectory="random",
+    truth="kinematic",
+    truth_spread=0.0,
+    track_rate=25.0,
+    imu_rate=50.0,
+    truth_rate=5.0,
+)
+
+
+# Track speeds and IMU in step: an error of the track speeds is then new with each IMU sample, which is
+# what the filter takes it for whatever the rates.
+IN_STEP = msgspec.structs.replace(SCENARIO, track_rate=50.0)
+
+
+def runs(scenario, variant, settings=None):
+    """NEES (RUNS, n) after the first 10 s, and the sums of the sensors' health over all runs.
+
+    At first the pose is known to a fraction of a millimetre, better than the track speeds are timed.
+    """
+    nees, nis, degrees = [], {}, {}
+    for index in range(RUNS):
+        log = simulate(scenario, ALPHA, run_index=index)
+        result = run(log, ALPHA, variant, settings=settings)
+        nees.append(pose_nees(result.trajectory, log.truth.poses)[50:])
+        for name, sensor in result.health.sensors.items():
+            nis[name] = nis.get(name, 0.0) + sensor.nis_sum
+            degrees[name] = degrees.get(name, 0) + sensor.degrees
+    shortest = min(map(len, nees))
+    return np.array([one[:shortest] for one in nees]), nis, degrees
+
+
+@pytest.fixture(scope="module")
+def as_shipped():
+    return runs(SCENARIO, "inertia-online")
+
+
+@pytest.fixture(scope="module")
+def with_true_slip():
+    # The simulated slip has no white part.
+    slip = msgspec.structs.replace(TRUE_SLIP, white_time=0.0)
+    return runs(IN_STEP, "inertia-fixed", Settings(slip=slip))
+
+
+def test_pose_is_as_uncertain_as_it_says(as_shipped):
+    nees, _, _ = as_shipped
+    # Pose errors under fixes once a second are correlated over some 10 s: 5 independent samples a run.
+    # Above, the mean of so many chi-square variables of 3 degrees; below, half: the filter expects more
+    # slip than this simulation has, and may be careful, but not much.
+    spread = np.sqrt(6.0 / (5 * RUNS))
+    assert 1.5 < nees.mean() < 3.0 + 3.0 * spread
+
+
+def test_no_run_of_its_own_is_far_too_sure(as_shipped):
+    nees, _, _ = as_shipped
+    # The mean of 5 chi-square variables of 3 degrees, once in a thousand for each of the runs.
+    assert nees.mean(axis=1).max() < chi2.isf(1e-3, 15) / 5
+
+
+def test_position_innovations_are_white_noise_as_large_as_expected(with_true_slip):
+    _, nis, degrees = with_true_slip
+    low, high = chi2.interval(0.99, degrees["position"])
+    assert low < nis["position"] < high
+
+
+def test_shipped_filter_expects_no_smaller_innovations_than_there_are(as_shipped):
+    _, nis, degrees = as_shipped
+    assert nis["position"] < chi2.isf(0.005, degrees["position"])
+    # Nor ones that are larger by a fifth: then fixes would say too little.
+    assert nis["position"] > 0.8 * degrees["position"]
+    for sensor in ("gyro", "accelerometer"):
+        assert nis[sensor] < 1.5 * degrees[sensor]
+
+
+def test_imu_innovations_are_as_large_as_expected_when_the_slip_is_known(with_true_slip):
+    _, nis, degrees = with_true_slip
+    # Some 45000 samples: statistics leave 0.01. The rest is for the track speeds, which come late by an
+    # amount that only a bound is known of.
+    assert nis["gyro"] / degrees["gyro"] == pytest.approx(1.0, abs=0.15)
+    assert nis["accelerometer"] / degrees["accelerometer"] == pytest.approx(1.0, abs=0.05)

@@ -1,0 +1,282 @@
+"""Late measurements: the estimate is that of all measurements in order, whatever order they came in."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.filter.health import SensorHealth
+from icreckon.estimator.log import input_checks as admission
+from icreckon.estimator.log.input_checks import key_of
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import LONGEST_HISTORY, Settings
+from icreckon.estimator.streaming import late_measurements as history
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+EPOCH = 1_700_000_000_123_456_789
+STEP = 10_000_000
+COVARIANCE = ((0.04, 0.01, 0.0), (0.01, 0.05, 0.02), (0.0, 0.02, 0.3))
+TOO_OLD = "older than Settings.history"
+
+
+def seconds(value):
+    return round(value * 1e9)
+
+
+def some_measurements():
+    """Five seconds of all kinds in order, many of equal stamps, some of them wrong."""
+    scenario = Scenario(
+        duration=5.0,
+        trajectory="aggressive",
+        seed=11,
+        truth="kinematic",
+        track_rate=25.0,
+        imu_rate=50.0,
+        fix_rate=5.0,
+        fixes=FixSpec(heading_sigma=0.05),
+    )
+    found = []
+    for k, m in enumerate(simulate(scenario, ALPHA).measurements()):
+        if isinstance(m, PositionFix) and k % 7 == 0:
+            m = PositionFix(m.stamp, m.x + 30.0, m.y, m.variance)
+        if isinstance(m, ImuSample) and k % 31 == 0:
+            m = ImuSample(m.stamp, (0.0, 0.0, 5.0), m.linear_acceleration)
+        found.append(m)
+        if isinstance(m, HeadingFix):
+            found.append(BodyVelocity(m.stamp, 0.3, 0.0, 0.04))
+            found.append(ZeroVelocity(m.stamp, (0.3, 0.1, 0.5)))
+            x, y = found[-4].x, found[-4].y
+            found.append(PoseFix(m.stamp, x, y, m.yaw, COVARIANCE))
+    return sorted(found, key=key_of)
+
+
+MEASUREMENTS = some_measurements()
+
+
+def feed_all(measurements, **options):
+    estimator = PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.05), **options)
+    for measurement in measurements:
+        estimator.feed(measurement)
+    return estimator
+
+
+def known(estimator):
+    """All that an estimator says, but for how late what came."""
+    health = estimator.health
+    for sensor in health.sensors.values():
+        sensor.late = 0
+    health.sensors = {name: one for name, one in health.sensors.items() if one != SensorHealth()}
+    arrays = (estimator.state, estimator.covariance, estimator.twist, estimator.twist_covariance)
+    return estimator.stamp, estimator.stands, health, *(array.tolist() for array in arrays)
+
+
+def as_they_arrive(measurements, delays):
+    """The measurements in the order of stamp plus delay [ns]."""
+    arrivals = [(m.stamp + delay, i) for i, (m, delay) in enumerate(zip(measurements, delays))]  # noqa: B905
+    return [measurements[i] for _, i in sorted(arrivals)]
+
+
+IN_ORDER = known(feed_all(MEASUREMENTS))
+
+
+def test_the_measurements_of_these_tests_are_gated_and_coincide():
+    rejections = IN_ORDER[2].rejections()
+    assert rejections["gyro: gate"] > 2
+    assert rejections["position: gate"] > 2
+    stamps = [m.stamp for m in MEASUREMENTS]
+    assert len(set(stamps)) < len(stamps) - 50
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    longest=st.sampled_from([0.05, 0.3, 1.0]),
+    share=st.sampled_from([0.02, 0.2]),
+)
+def test_the_order_of_arrival_does_not_matter(seed, longest, share):
+    rng = np.random.default_rng(seed)
+    delays = rng.integers(0, seconds(longest) + 1, len(MEASUREMENTS))
+    delays[rng.random(len(MEASUREMENTS)) > share] = 0
+    estimator = feed_all(as_they_arrive(MEASUREMENTS, delays.tolist()))
+    assert known(estimator) == IN_ORDER
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.permutations(MEASUREMENTS[:12]), st.permutations(MEASUREMENTS[60:75]))
+def test_the_order_of_arrival_does_not_matter_at_the_start_and_on_the_way(first, later):
+    mixed = [*first, *MEASUREMENTS[12:60], *later, *MEASUREMENTS[75:]]
+    assert known(feed_all(mixed)) == IN_ORDER
+
+
+@pytest.mark.parametrize("kind", admission.STREAMS)
+def test_a_sensor_that_is_always_late_is_taken_in_at_its_stamps(kind):
+    delays = [seconds(0.5) if isinstance(m, kind) else 0 for m in MEASUREMENTS]
+    estimator = feed_all(as_they_arrive(MEASUREMENTS, delays))
+    assert known(estimator) == IN_ORDER
+    late = {name: sensor.late for name, sensor in estimator.health.sensors.items() if sensor.late}
+    (count,) = late.values()
+    assert count > 10
+
+
+def test_a_late_fix_moves_the_pose_when_it_comes_to_where_it_would_have_been():
+    fix = next(m for m in MEASUREMENTS[200:] if isinstance(m, PositionFix) and m.x < 10.0)
+    fix = PositionFix(fix.stamp, fix.x + 0.05, fix.y, 1e-3)
+    others = [m for m in MEASUREMENTS if key_of(m) != key_of(fix)]
+    arrival = next(i for i, m in enumerate(others) if m.stamp > fix.stamp + seconds(0.5))
+    in_time = feed_all(sorted([*others[:arrival], fix], key=key_of))
+    late = feed_all(others[:arrival])
+    before = late.pose
+    assert np.abs(before - in_time.pose).max() > 1e-3
+    assert late.feed(fix) is True
+    assert known(late) == known(in_time)
+    for m in others[arrival:]:
+        assert late.feed(m) is in_time.feed(m)
+        assert known(late) == known(in_time)
+
+
+def test_a_late_measurement_tells_whether_it_was_used():
+    estimator = feed_all(MEASUREMENTS[:200])
+    x, y, _ = estimator.pose
+    stamp = estimator.stamp - seconds(0.3)
+    assert estimator.feed(PositionFix(stamp + 1, x + 40.0, y, 1e-4)) is False
+    assert estimator.feed(HeadingFix(stamp + 2, estimator.pose[2], 1.0)) is True
+    health = estimator.health
+    assert health.sensors["position"].late == health.sensors["heading"].late == 1
+
+
+def test_the_order_of_arrival_does_not_matter_when_all_are_late():
+    delays = np.random.default_rng(3).integers(0, seconds(1.0) + 1, len(MEASUREMENTS))
+    assert known(feed_all(as_they_arrive(MEASUREMENTS, delays.tolist()))) == IN_ORDER
+
+
+@pytest.mark.parametrize("span", [0.0, 0.1, 1.0])
+def test_what_is_older_than_the_history_is_refused_and_what_is_as_old_is_not(span):
+    estimator = feed_all(MEASUREMENTS[:300], settings=Settings(history=span))
+    newest = MEASUREMENTS[299].stamp
+    before = known(estimator)
+    assert estimator.feed(BodyVelocity(newest - seconds(span) - 1, 0.3, 0.0, 1.0)) is False
+    assert estimator.health.rejections()[f"body velocity: {TOO_OLD}"] == 1
+    assert known(estimator)[3:] == before[3:]
+    rest = [m for m in MEASUREMENTS[:300] if not isinstance(m, BodyVelocity)]
+    estimator = feed_all(rest, settings=Settings(history=span))
+    assert estimator.feed(BodyVelocity(newest - seconds(span), 0.3, 0.0, 1.0)) is True
+
+
+def test_without_a_history_equal_stamps_still_have_their_order():
+    backward = sorted(MEASUREMENTS, key=lambda m: (m.stamp, -key_of(m)[1]))
+    assert backward != MEASUREMENTS
+    assert known(feed_all(backward, settings=Settings(history=0.0))) == IN_ORDER
+
+
+def test_the_first_of_two_with_one_stamp_counts():
+    estimator = feed_all(MEASUREMENTS[:200])
+    old = MEASUREMENTS[180]
+    before = known(estimator)
+    assert estimator.feed(old) is False
+    assert sum(estimator.health.rejections().values()) == 1 + sum(before[2].rejections().values())
+    assert known(estimator)[3:] == before[3:]
+
+
+def test_the_order_at_equal_stamps_is_that_of_a_log():
+    stamps = np.array([5, 6], dtype=np.int64)
+    log = Log(
+        "all at once",
+        TrackSpeedSeries(stamps, np.zeros((2, 2))),
+        ImuSeries(stamps, np.zeros((2, 3)), np.zeros((2, 3))),
+        FixSeries(stamps, np.zeros((2, 3)), np.ones((2, 2))),
+    )
+    measurements = list(log.measurements())
+    assert len(measurements) == 8
+    assert sorted(measurements, key=key_of) == measurements
+
+
+def test_imu_samples_before_the_first_track_speeds_are_used_when_these_come_late():
+    stamps = [EPOCH + k * STEP for k in range(50)]
+    imu = [ImuSample(stamp, (0.0, 0.0, 0.1)) for stamp in stamps]
+    first = TrackSpeeds(EPOCH - 1, 0.3, 0.4)
+    estimator = feed_all(imu)
+    assert estimator.stamp is None
+    assert estimator.health.sensors["imu"].rejected == {"before the first track speeds": 50}
+    assert estimator.feed(first) is True
+    assert estimator.health.rejections() == {}
+    assert known(estimator) == known(feed_all([first, *imu]))
+
+
+def test_an_array_that_the_driver_uses_again_does_not_change_the_past():
+    """A driver may fill one buffer over and over; what was fed is not to change with it."""
+    buffer = np.zeros(3)
+    reused, plain = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
+    for k in range(60):
+        stamp, rate = EPOCH + k * STEP, 0.01 * k
+        buffer[2] = rate
+        reused.feed(ImuSample(stamp, buffer))
+        plain.feed(ImuSample(stamp, (0.0, 0.0, rate)))
+        if k % 2 == 0:
+            late = TrackSpeeds(stamp - STEP // 2, 0.2, 0.2 + 0.004 * k)
+            assert reused.feed(late)
+            assert plain.feed(late)
+    assert known(reused) == known(plain)
+
+
+def kept(estimator):
+    """How many measurements and how many checkpoints are kept."""
+    memory = estimator._history
+    return len(memory._events), len(memory._checkpoints)
+
+
+def test_the_history_is_bounded_by_its_time():
+    estimator = PoseEstimator(ALPHA, settings=Settings(history=0.5))
+    most = (0, 0)
+    for k in range(1000):
+        estimator.feed(ImuSample(EPOCH + k * STEP, (0.0, 0.0, 0.0)))
+        estimator.feed(TrackSpeeds(EPOCH + k * STEP + STEP // 2, 0.1, 0.1))
+        most = max(most, kept(estimator))
+    # 0.5 s of 200 measurements a second, and up to two checkpoints' worth before.
+    assert most[0] <= 100 + 2 * history.CHECKPOINT_EVERY
+    assert most[1] <= most[0] / history.CHECKPOINT_EVERY + 2
+
+
+def test_the_history_is_bounded_by_its_size(monkeypatch):
+    monkeypatch.setattr(history, "MOST_CHECKPOINTS", 10)
+    estimator = PoseEstimator(ALPHA)
+    for k in range(500):
+        estimator.feed(TrackSpeeds(EPOCH + 1000 * k, 0.1, 0.1))
+    measurements, checkpoints = kept(estimator)
+    assert checkpoints <= 10
+    assert measurements <= 11 * history.CHECKPOINT_EVERY
+    assert estimator.feed(TrackSpeeds(EPOCH + 500, 0.1, 0.1)) is False
+    assert estimator.health.rejections() == {"tracks: history is full": 1}
+    assert estimator.feed(TrackSpeeds(EPOCH + 1000 * 480 + 500, 0.1, 0.1)) is True
+
+
+def test_a_stamp_far_ahead_does_not_make_the_history_forget():
+    estimator = feed_all(MEASUREMENTS[:200])
+    assert (
+        estimator.feed(ImuSample(MEASUREMENTS[199].stamp + seconds(3600.0), (0.0, 0.0, 0.0)))
+        is False
+    )
+    for m in MEASUREMENTS[200:]:
+        estimator.feed(m)
+    assert known(estimator)[3:] == IN_ORDER[3:]
+
+
+@pytest.mark.parametrize("span", [-0.1, LONGEST_HISTORY + 1.0, float("nan")])
+def test_a_history_that_cannot_be_is_refused(span):
+    with pytest.raises(EstimatorError, match="history must be from 0 to 60 s"):
+        Settings(history=span)

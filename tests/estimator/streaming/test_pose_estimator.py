@@ -1,0 +1,858 @@
+"""The streaming estimator: known motions, bad measurements, symmetries, and a way back."""
+
+import math
+import pickle
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import arc_factors, compose, rpy_to_matrix, wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.motion.friction_layout import REGULARISING_SPEED
+from icreckon.estimator.motion.index_model import VehicleConstants, solve
+from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
+from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+EPOCH = 1_700_000_000_123_456_789
+STEP = 10_000_000  # 100 Hz, every other one with track speeds
+GRAVITY = 9.81
+
+
+def seconds(value):
+    return round(value * 1e9)
+
+
+def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=True):
+    """Feed steady driving with sensors that agree with the robot file; returns the last stamp.
+
+    Args:
+        start: stamp of the first track speeds.
+        bias: of the gyro.
+        noise: a generator that gives the gyro the noise of the robot file, or None for none.
+    """
+    probe = PoseEstimator(estimator.robot, "inertia-fixed")
+    probe.feed(TrackSpeeds(0, left, right))
+    v_x, v_y, w = probe.twist
+    density = estimator.robot.imu.gyro_noise_density
+    stamp = start
+    for k in range(round(duration * 100) + 1):
+        stamp = start + k * STEP
+        if k % 2 == 0:
+            estimator.feed(TrackSpeeds(stamp, left, right))
+        if imu:
+            error = 0.0 if noise is None else density * 10.0 * noise.normal()
+            estimator.feed(
+                ImuSample(stamp, (0.0, 0.0, w + bias + error), (-w * v_y, w * v_x, GRAVITY))
+            )
+    return stamp
+
+
+def driven(variant="inertia-online", **options):
+    """An estimator after a second in a bend, and the stamp it has reached."""
+    estimator = PoseEstimator(ALPHA, variant, **options)
+    return estimator, drive(estimator, EPOCH, 1.0, 0.3, 0.6)
+
+
+def remembered(estimator):
+    return estimator.stamp, estimator.state, estimator.covariance, estimator.twist
+
+
+def assert_same(before, after):
+    assert before[0] == after[0]
+    for a, b in zip(before[1:], after[1:], strict=True):
+        assert (a == b).all()
+
+
+def feed_all(estimator, log):
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+    return estimator
+
+
+def short_log(**options):
+    scenario = {"duration": 20.0, "trajectory": "aggressive", "seed": 5, "track_rate": 25.0}
+    scenario |= {"imu_rate": 50.0, "fixes": FixSpec(heading_sigma=0.05)} | options
+    return simulate(Scenario(**scenario), ALPHA)
+
+
+# --- known motions ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_straight_line_is_as_long_as_its_tracks_say(variant):
+    estimator = PoseEstimator(ALPHA, variant)
+    drive(estimator, EPOCH, 20.0, 0.5, 0.5)
+    elapsed = (estimator.stamp - EPOCH) * 1e-9
+    assert elapsed == pytest.approx(20.0, abs=0.03)
+    # Where friction carries the rolling resistance, the tracks creep: by a share of the speed below which
+    # friction fades.
+    soil = ALPHA.contact.soil
+    creep = REGULARISING_SPEED * soil.rolling_resistance / soil.friction
+    slack = 1e-9 + 1.1 * creep * variant.startswith("friction")
+    assert estimator.pose == pytest.approx([0.5 * elapsed, 0.0, 0.0], abs=slack * elapsed)
+    assert estimator.twist == pytest.approx([0.5, 0.0, 0.0], abs=slack)
+
+
+@pytest.mark.parametrize("variant", ["inertia-fixed", "inertia-online"])
+@pytest.mark.parametrize("tracks", [(0.3, 0.6), (0.6, 0.3), (-0.2, 0.4), (-0.5, -0.1)])
+def test_bend_is_the_circle_of_the_model(variant, tracks):
+    estimator = PoseEstimator(ALPHA, variant)
+    estimator.feed(TrackSpeeds(EPOCH - seconds(1), *tracks))
+    twist = estimator.twist
+    estimator = PoseEstimator(ALPHA, variant)
+    drive(estimator, EPOCH, 20.0, *tracks)
+    forward, left, angle = twist * (estimator.stamp - EPOCH) * 1e-9
+    a, b = arc_factors(angle)
+    assert estimator.pose == pytest.approx(
+        [a * forward - b * left, b * forward + a * left, angle], abs=1e-9
+    )
+    assert estimator.parameters == pytest.approx(PoseEstimator(ALPHA, variant).parameters)
+
+
+def test_without_an_imu_the_tracks_alone_are_reckoned_with():
+    with_imu, without = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
+    drive(with_imu, EPOCH, 10.0, 0.3, 0.6)
+    drive(without, EPOCH, 10.0, 0.3, 0.6, imu=False)
+    assert with_imu.stamp == without.stamp
+    assert without.pose == pytest.approx(with_imu.pose, abs=1e-9)
+    assert without.pose_covariance[2, 2] > 5.0 * with_imu.pose_covariance[2, 2]
+
+
+def test_left_track_slower_turns_to_the_left_and_its_icr_is_on_the_left():
+    estimator, _ = driven()
+    assert estimator.twist[2] > 0.0
+    assert estimator.pose[2] > 0.0
+    assert estimator.pose[1] > 0.0
+    assert estimator.icrs.left[1] > 0.0 > estimator.icrs.right[1]
+    # zeta > 0: the ICRs lie before the origin.
+    assert estimator.icrs.left[0] == estimator.icrs.right[0] == estimator.indices.zeta > 0.0
+
+
+def test_at_the_icr_a_track_does_not_slip():
+    estimator, _ = driven()
+    v_x, v_y, w = estimator.twist
+    for (x, y), speed in zip(estimator.icrs, (0.3, 0.6), strict=True):
+        assert v_x - w * y == pytest.approx(speed, abs=1e-9)
+        assert v_y + w * x == pytest.approx(0.0, abs=1e-9)
+
+
+def test_yaw_counts_full_turns():
+    estimator = PoseEstimator(ALPHA)
+    drive(estimator, EPOCH, 30.0, -0.4, 0.6)
+    assert estimator.pose[2] > 2.5 * 2.0 * np.pi
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_standstill_pins_the_gyro_bias_and_freezes_the_pose(seed):
+    estimator = PoseEstimator(ALPHA)
+    bias = 0.012
+    drive(estimator, EPOCH, 60.0, 0.0, 0.0, bias=bias, noise=np.random.default_rng(seed))
+    assert estimator.stands
+    # Half a second to be sure of it, then every IMU sample.
+    assert estimator.health.standstill_updates == 6001 - 50
+    assert np.hypot(*estimator.pose[:2]) < 1e-3
+    assert abs(np.degrees(estimator.pose[2])) < 0.1
+    sigma = math.sqrt(estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS])
+    # White noise averaged over a minute, plus the walk of the bias over the time that noise forgets.
+    assert sigma < 2.0 * 5e-4 / math.sqrt(60.0) + 1e-4
+    assert abs(estimator.biases["gyro_bias"] - bias) < 4.0 * sigma
+
+
+def test_uncertainty_does_not_grow_at_a_standstill():
+    estimator, stamp = driven()
+    stamp = drive(estimator, stamp + STEP, 5.0, 0.0, 0.0)
+    before = np.sqrt(np.diagonal(estimator.pose_covariance))
+    drive(estimator, stamp + STEP, 60.0, 0.0, 0.0)
+    grown = np.sqrt(np.diagonal(estimator.pose_covariance)) - before
+    assert (grown < [1e-3, 1e-3, 1e-3]).all()
+
+
+def test_gyro_bias_shows_in_the_heading_of_straight_driving_with_fixes():
+    rng = np.random.default_rng(0)
+    estimator = PoseEstimator(ALPHA)
+    bias, stamp = 0.015, EPOCH
+    for k in range(120):
+        stamp = drive(estimator, stamp + STEP, 1.0, 0.5, 0.5, bias=bias, noise=rng)
+        x = 0.5 * (estimator.stamp - EPOCH - STEP) * 1e-9
+        dx, dy = 0.05 * rng.normal(size=2)
+        assert estimator.feed(PositionFix(estimator.stamp, x + dx, dy, 0.05**2)) or k < 3
+    sigma = math.sqrt(estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS])
+    assert sigma < 2e-3
+    assert abs(estimator.biases["gyro_bias"] - bias) < 3.0 * sigma
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (0.5, 0.4, 0.2), (-0.3, -0.6, 0.0)])
+def test_accelerometer_is_expected_to_read_what_it_reads_at_its_place(position):
+    # ICRs far ahead of the origin, so that v_y and its change count.
+    robot = msgspec.structs.replace(
+        ALPHA,
+        indices=Indices(zeta0=0.3, eta0=1.5),
+        imu=msgspec.structs.replace(ALPHA.imu, position=position),
+    )
+    perfect = Scenario(
+        duration=20.0,
+        trajectory="slalom",
+        truth="kinematic",
+        truth_spread=0.0,
+        noise="perfect",
+        fix_rate=0.0,
+    )
+    estimator = feed_all(PoseEstimator(robot, "inertia-fixed"), simulate(perfect, robot))
+    health = estimator.health.sensors["accelerometer"]
+    # Without sensor noise, what is left is the slip of the simulation and the lateness of the tracks.
+    assert health.nis_per_degree < 0.5
+    assert abs(estimator.biases["accelerometer_bias"]) < 2e-3
+    assert estimator.health.rejections() == {}
+
+
+# --- bad measurements -------------------------------------------------------------------------------
+
+NAN, INF = math.nan, math.inf
+LATER = 7_000_000
+LONG_AGO = seconds(1.5)
+BAD = [
+    ("tracks: not finite", lambda t: TrackSpeeds(t + LATER, NAN, 0.5)),
+    ("tracks: not finite", lambda t: TrackSpeeds(t + LATER, 0.5, -INF)),
+    ("tracks: duplicate stamp", lambda t: TrackSpeeds(t, 0.9, 0.1)),
+    ("tracks: older than Settings.history", lambda t: TrackSpeeds(t - LONG_AGO, 0.9, 0.1)),
+    ("imu: not finite", lambda t: ImuSample(t + LATER, (0.0, 0.0, NAN))),
+    ("imu: not finite", lambda t: ImuSample(t + LATER, (INF, 0.0, 0.0), (0.0, 0.0, 9.8))),
+    ("imu: not finite", lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, NAN, 9.8))),
+    ("imu: absurd rate", lambda t: ImuSample(t + LATER, (0.0, -101.0, 0.1))),
+    ("imu: absurd force", lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, 1e9, 9.8))),
+    ("imu: duplicate stamp", lambda t: ImuSample(t, (0.0, 0.0, 3.0))),
+    ("imu: older than Settings.history", lambda t: ImuSample(t - LONG_AGO, (0.0, 0.0, 3.0))),
+    ("position: not finite", lambda t: PositionFix(t + LATER, NAN, 0.0, 0.01)),
+    ("position: not finite", lambda t: PositionFix(t + LATER, 0.0, INF, 0.01)),
+    ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, 0.0)),
+    ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, -1.0)),
+    ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, NAN)),
+    ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, INF)),
+    ("position: older than Settings.history", lambda t: PositionFix(t - LONG_AGO, 0.0, 0.0, 0.01)),
+    ("heading: not finite", lambda t: HeadingFix(t + LATER, NAN, 0.01)),
+    ("heading: variance not positive", lambda t: HeadingFix(t + LATER, 0.0, 0.0)),
+    ("heading: older than Settings.history", lambda t: HeadingFix(t - LONG_AGO, 0.0, 0.01)),
+    ("body velocity: not finite", lambda t: BodyVelocity(t + LATER, 0.1, NAN, 0.01)),
+    ("body velocity: absurdly fast", lambda t: BodyVelocity(t + LATER, 0.1, -1e8, 0.01)),
+    ("body velocity: variance not positive", lambda t: BodyVelocity(t + LATER, 0.1, 0.0, -0.1)),
+    (
+        "body velocity: older than Settings.history",
+        lambda t: BodyVelocity(t - LONG_AGO, 0.1, 0.0, 0.1),
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("reason", "make"), BAD, ids=[f"{i} {bad[0]}" for i, bad in enumerate(BAD)]
+)
+def test_measurement_that_cannot_be_right_is_counted_and_changes_nothing(reason, make):
+    estimator, stamp = driven()
+    before = remembered(estimator)
+    assert estimator.feed(make(stamp)) is False
+    assert_same(before, remembered(estimator))
+    assert estimator.health.rejections() == {reason: 1}
+
+
+def test_duplicates_of_fixes_are_refused_too():
+    estimator, stamp = driven()
+    x, y, yaw = estimator.pose
+    twist = estimator.twist
+    for good in (
+        PositionFix(stamp, x, y, 0.01),
+        HeadingFix(stamp, yaw, 0.01),
+        BodyVelocity(stamp, twist[0], twist[1], 0.01),
+    ):
+        assert estimator.feed(good) is True
+        before = remembered(estimator)
+        assert estimator.feed(good) is False
+        assert_same(before, remembered(estimator))
+    assert estimator.health.rejections() == {
+        "position: duplicate stamp": 1,
+        "heading: duplicate stamp": 1,
+        "body velocity: duplicate stamp": 1,
+    }
+
+
+def test_bad_measurements_among_good_ones_leave_no_trace():
+    plain, plagued = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
+    for i, measurement in enumerate(short_log(duration=5.0).measurements()):
+        plain.feed(measurement)
+        plagued.feed(measurement)
+        if i > 50 and i % 10 == 0:
+            plagued.feed(BAD[i // 10 % len(BAD)][1](plagued.stamp - LATER - LONG_AGO))
+    assert sum(plagued.health.rejections().values()) > 20
+    assert_same(remembered(plain), remembered(plagued))
+
+
+@pytest.mark.parametrize("thing", [None, 3.0, (1, 2.0, 3.0), "fix"])
+def test_what_is_no_measurement_is_an_error(thing):
+    estimator, _ = driven()
+    before = remembered(estimator)
+    with pytest.raises(EstimatorError, match=r"no measurement: .* feed TrackSpeeds, ImuSample"):
+        estimator.feed(thing)
+    assert_same(before, remembered(estimator))
+
+
+# The slip that is redrawn with each sample has a standard deviation of 0.2 rad/s in this bend.
+@pytest.mark.parametrize("spike", [1.0, -1.0, 2.0, -2.0, 20.0, -20.0, 95.0])
+def test_spike_of_the_gyro_is_gated_and_moves_nothing(spike):
+    estimator, stamp = driven()
+    x, P = estimator.state, estimator.covariance
+    w = estimator.twist[2]
+    v_x, v_y, _ = estimator.twist
+    sample = ImuSample(stamp + STEP, (0.0, 0.0, w + spike), (-w * v_y, w * v_x, GRAVITY))
+    assert estimator.feed(sample) is False
+    assert estimator.health.rejections() == {"gyro: gate": 1}
+    # Its accelerometer, which is right, may stay; nothing else does.
+    sigma = np.sqrt(np.diagonal(P))[s.PARAMETERS.start :]
+    moved = np.abs(estimator.state - x)[s.PARAMETERS.start :]
+    assert (moved <= 0.01 * sigma).all()
+
+
+def test_fix_far_off_is_gated():
+    estimator, stamp = driven()
+    x, y, _ = estimator.pose
+    before = remembered(estimator)
+    assert estimator.feed(PositionFix(stamp, x + 20.0, y, 0.01)) is False
+    assert_same(before, remembered(estimator))
+    assert estimator.feed(HeadingFix(stamp, estimator.pose[2] + 2.0, 0.001)) is False
+    assert_same(before, remembered(estimator))
+    assert estimator.health.rejections() == {"position: gate": 1, "heading: gate": 1}
+
+
+def test_heading_fix_works_across_the_turn_of_the_angle():
+    estimator = PoseEstimator(ALPHA, start=(0.0, 0.0, 3.1), start_sigma=(0.1, 0.1, 0.2))
+    estimator.feed(TrackSpeeds(EPOCH, 0.0, 0.0))
+    assert estimator.feed(HeadingFix(EPOCH, -3.1, 0.04)) is True
+    # Half way between 3.1 and -3.1 + 2 pi.
+    assert estimator.pose[2] == pytest.approx(np.pi)
+
+
+# --- the way back -----------------------------------------------------------------------------------
+
+
+def test_robot_that_was_carried_away_is_found_again():
+    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5)))
+    x, y, _ = estimator.pose
+    used = []
+    for _ in range(12):
+        stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
+        used.append(estimator.feed(PositionFix(stamp, x + 40.0, y - 30.0, 0.01)))
+    assert used == [False] * 5 + [True] * 7
+    assert estimator.pose[:2] == pytest.approx([x + 40.0, y - 30.0], abs=0.1)
+    assert estimator.health.rejections() == {"position: gate": 5}
+
+
+def test_robot_that_was_turned_by_hand_is_found_again():
+    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5)))
+    yaw = estimator.pose[2] + 2.5
+    used = []
+    for _ in range(8):
+        stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
+        used.append(estimator.feed(HeadingFix(stamp, yaw, 1e-4)))
+    assert used == [False] * 5 + [True] * 3
+    assert wrap_angle(estimator.pose[2] - yaw) == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize(
+    "absurd",
+    [
+        lambda t: ImuSample(t, (0.0, 0.0, 0.27), (0.0, 1e9, 9.81)),
+        lambda t: ImuSample(t, (0.0, 0.0, 0.27), (0.0, 999.0, 9.81)),
+        lambda t: ImuSample(t, (0.0, 0.0, 99.0), (0.0, 999.0, 9.81)),
+        lambda t: BodyVelocity(t, 1e8, -1e8, 1e-4),
+        lambda t: BodyVelocity(t, 9.9, -9.9, 1e-12),
+        lambda t: PositionFix(t, 1e9, -1e9, 1e-4),
+        lambda t: PositionFix(t, 1e15, -1e15, 1e-2),
+    ],
+)
+def test_absurd_readings_leave_a_covariance(absurd, engine):
+    estimator, stamp = driven(settings=Settings(engine=engine))
+    for _ in range(30):
+        stamp += STEP
+        estimator.feed(TrackSpeeds(stamp, 0.3, 0.6))
+        estimator.feed(absurd(stamp))
+        P = estimator.covariance
+        known = np.flatnonzero(np.diagonal(P))
+        sigmas = np.sqrt(np.diagonal(P)[known])
+        correlation = P[np.ix_(known, known)] / np.outer(sigmas, sigmas)
+        assert np.linalg.eigvalsh(correlation)[0] > 0.0
+    assert sum(estimator.health.rejections().values()) >= 10
+
+
+def test_after_coming_back_the_next_stray_fix_is_gated_again():
+    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=3)))
+    yaw = estimator.pose[2]
+    used = []
+    for turned in [2.0] * 4 + [-1.0] * 4:
+        stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
+        used.append(estimator.feed(HeadingFix(stamp, yaw + turned, 1e-4)))
+    assert used == [False, False, False, True] * 2
+
+
+def test_one_wrong_axis_of_the_body_velocity_is_not_locked_out_by_the_right_one():
+    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5)))
+    forward, left, _ = estimator.twist
+    used = []
+    for _ in range(10):
+        stamp += STEP
+        used.append(estimator.feed(BodyVelocity(stamp, forward, left + 0.5, 1e-4)))
+    assert used[:5] == [False] * 5
+    assert used[5]
+
+
+def test_accelerometer_with_an_unexpected_bias_is_taken_in_at_last():
+    # Tilted by 17 degrees: thirty times the standard deviation of the robot file.
+    estimator = PoseEstimator(ALPHA)
+    for k in range(2000):
+        stamp = EPOCH + k * STEP
+        if k % 2 == 0:
+            estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 3.0, 9.3)))
+    assert estimator.health.sensors["accelerometer"].used > 1500
+    assert estimator.biases["accelerometer_bias"] == pytest.approx(3.0, abs=0.1)
+    assert estimator.pose[2] == pytest.approx(0.0, abs=0.02)
+
+
+def test_gyro_whose_bias_jumps_is_taken_in_at_last():
+    estimator, stamp = driven()
+    drive(estimator, stamp + STEP, 30.0, 0.3, 0.6, bias=0.3)
+    health = estimator.health.sensors["gyro"]
+    assert health.used > 2500
+    assert np.isfinite(estimator.state).all()
+
+
+# --- gaps -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("imu", [True, False], ids=["with IMU", "without IMU"])
+def test_gap_in_the_track_speeds_grows_the_uncertainty_with_its_length(imu):
+    sigmas = []
+    for gap in (0.02, 1.0, 3.0, 9.0):
+        estimator = PoseEstimator(ALPHA)
+        stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=imu)
+        if imu:
+            for k in range(1, round(gap * 100)):
+                estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)))
+        drive(estimator, stamp + seconds(gap), 0.1, 0.5, 0.5, imu=imu)
+        sigmas.append(math.sqrt(estimator.pose_covariance[0, 0]))
+        yaw_sigma = math.sqrt(estimator.pose_covariance[2, 2])
+    # The speed may change by gap_acceleration = 1 m/s per root second after hold = 0.3 s ...
+    for sigma, gap in zip(sigmas[1:3], (1.0, 3.0), strict=True):
+        assert sigma == pytest.approx(math.sqrt((gap - 0.3) ** 3 / 3.0), rel=0.05)
+    # ... but not by more than from full speed forward to full speed backward.
+    # So its variance is t up to 4 s and 4 m²/s² from there: the integral of that times t, up to 8.7 s.
+    assert sigmas[3] == pytest.approx(math.sqrt(4.0**3 / 3.0 + 2.0 * (8.7**2 - 4.0**2)), rel=0.05)
+    assert sigmas[0] < 0.02
+    if not imu:
+        # One track forward and one backward: the yaw rate is off by twice that over the gauge that
+        # the robot turns with.
+        effective = 0.42 * load_robot("auriga-alpha").indices.eta0
+        assert yaw_sigma == pytest.approx(2.0 / effective * sigmas[3], rel=0.05)
+
+
+def test_a_gap_is_bridged_with_the_speeds_before_it_dying_away():
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=False)
+    drive(estimator, stamp + seconds(4.0), 1.0, 0.5, 0.5, imu=False)
+    # Held for 0.3 s, then dying away with 2 s, until the new speeds speak for their own 0.02 s.
+    dying = 4.0 - 0.3 - 0.02
+    expected = 0.5 * (7.0 - dying) + 0.5 * 2.0 * (1.0 - math.exp(-dying / 2.0))
+    assert estimator.pose == pytest.approx([expected, 0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("late", [1.0, 3.0])
+def test_imu_samples_before_the_first_track_speeds_say_nothing_of_the_bias(late):
+    """The usual start order of a robot: the IMU is there first, and the robot may be moving."""
+    V_l, V_r = 0.3, 0.6
+    vehicle = VehicleConstants(0.42, 258.0, *ALPHA.centre_of_mass_paper)
+    rate = float(solve(V_l, V_r, ALPHA.indices.as_array(), vehicle).twist.w)
+    estimator = PoseEstimator(ALPHA)
+    for k in range(round(late * 100)):
+        assert not estimator.feed(ImuSample(EPOCH + k * STEP, (0.0, 0.0, rate), None))
+    assert estimator.stamp is None
+    assert estimator.health.sensor("imu").rejected == {
+        "before the first track speeds": round(late * 100)
+    }
+    start = EPOCH + seconds(late)
+    for k in range(1, 3001):
+        if k % 2 == 0:
+            estimator.feed(TrackSpeeds(start + k * STEP, V_l, V_r))
+        estimator.feed(ImuSample(start + k * STEP, (0.0, 0.0, rate), None))
+    assert estimator.pose[2] == pytest.approx(rate * 29.98, abs=0.02)
+    assert abs(estimator.biases["gyro_bias"]) < 1e-3
+
+
+def test_a_robot_that_is_pushed_with_resting_tracks_turns_and_keeps_its_bias():
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 3.0, 0.0, 0.0, imu=True)
+    bias = estimator.biases["gyro_bias"]
+    for k in range(1, 1001):
+        if k % 2 == 0:
+            estimator.feed(TrackSpeeds(stamp + k * STEP, 0.0, 0.0))
+        estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.27), (0.0, 0.0, GRAVITY)))
+    assert estimator.pose[2] == pytest.approx(2.7, abs=0.1)
+    assert estimator.biases["gyro_bias"] == pytest.approx(bias, abs=0.005)
+    assert not estimator.stands
+
+
+def test_without_fixes_the_imu_does_not_move_the_track_scale(robot):
+    unsure = msgspec.structs.replace(
+        robot, tracks=msgspec.structs.replace(robot.tracks, scale_sigma=0.03)
+    )
+    log = simulate(Scenario(duration=60.0, seed=3, fix_rate=0.0), robot)
+    estimator = feed_all(PoseEstimator(unsure, "differential"), log)
+    assert estimator.biases["track_scale"] == 0.0
+    with_fixes = simulate(Scenario(duration=120.0, seed=3, truth="kinematic"), robot)
+    scale = 1.05
+    tracks = TrackSpeedSeries(with_fixes.tracks.stamps, with_fixes.tracks.speeds / scale)
+    slow = Log("slow", tracks, with_fixes.imu, with_fixes.fixes)
+    estimator = feed_all(PoseEstimator(unsure, "inertia-online"), slow)
+    sigma = math.sqrt(estimator.covariance[s.TRACK_SCALE, s.TRACK_SCALE])
+    assert sigma < 0.015
+    assert estimator.biases["track_scale"] == pytest.approx(scale - 1.0, abs=3.0 * sigma)
+
+
+def test_one_stamp_far_ahead_is_refused_but_a_clock_that_stays_there_is_believed():
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=True)
+    hour = seconds(3600.0)
+    assert not estimator.feed(ImuSample(stamp + hour, (0.0, 0.0, 0.0), None))
+    assert estimator.health.sensor("imu").rejected == {"stamp far ahead": 1}
+    stamp = drive(estimator, stamp, 1.0, 0.5, 0.5, imu=True)
+    assert estimator.pose[0] == pytest.approx(1.5, abs=0.02)
+    drive(estimator, stamp + hour, 1.0, 0.5, 0.5, imu=True)
+    assert estimator.stamp == stamp + hour + seconds(1.0)
+
+
+def test_track_speeds_that_no_track_can_have_are_refused():
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 1.0, 0.5, 0.5, imu=True)
+    assert not estimator.feed(TrackSpeeds(stamp + STEP, 30.0, 0.5))
+    assert estimator.health.sensor("tracks").rejected == {"absurdly fast": 1}
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        TrackSpeeds(0.5, 0.1, 0.1),
+        ImuSample(EPOCH, (0.0, 0.0), None),
+        ImuSample(EPOCH, 0.1, None),
+        ImuSample(EPOCH, (0.0, 0.0, 0.0), "abc"),
+    ],
+)
+def test_what_is_no_measurement_is_an_error_of_the_caller(bad):
+    with pytest.raises(EstimatorError, match=r"must be three numbers|is an integer of nanoseconds"):
+        PoseEstimator(ALPHA).feed(bad)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [TrackSpeeds(EPOCH, "fast", 0.1), PositionFix(EPOCH, 1.0, None, 0.1), HeadingFix(EPOCH, 1, ())],
+)
+def test_what_holds_no_numbers_is_an_error_of_the_caller(bad):
+    with pytest.raises(EstimatorError, match="all but the stamp must be numbers"):
+        PoseEstimator(ALPHA).feed(bad)
+
+
+def test_numbers_of_any_kind_are_numbers():
+    plain, mixed = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
+    plain.feed(TrackSpeeds(EPOCH, 1.0, 0.5))
+    mixed.feed(TrackSpeeds(np.int64(EPOCH), 1, np.float32(0.5)))
+    plain.feed(ImuSample(EPOCH + STEP, (0.0, 0.0, 1.0), (0.0, 0.0, 10.0)))
+    mixed.feed(ImuSample(np.int64(EPOCH + STEP), np.array([0, 0, 1]), [0, 0, 10]))
+    assert_same(remembered(plain), remembered(mixed))
+
+
+def test_an_imu_sample_may_hold_arrays():
+    estimator = PoseEstimator(ALPHA)
+    estimator.feed(TrackSpeeds(EPOCH, 0.1, 0.1))
+    assert estimator.feed(ImuSample(EPOCH + STEP, np.zeros(3), np.array([0.0, 0.0, GRAVITY])))
+
+
+# --- symmetries -------------------------------------------------------------------------------------
+
+
+def test_the_same_log_gives_the_same_bits():
+    log = short_log()
+    assert_same(
+        remembered(feed_all(PoseEstimator(ALPHA), log)),
+        remembered(feed_all(PoseEstimator(ALPHA), log)),
+    )
+
+
+def shifted(log, by):
+    return Log(
+        log.name,
+        TrackSpeedSeries(log.tracks.stamps + by, log.tracks.speeds),
+        ImuSeries(log.imu.stamps + by, log.imu.angular_velocity, log.imu.linear_acceleration),
+        FixSeries(log.fixes.stamps + by, log.fixes.poses, log.fixes.variances),
+    )
+
+
+@pytest.mark.parametrize("by", [seconds(1.0), -EPOCH, 987_654_321_987_654_321])
+def test_the_epoch_of_the_stamps_does_not_matter(by):
+    log = short_log(duration=8.0)
+    a = remembered(feed_all(PoseEstimator(ALPHA), log))
+    b = remembered(feed_all(PoseEstimator(ALPHA), shifted(log, by)))
+    assert_same((a[0] + by, *a[1:]), b)
+
+
+def mirrored_robot(robot):
+    vehicle, imu, i = robot.vehicle, robot.imu, robot.indices
+    forward, left, up = vehicle.centre_of_mass
+    roll, pitch, yaw = imu.rotation_rpy_deg
+    icr = robot.constant_icr
+    return msgspec.structs.replace(
+        robot,
+        vehicle=msgspec.structs.replace(vehicle, centre_of_mass=(forward, -left, up)),
+        indices=Indices(
+            1.0 / i.H, i.zeta0, i.zeta1, -i.epsilon0, i.epsilon1, i.eta0, -i.eta1, i.eta2
+        ),
+        constant_icr=msgspec.structs.replace(icr, x_ICRl=-icr.x_ICRr, x_ICRr=-icr.x_ICRl),
+        imu=msgspec.structs.replace(
+            imu,
+            rotation_rpy_deg=(-roll, pitch, -yaw),
+            position=(imu.position[0], -imu.position[1], imu.position[2]),
+        ),
+    )
+
+
+def mirrored_log(log):
+    across = np.array([1.0, -1.0, 1.0])
+    return Log(
+        log.name,
+        TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds[:, ::-1]),
+        ImuSeries(
+            log.imu.stamps,
+            -across * log.imu.angular_velocity,
+            across * log.imu.linear_acceleration,
+        ),
+        FixSeries(log.fixes.stamps, log.fixes.poses * [1.0, -1.0, -1.0], log.fixes.variances),
+    )
+
+
+@pytest.mark.parametrize(
+    ("variant", "settings"),
+    [(name, Settings()) for name in VARIANTS]
+    + [
+        ("inertia-online", Settings(form="literal")),
+        ("inertia-online", Settings(inertia="imu")),
+    ],
+)
+def test_mirrored_robot_drives_the_mirrored_way(variant, settings):
+    mount = msgspec.structs.replace(
+        ALPHA.imu, rotation_rpy_deg=(8.0, -5.0, 30.0), position=(0.2, 0.1, 0.3)
+    )
+    robot = msgspec.structs.replace(ALPHA, imu=mount)
+    scenario = Scenario(
+        duration=20.0, trajectory="aggressive", seed=6, track_rate=25.0, imu_rate=50.0
+    )
+    log = simulate(scenario, robot)
+    a = feed_all(PoseEstimator(robot, variant, settings=settings), log)
+    b = feed_all(
+        PoseEstimator(mirrored_robot(robot), variant, settings=settings), mirrored_log(log)
+    )
+    signs = np.array([1.0, -1.0, -1.0])
+    assert b.pose == pytest.approx(signs * a.pose, abs=1e-9)
+    assert b.twist == pytest.approx(signs * a.twist, abs=1e-9)
+    assert b.pose_covariance == pytest.approx(np.outer(signs, signs) * a.pose_covariance, abs=1e-9)
+    sideways = "x_CM" if variant.startswith("friction") else "epsilon0"
+    assert b.parameters[sideways] == pytest.approx(-a.parameters[sideways], abs=1e-9)
+    assert b.biases["gyro_bias"] == pytest.approx(-a.biases["gyro_bias"], abs=1e-9)
+
+
+def test_start_elsewhere_moves_the_whole_run():
+    log = short_log(duration=10.0, fix_rate=0.0)
+    start = (3.0, -4.0, 2.0)
+    here = feed_all(PoseEstimator(ALPHA), log)
+    there = feed_all(PoseEstimator(ALPHA, start=start), log)
+    assert there.pose == pytest.approx(compose(start, here.pose), abs=1e-9)
+    turn = rpy_to_matrix(0.0, 0.0, 2.0)
+    assert there.pose_covariance == pytest.approx(turn @ here.pose_covariance @ turn.T, abs=1e-12)
+    assert there.twist == pytest.approx(here.twist, abs=1e-12)
+
+
+MOUNTS = [(180.0, 0.0, 0.0), (0.0, 10.0, -40.0), (-25.0, 15.0, 170.0), (90.0, 0.0, 90.0)]
+
+
+@pytest.mark.parametrize("rpy", MOUNTS)
+def test_mount_of_the_imu_does_not_matter(rpy):
+    log = short_log(duration=8.0)
+    turned = msgspec.structs.replace(
+        ALPHA, imu=msgspec.structs.replace(ALPHA.imu, rotation_rpy_deg=rpy)
+    )
+    # From the body's axes to the IMU's: rows times R are R^T times columns.
+    R = rpy_to_matrix(*np.radians(rpy))
+    imu = ImuSeries(log.imu.stamps, log.imu.angular_velocity @ R, log.imu.linear_acceleration @ R)
+    a = feed_all(PoseEstimator(ALPHA), log)
+    b = feed_all(PoseEstimator(turned), Log(log.name, log.tracks, imu, log.fixes))
+    assert b.state == pytest.approx(a.state, abs=1e-9)
+
+
+@pytest.mark.parametrize("rpy", MOUNTS[:3])
+def test_gyro_that_reads_z_alone_reads_the_yaw_rate_over_the_tilt(rpy):
+    log = short_log(duration=8.0)
+    flat = log.imu.angular_velocity * [0.0, 0.0, 1.0]
+    upright = Log(log.name, log.tracks, ImuSeries(log.imu.stamps, flat), log.fixes)
+    tilted_imu = msgspec.structs.replace(ALPHA.imu, rotation_rpy_deg=rpy, gyro_axes="z")
+    R = rpy_to_matrix(*np.radians(rpy))
+    z_alone = (flat @ R) * [0.0, 0.0, 1.0]
+    tilted = Log(log.name, log.tracks, ImuSeries(log.imu.stamps, z_alone), log.fixes)
+    a = feed_all(PoseEstimator(ALPHA), upright)
+    b = feed_all(PoseEstimator(msgspec.structs.replace(ALPHA, imu=tilted_imu)), tilted)
+    assert b.state == pytest.approx(a.state, abs=1e-9)
+
+
+def test_known_scale_of_the_gyro_is_taken_out():
+    log = short_log(duration=8.0)
+    scaled = ImuSeries(log.imu.stamps, 0.98 * log.imu.angular_velocity, log.imu.linear_acceleration)
+    imu = msgspec.structs.replace(ALPHA.imu, gyro_scale=0.98)
+    a = feed_all(PoseEstimator(ALPHA), log)
+    b = feed_all(
+        PoseEstimator(msgspec.structs.replace(ALPHA, imu=imu)),
+        Log(log.name, log.tracks, scaled, log.fixes),
+    )
+    assert b.state == pytest.approx(a.state, abs=1e-9)
+
+
+# --- house-keeping ----------------------------------------------------------------------------------
+
+
+def test_estimator_that_was_pickled_goes_on_as_if_nothing_had_been():
+    measurements = list(short_log(duration=12.0).measurements())
+    half = len(measurements) // 2
+    original = PoseEstimator(ALPHA)
+    for m in measurements[:half]:
+        original.feed(m)
+    copied = pickle.loads(pickle.dumps(original))  # noqa: S301 - our own bytes
+    for m in measurements[half:]:
+        assert original.feed(m) is copied.feed(m)
+    assert_same(remembered(original), remembered(copied))
+    assert original.health.rejections() == copied.health.rejections()
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_only_online_variants_change_their_parameters(variant):
+    estimator = PoseEstimator(ALPHA, variant)
+    start = estimator.parameters
+    feed_all(estimator, short_log())
+    changed = {name for name, value in estimator.parameters.items() if value != start[name]}
+    model, online = VARIANTS[variant].model, VARIANTS[variant].online
+    constant = {"zeta0", "epsilon0", "eta0"}
+    unused = {"H", "eta2"} if model == "friction" else {"H"}
+    wanted = constant if model == "constant" else set(start) - unused
+    assert changed == (wanted if online else set())
+    assert np.isfinite(estimator.state).all()
+
+
+def test_unknown_variant_names_the_nearest():
+    with pytest.raises(
+        EstimatorError, match="no filter variant 'inertia_online'; did you mean 'ine"
+    ):
+        PoseEstimator(ALPHA, "inertia_online")
+
+
+def test_before_the_first_measurement_it_stands_where_it_was_put():
+    estimator = PoseEstimator(ALPHA, start=(1.0, 2.0, 0.5), start_sigma=(0.1, 0.2, 0.3))
+    assert estimator.stamp is None
+    assert estimator.pose.tolist() == [1.0, 2.0, 0.5]
+    assert estimator.pose_covariance == pytest.approx(np.diag([0.01, 0.04, 0.09]))
+    assert estimator.twist == pytest.approx([0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("first", [1.0, 7.7, 1e6])
+def test_the_first_measurement_sets_the_clock_and_nothing_else(first):
+    estimator = PoseEstimator(ALPHA)
+    estimator.feed(TrackSpeeds(seconds(first), 0.5, 0.5))
+    assert estimator.stamp == seconds(first)
+    assert estimator.pose.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_what_is_read_is_a_copy():
+    estimator, _ = driven()
+    before = remembered(estimator)
+    for array in (estimator.pose, estimator.pose_covariance, estimator.state, estimator.covariance):
+        array[:] = 99.0
+    assert_same(before, remembered(estimator))
+
+
+def test_snapshot_says_what_the_properties_say():
+    estimator, _ = driven()
+    snapshot = estimator.snapshot()
+    assert (snapshot.state == estimator.state).all()
+    assert (snapshot.covariance == estimator.covariance).all()
+    assert (snapshot.twist == estimator.twist).all()
+    assert snapshot.twist_covariance == pytest.approx(estimator.twist_covariance, rel=1e-14)
+    assert snapshot.indices == estimator.indices
+
+
+def test_slip_of_a_variant_that_there_is_not_is_refused(robot):
+    misspelt = msgspec.structs.replace(robot, slip={"inertia-onlin": Slip()})
+    with pytest.raises(EstimatorError, match="did you mean 'inertia-online'"):
+        PoseEstimator(misspelt, "differential")
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_robot_that_is_on_its_way_at_the_start_has_slip_already(variant):
+    estimator = PoseEstimator(ALPHA, variant)
+    estimator.feed(TrackSpeeds(EPOCH, 0.3, 0.6))
+    early = np.sqrt(np.diagonal(estimator.covariance)[s.SLIP])
+    drive(estimator, EPOCH + seconds(0.02), 5.0, 0.3, 0.6)
+    assert np.all(early > 0.0)
+    later = PoseEstimator(ALPHA, variant)
+    later.feed(TrackSpeeds(EPOCH, 0.0, 0.0))
+    assert np.all(np.diagonal(later.covariance)[s.SLIP] == 0.0)
+
+
+@pytest.mark.parametrize("back", [5.0, 3600.0])
+def test_a_clock_that_is_set_back_for_good_is_followed(back):
+    log = replace(simulate(Scenario(duration=20.0, seed=3), ALPHA), fixes=None)
+    turn = log.start + seconds(10.0)
+    estimators = []
+    for by in (0, seconds(back)):
+        estimator = PoseEstimator(ALPHA)
+        estimators.append(estimator)
+        for measurement in log.measurements():
+            stamp = measurement.stamp - (by if measurement.stamp > turn else 0)
+            estimator.feed(replace(measurement, stamp=stamp))
+    whole, stepped = estimators
+    assert stepped.health.clock_steps == 1
+    assert stepped.health.rejections() == {}
+    assert stepped.stamp == whole.stamp - seconds(back)
+    assert stepped.pose == pytest.approx(whole.pose, abs=1e-6)
+    assert stepped.pose_covariance == pytest.approx(whole.pose_covariance, rel=1e-3)
+
+
+def test_one_sensor_that_is_late_is_no_clock_set_back():
+    log = replace(simulate(Scenario(duration=10.0, seed=3), ALPHA), fixes=None)
+    estimator = PoseEstimator(ALPHA)
+    for measurement in log.measurements():
+        late = isinstance(measurement, TrackSpeeds) and measurement.stamp > log.start + seconds(5.0)
+        stamp = measurement.stamp - (seconds(3.0) if late else 0)
+        estimator.feed(replace(measurement, stamp=stamp))
+    assert estimator.health.clock_steps == 0
+    assert estimator.health.rejections()["tracks: older than Settings.history"] > 100
+    # A flood of old samples of one sensor, with nothing else between them, is none either.
+    for k in range(100):
+        assert not estimator.feed(ImuSample(log.start + 1000 + k, (0.0, 0.0, 0.0)))
+    assert estimator.health.clock_steps == 0

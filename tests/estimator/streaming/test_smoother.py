@@ -1,0 +1,344 @@
+"""Smoothing: the best linear estimate from all measurements, and as sure as it may be."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import BodyVelocity, PoseFix, ZeroVelocity
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming import smoother
+from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.smoother import smooth
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.true_motion import TRUE_SLIP
+
+ALPHA = load_robot("auriga-alpha")
+START = {"start": (0.1, -0.1, 0.05), "start_sigma": (0.1, 0.1, 0.05)}
+
+
+@pytest.fixture(scope="module")
+def log():
+    """Half a minute, with fixes at both ends of an outage."""
+    scenario = Scenario(
+        duration=30.0, seed=9, trajectory="slalom", track_rate=25.0, imu_rate=50.0, truth_rate=10.0,
+        outages=((8.0, 26.0),),
+    )  # fmt: skip
+    return simulate(scenario, ALPHA)
+
+
+@pytest.fixture(scope="module")
+def both(log):
+    return smooth(log, ALPHA, "inertia-online", **START)
+
+
+def errors(one, log, begin, end):
+    """(n, 3) errors of the pose between two times [s]."""
+    stamps = log.truth.poses.stamps
+    seconds = (stamps - log.start) * 1e-9
+    stamps = stamps[(seconds >= begin) & (seconds <= end)]
+    found = interpolate_poses(one.trajectory.pose_series, stamps)
+    apart = found - interpolate_poses(log.truth.poses, stamps)
+    apart[:, 2] = wrap_angle(apart[:, 2])
+    return apart
+
+
+def test_the_forward_pass_is_the_filter_itself(log, both):
+    plain, found = run(log, ALPHA, "inertia-online", **START), both.filtered
+    for name in ("indices", "states", "state_sigmas"):
+        assert (getattr(plain, name) == getattr(found, name)).all()
+    for name in ("stamps", "poses", "pose_covariances", "twists", "twist_covariances"):
+        assert (getattr(plain.trajectory, name) == getattr(found.trajectory, name)).all()
+    assert plain.health == found.health == both.smoothed.health
+    assert (both.smoothed.stamps == plain.stamps).all()
+    assert both.smoothed.variant == "inertia-online-smoothed"
+
+
+def test_the_path_through_an_outage_is_tied_to_the_fixes_at_both_ends(log, both):
+    before, after = (errors(one, log, 12.0, 26.0) for one in both)
+    rms = [np.sqrt(np.mean(each**2, axis=0)) for each in (before, after)]
+    assert np.hypot(*rms[1][:2]) < 0.5 * np.hypot(*rms[0][:2])
+
+
+def test_nothing_becomes_less_certain(both):
+    before, after = both
+    assert (after.state_sigmas <= before.state_sigmas * (1.0 + 1e-9) + 1e-12).all()
+    gained = before.trajectory.pose_covariances - after.trajectory.pose_covariances
+    assert np.linalg.eigvalsh(gained).min() > -1e-12
+    # In the middle of the outage a good deal.
+    middle = np.searchsorted(before.stamps, before.stamps[0] + 22 * 10**9)
+    assert after.state_sigmas[middle, s.Y] < 0.6 * before.state_sigmas[middle, s.Y]
+
+
+def test_all_rows_hold_together(both):
+    after = both.smoothed
+    assert (after.trajectory.poses == after.states[:, s.POSE]).all()
+    variances = np.diagonal(after.trajectory.pose_covariances, axis1=1, axis2=2)
+    assert after.state_sigmas[:, s.POSE] == pytest.approx(np.sqrt(variances), rel=1e-12)
+    # A path without jumps: it is driven with the twist that stands beside it.
+    dt = np.diff(after.stamps)[:, None] * 1e-9
+    steps = np.diff(after.trajectory.poses, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    speeds = np.hypot(after.trajectory.twists[1:, 0], after.trajectory.twists[1:, 1])
+    assert lengths == pytest.approx(speeds * dt[:, 0], abs=1e-3)
+    assert steps[:, 2] == pytest.approx(after.trajectory.twists[1:, 2] * dt[:, 0], abs=1e-2)
+
+
+def test_what_is_constant_is_one_number(log):
+    """Without a random walk, a bias is smoothed to what is known of it in the end."""
+    imu = msgspec.structs.replace(ALPHA.imu, gyro_bias_walk=0.0)
+    after = smooth(log, msgspec.structs.replace(ALPHA, imu=imu), "inertia-online", **START).smoothed
+    biases = after.states[:, s.GYRO_BIAS]
+    assert biases == pytest.approx(np.full(len(biases), biases[-1]), abs=1e-9)
+
+
+def test_the_end_is_the_filters_where_the_filter_has_kept_nothing(log):
+    tracks_and_fixes = Log(log.name, log.tracks, fixes=log.fixes)
+    before, after = smooth(tracks_and_fixes, ALPHA, "constant-fixed", **START)
+    assert after.states[-1] == pytest.approx(before.states[-1], abs=1e-12)
+    assert after.state_sigmas[-1] == pytest.approx(before.state_sigmas[-1], abs=1e-9)
+    # And is not on the way there.
+    assert np.abs(after.states - before.states)[:, s.Y].max() > 0.01
+
+
+# --- against the batch solution ------------------------------------------------------------------
+
+
+class _Batch(smoother._Tape):
+    """Notes the linear system that the filter has set up, for a solution at one go.
+
+    The error e of the filter's state is `from_sources` times independent unit-free sources, plus
+    `offset`: the start, the noise of each step, each fast slip.
+    """
+
+    def __init__(self, ekf):
+        super().__init__(ekf)
+        self.sources = [ekf.P.copy()]
+        self.maps = [np.eye(s.SIZE)]
+        self.offset = np.zeros(s.SIZE)
+        self.seen, self.rows = [], []
+
+    def _new_source(self, covariance, entry):
+        self.sources.append(covariance)
+        self.maps.append(entry)
+
+    def moved(self, F, Q):
+        super().moved(F, Q)
+        self.maps = [F @ each for each in self.maps]
+        self.offset = F @ self.offset
+        self._new_source(Q.copy(), np.eye(s.SIZE))
+
+    def renewed(self, covariance):
+        super().renewed(covariance)
+        for each in (*self.maps, self.offset):
+            each[s.FAST_SLIP] = 0.0
+        self._new_source(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
+
+    def reopened(self, states, variance):
+        super().reopened(states, variance)
+        for index in states:
+            self._new_source(np.array([[variance]]), np.eye(s.SIZE)[:, [index]])
+
+    def updated(self, residual, row, variance, change):
+        self.seen.append(
+            (residual, [row @ each for each in self.maps], row @ self.offset, variance)
+        )
+        super().updated(residual, row, variance, change)
+        self.offset = self.offset - change
+
+    def keep_row(self, track_speeds):
+        super().keep_row(track_speeds)
+        self.rows.append(([each.copy() for each in self.maps], self.offset.copy()))
+
+    def solve(self):
+        """(n, SIZE) errors and (n, SIZE, SIZE) covariances at the rows, given all measurements."""
+        ends = np.cumsum([len(each) for each in self.sources])
+        prior = np.zeros((ends[-1], ends[-1]))
+        for end, each in zip(ends, self.sources, strict=True):
+            prior[end - len(each) : end, end - len(each) : end] = each
+
+        def padded(maps):
+            joined = np.concatenate(maps, axis=-1)
+            return np.concatenate(
+                [joined, np.zeros((*joined.shape[:-1], ends[-1] - joined.shape[-1]))], -1
+            )
+
+        H = np.array([padded(maps) for _, maps, _, _ in self.seen])
+        y = np.array([residual - known for residual, _, known, _ in self.seen])
+        R = np.diag([variance for *_, variance in self.seen])
+        gain = np.linalg.solve(H @ prior @ H.T + R, H @ prior).T
+        mean, covariance = gain @ y, prior - gain @ H @ prior
+        found = []
+        for maps, offset in self.rows:
+            A = padded(maps)
+            found.append((A @ mean + offset, A @ covariance @ A.T))
+        return found
+
+
+def said(begin, poses):
+    """Further measurements: at a stamp of the IMU, and between two."""
+    covariance = ((4e-4, 1e-4, 0.0), (1e-4, 4e-4, 1e-4), (0.0, 1e-4, 1e-3))
+    at = begin + np.array([240, 390, 450, 530]) * 10**6
+    return (
+        ZeroVelocity(int(at[0]), (1.0, 0.5, 0.7)),
+        PoseFix(int(at[1]), *poses[2].tolist(), covariance),
+        BodyVelocity(int(at[2]), 0.3, 0.0, 0.04),
+        ZeroVelocity(int(at[3]), (1.0, 0.5, 0.7)),
+    )
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
+@pytest.mark.parametrize("more", [False, True], ids=["fixes", "all kinds"])
+def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
+    """A second of slalom with fixes, all unknowns at one go."""
+    made = []
+
+    def noted(ekf):
+        made.append(_Batch(ekf))
+        return made[-1]
+
+    begin = log.start + 5 * 10**9
+    tracks, imu = log.tracks, log.imu
+
+    def part(stamps):
+        return (stamps >= begin) & (stamps < begin + 6 * 10**8)
+
+    a, b = part(tracks.stamps), part(imu.stamps)
+    stamps = begin + np.array([50, 220, 390, 560], dtype=np.int64) * 10**6
+    poses = interpolate_poses(log.truth.poses, stamps)
+    short = Log(
+        "short",
+        TrackSpeedSeries(tracks.stamps[a], tracks.speeds[a]),
+        ImuSeries(imu.stamps[b], imu.angular_velocity[b], imu.linear_acceleration[b]),
+        FixSeries(stamps, poses, np.tile([1e-4, 1e6], (4, 1))),
+        others=said(begin, poses) if more else (),
+    )
+    start = tuple(interpolate_poses(log.truth.poses, np.array([begin]))[0].tolist())
+    monkeypatch.setattr(smoother, "_Tape", noted)
+    before, after = smooth(short, ALPHA, variant, start=start, start_sigma=(0.1, 0.1, 0.2))
+    assert before.health.sensors["position"].used == 4
+    assert sum(before.health.rejections().values()) == 0
+    assert ("pose" in before.health.sensors) is more
+    for row, (mean, covariance) in enumerate(made[0].solve()):
+        scale = np.sqrt(np.maximum(covariance.diagonal(), 1e-30))
+        apart = after.states[row] - before.states[row] - mean
+        assert np.abs(apart / scale)[scale > 1e-9].max() < 1e-6
+        assert after.state_sigmas[row] == pytest.approx(scale, rel=1e-6, abs=1e-8)
+        assert after.trajectory.pose_covariances[row] == pytest.approx(
+            covariance[s.POSE, s.POSE], rel=1e-6, abs=1e-12
+        )
+
+
+# --- consistency ---------------------------------------------------------------------------------
+
+RUNS = 30
+
+
+@pytest.fixture(scope="module")
+def nees():
+    """NEES of the pose in the middle of an outage: (RUNS,) filtered, smoothed; of w smoothed.
+
+    On circles, since track speeds are averages over the time before, and the filter does not know how
+    they have changed in it.
+    """
+    scenario = Scenario(
+        duration=15.0, seed=31, trajectory="circle", truth="kinematic", truth_spread=0.0,
+        track_rate=50.0, imu_rate=50.0, truth_rate=10.0, fixes=FixSpec(sigma=0.02),
+        outages=((7.5, 13.5),),
+    )  # fmt: skip
+    settings = Settings(slip=msgspec.structs.replace(TRUE_SLIP, white_time=0.0))
+    table = []
+    for index in range(RUNS):
+        log = simulate(scenario, ALPHA, run_index=index)
+        row = []
+        for one in smooth(log, ALPHA, "inertia-fixed", settings=settings):
+            at = np.searchsorted(one.stamps, log.start + 11 * 10**9)
+            error = (
+                one.trajectory.poses[at] - interpolate_poses(log.truth.poses, one.stamps[[at]])[0]
+            )
+            error[2] = wrap_angle(error[2])
+            row.append(error @ np.linalg.solve(one.trajectory.pose_covariances[at], error))
+        table.append(row)
+    return np.array(table)
+
+
+@pytest.mark.parametrize("kind", [0, 1], ids=["filtered", "smoothed"])
+def test_pose_is_as_uncertain_as_it_says(nees, kind):
+    low, high = chi2.interval(0.999, 3 * RUNS)
+    assert low < nees[:, kind].sum() < high
+
+
+# --- the rough and the empty -----------------------------------------------------------------------
+
+
+def with_hole(log, begin, end):
+    """The log without what its sensors said between two times [s]."""
+
+    def outside(stamps):
+        seconds = (stamps - log.start) * 1e-9
+        return (seconds < begin) | (seconds > end)
+
+    a, b = outside(log.tracks.stamps), outside(log.imu.stamps)
+    return replace(
+        log,
+        tracks=TrackSpeedSeries(log.tracks.stamps[a], log.tracks.speeds[a]),
+        imu=ImuSeries(
+            log.imu.stamps[b], log.imu.angular_velocity[b], log.imu.linear_acceleration[b]
+        ),
+    )
+
+
+def test_where_the_heading_is_lost_nothing_is_smoothed_across():
+    scenario = Scenario(
+        duration=60.0, seed=9, trajectory="slalom", track_rate=25.0, imu_rate=50.0,
+        fixes=FixSpec(heading_sigma=0.02), outages=((14.0, 53.0),),
+    )  # fmt: skip
+    whole = simulate(scenario, ALPHA)
+    before, after = smooth(with_hole(whole, 15.0, 50.0), ALPHA, "inertia-online")
+    lost = before.state_sigmas[:, s.YAW] > 1.1 * smoother.LOST_YAW
+    assert lost.any()
+    assert (after.trajectory.poses[lost] == before.trajectory.poses[lost]).all()
+    assert np.isfinite(after.states).all()
+    assert (after.state_sigmas >= 0.0).all()
+    # What was before is smoothed all the same.
+    filtered, smoothed = (errors(one, whole, 5.0, 14.0) for one in (before, after))
+    assert np.hypot(*smoothed.T[:2]).mean() < np.hypot(*filtered.T[:2]).mean()
+
+
+def test_smoothed_parameters_are_inside_their_bounds(log):
+    """Of a robot that turns almost as an ideal differential drive would."""
+    vehicle = msgspec.structs.replace(ALPHA.vehicle, track_gauge=1.4)
+    wide = msgspec.structs.replace(
+        ALPHA,
+        vehicle=vehicle,
+        indices=msgspec.structs.replace(ALPHA.indices, eta0=1.01),
+        constant_icr=None,
+    )
+    before, after = smooth(log, wide, "constant-online", **START)
+    assert before.states[:, s.ETA0].min() < 1.0 + 1e-9, "or there is nothing to see here"
+    assert after.states[:, s.ETA0].min() >= 1.0 - 1e-9
+
+
+def test_standing_still_is_as_certain_as_can_be():
+    scenario = Scenario(duration=12.0, seed=2, trajectory="stop-and-go", fix_rate=0.0)
+    before, after = smooth(simulate(scenario, ALPHA), ALPHA, "inertia-online")
+    assert before.health.standstill_updates > 50
+    assert np.isfinite(after.states).all()
+    assert (after.state_sigmas <= before.state_sigmas * (1.0 + 1e-9) + 1e-12).all()
+
+
+def test_a_log_without_track_speeds_is_refused():
+    empty = TrackSpeedSeries(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+    with pytest.raises(EstimatorError, match="holds no track speeds"):
+        smooth(Log("empty", empty), ALPHA, "inertia-online")

@@ -1,0 +1,370 @@
+"""The command line from end to end, in processes of their own."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.export.trajectories import read_tum
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALL_VARIANTS = {
+    "differential",
+    "constant-fixed",
+    "constant-online",
+    "inertia-fixed",
+    "inertia-online",
+    "friction-fixed",
+    "friction-online",
+}
+TRAJECTORIES = {*ALL_VARIANTS, "ground_truth"}
+
+
+def icreckon(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "from icreckon.cli.main import main; main()", *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=300,
+        check=False,
+    )
+
+
+def fails(*words: object, cwd: Path) -> str:
+    """The one line that a command fails with."""
+    done = icreckon(*words, cwd=cwd)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("icreckon: "), done.stderr
+    return last
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short demo, run once."""
+    folder = tmp_path_factory.mktemp("demo")
+    done = icreckon("demo", "--duration", 60, "--workers", 2, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "truth: friction" in done.stdout
+    for variant in ALL_VARIANTS:
+        assert variant in done.stdout
+    return folder / "icreckon-demo"
+
+
+def test_demo_leaves_everything_it_promises(demo: Path) -> None:
+    names = {path.name for path in demo.iterdir()}
+    assert names == {
+        "bag",
+        "figure.png",
+        "odometry.mcap",
+        "page.html",
+        "results.json",
+        *(f"{name}.tum" for name in TRAJECTORIES),
+    }
+    assert (demo / "figure.png").read_bytes().startswith(b"\x89PNG")
+    assert not [path for path in demo.parent.iterdir() if path != demo]
+
+
+def test_demo_results_say_what_was_done(demo: Path) -> None:
+    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    assert results["format"] == 1
+    assert results["command"] == "demo"
+    assert results["seed"] == 1
+    assert results["configuration"]["outages"] == [[20.0, 60.0]]
+    assert results["versions"]["numpy"] == np.__version__
+    assert results["truth"]["source"] == "friction"
+    assert set(results["variants"]) == ALL_VARIANTS
+    assert len(results["inputs"]["bag"]) == len("sha256:") + 64
+    for scores in results["variants"].values():
+        for key in ("drift_percent_30s_mean", "yaw_drift_deg_per_m", "rmse_v_y_m_s"):
+            assert scores[key] > 0.0
+        assert scores["nees_pose_mean"] > 0.0
+    assert json.loads(json.dumps(results, allow_nan=False)) == results
+
+
+def test_demo_drifts_least_with_the_indices_of_friction(demo: Path) -> None:
+    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    drift = {name: scores["drift_percent_10s_mean"] for name, scores in results["variants"].items()}
+    assert drift["friction-online"] < drift["constant-online"] < drift["differential"]
+
+
+def test_demo_trajectories_agree_with_the_results(demo: Path) -> None:
+    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    truth = read_tum(demo / "ground_truth.tum")
+    for name in ALL_VARIANTS:
+        estimate = read_tum(demo / f"{name}.tum")
+        assert abs(estimate.stamps[-1] - truth.stamps[-1]) < 50_000_000
+        apart = np.hypot(*(estimate.poses[-1, :2] - truth.poses[-1, :2]))
+        said = results["variants"][name]["final_position_error_m"]
+        assert apart == pytest.approx(said, abs=0.03)
+
+
+def test_demo_is_reproducible_and_does_not_overwrite(demo: Path, tmp_path: Path) -> None:
+    again = icreckon("demo", "--duration", 60, "--json", "--workers", 1, cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    first = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    assert json.loads(again.stdout)["variants"] == first["variants"]
+    assert "exists already" in fails("demo", "--out", "icreckon-demo", cwd=tmp_path)
+    assert json.loads((tmp_path / "icreckon-demo" / "results.json").read_text()) == json.loads(
+        again.stdout
+    )
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1"])
+def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -> None:
+    bag = tmp_path / ("run.bag" if kind == "ros1" else "run")
+    words = ("--duration", 30, "--format", kind, "--seed", 5, "--outage", "10:30")
+    made = icreckon("simulate", "--out", bag, *words, cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    words = ("--variants", "constant-fixed, inertia-online", "--json", "--workers", 1)
+    replayed = icreckon("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
+    assert replayed.returncode == 0, replayed.stderr
+    results = json.loads(replayed.stdout)
+    assert list(results["variants"]) == ["constant-fixed", "inertia-online"]
+    assert results["log"]["fixes"] == 10
+    assert results["variants"]["inertia-online"]["final_position_error_m"] < 0.5
+    found = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    assert "/joint_states" in found.stdout
+    proposed = (tmp_path / "robot.toml").read_text(encoding="utf-8")
+    assert 'topic = "/ground_truth/pose"' in proposed
+    words = ("--robot", "robot.toml", "--variants", "differential", "--out", "again")
+    assert "is not filled in" in fails("replay", bag, *words, cwd=tmp_path)
+    completed = proposed.replace("radius = nan", "radius = 0.1").replace("= nan", "= 1.0")
+    (tmp_path / "robot.toml").write_text(completed, encoding="utf-8")
+    assert icreckon("replay", bag, *words, cwd=tmp_path).returncode == 0
+
+
+def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text(
+        'trajectory = "circle"\nduration = 20\nseed = 3\nnoise = "perfect"\nfix_rate = 2.0\n'
+        "outages = [[5, 15]]\n[trajectory_options]\nspeed = 0.4\n[encoders]\nresolution = 0.01\n"
+    )
+    (tmp_path / "drive.csv").write_text("t,left,right\n0,0,0\n5,0.5,0.5\n")
+    words = ("simulate", "--scenario", "run.toml")
+    robot = load_robot("auriga-alpha")
+
+    def made(name: str, *more: object) -> Log:
+        done = icreckon(*words, "--out", name, *more, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return read_log(tmp_path / name, robot)
+
+    file = Scenario(
+        trajectory="circle",
+        duration=20.0,
+        seed=3,
+        noise="perfect",
+        fix_rate=2.0,
+        outages=((5.0, 15.0),),
+        trajectory_options={"speed": 0.4},
+        encoders=EncoderSpec(resolution=0.01),
+    )
+    same(made("as-it-is"), simulate(file, robot))
+    changes = ("--duration", 10, "--outage", "2:4", "--fix-sigma", 0.3, "--seed", 4)
+    settings = ("--set", "encoders.resolution=0.001", "--set", "trajectory_options.turn=.3")
+    changed = msgspec.structs.replace(
+        file,
+        duration=10.0,
+        outages=((2.0, 4.0),),
+        seed=4,
+        fixes=FixSpec(sigma=0.3),
+        encoders=EncoderSpec(resolution=0.001),
+        trajectory_options={"speed": 0.4, "turn": 0.3},
+    )
+    same(made("changed", *changes, *settings), simulate(changed, robot))
+    recorded = msgspec.structs.replace(
+        file,
+        trajectory="recorded",
+        trajectory_options={},
+        trajectory_file=str(tmp_path / "drive.csv"),
+    )
+    drive = ("--trajectory", "recorded", "--trajectory-file", "drive.csv")
+    same(made("recorded", *drive), simulate(recorded, robot))
+
+
+def test_another_trajectory_keeps_the_options_that_it_has_too(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text(
+        'trajectory = "slalom"\n[trajectory_options]\nspeed = 0.4\nhighest = 0.2\n'
+    )
+    words = ("--scenario", "run.toml", "--trajectory", "circle", "--duration", 10)
+    done = icreckon("simulate", "--out", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "dropped, as trajectory 'circle' has no such: highest" in done.stderr
+    log = read_log(tmp_path / "run", load_robot("auriga-alpha"))
+    assert log.truth is not None
+    assert log.truth.tracks is not None
+    assert log.truth.tracks.speeds[-1].mean() == pytest.approx(0.4, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["jackal", "wetexplorer"])
+def test_simulate_says_how_to_replay_and_that_works_for_any_robot(
+    name: str, tmp_path: Path
+) -> None:
+    words = ("--out", "my run", "--robot", name, "--duration", 20)
+    done = icreckon("simulate", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    command = done.stderr.strip().splitlines()[-1].partition("; next: icreckon ")[2]
+    assert command == f"replay 'my run' --robot {name}"
+    more = ("--variants", "constant-online", "--json", "--workers", 1)
+    replayed = icreckon(*shlex.split(command), *more, cwd=tmp_path)
+    assert replayed.returncode == 0, replayed.stderr
+    results = json.loads(replayed.stdout)
+    assert results["truth"]["source"] == "friction"
+    assert results["log"]["fixes"] == 21
+
+
+def test_a_standstill_is_drawn_without_a_warning(tmp_path: Path) -> None:
+    words = ("--duration", 2, "--fix-rate", 0, "--noise", "perfect", "--trajectory", "straight")
+    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    words = ("--robot", "auriga-alpha", "--workers", 1)
+    done = icreckon("replay", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+
+
+def test_help_cuts_nothing_at_80_columns(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "from icreckon.cli.main import main; main()", "simulate", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+        env=os.environ | {"COLUMNS": "80"},
+    )
+    assert "gyro.noise_density=0.001" in done.stdout
+    assert "--fix-heading-sigma" in done.stdout
+    assert "…" not in done.stdout
+
+
+def same(log: Log, other: Log) -> None:
+    """Two logs agree, but for what a bag rounds."""
+    assert log.imu is not None
+    assert other.imu is not None
+    assert log.fixes is not None
+    assert other.fixes is not None
+    for one, two in ((log.tracks, other.tracks), (log.imu, other.imu), (log.fixes, other.fixes)):
+        assert np.array_equal(one.stamps, two.stamps)
+    assert np.allclose(log.tracks.speeds, other.tracks.speeds, atol=1e-9)
+    assert np.allclose(log.imu.angular_velocity, other.imu.angular_velocity, atol=1e-9)
+    assert np.allclose(log.fixes.poses[:, :2], other.fixes.poses[:, :2], atol=1e-9)
+
+
+def test_simulate_without_truth_gives_a_comparison_of_the_variants(tmp_path: Path) -> None:
+    words = ("--duration", 20, "--without-truth", "--fix-rate", 0, "--noise", "perfect")
+    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    words = ("--robot", "auriga-alpha", "--workers", 1)
+    done = icreckon("replay", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "No ground truth" in done.stdout
+    results = json.loads((tmp_path / "icreckon-replay-run" / "results.json").read_text())
+    assert results["truth"] is None
+    assert results["variants"]["friction-online"]["end_apart_m"] == 0.0
+
+
+def test_replay_with_fixes_from_a_part_of_the_truth(tmp_path: Path) -> None:
+    words = ("--duration", 40, "--fix-rate", 0)
+    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    words = (
+        "--robot",
+        "auriga-alpha",
+        "--fixes",
+        "0:50%",
+        "--json",
+        "--variants",
+        "constant-online",
+    )
+    done = icreckon("replay", "run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert results["log"]["fixes"] == pytest.approx(20, abs=1)
+    assert results["truth"]["scored_s"] == [[pytest.approx(20.0, abs=1.0), pytest.approx(40.0)]]
+
+
+def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
+    robot = ("--robot", "auriga-alpha")
+    assert "no such file" in fails("replay", "missing.bag", *robot, cwd=tmp_path).lower()
+    (tmp_path / "empty.bag").touch()
+    fails("replay", "empty.bag", *robot, cwd=tmp_path)
+    (tmp_path / "text.mcap").write_text("this is no bag\n" * 100)
+    fails("inspect", "text.mcap", cwd=tmp_path)
+    (tmp_path / "folder").mkdir()
+    fails("inspect", "folder", cwd=tmp_path)
+    into_run = ("simulate", "--out", "run")
+    assert "'slalom'" in fails(*into_run, "--trajectory", "slalon", cwd=tmp_path)
+    assert "'nominal'" in fails(*into_run, "--noise", "nominel", cwd=tmp_path)
+    assert "'mcap'" in fails(*into_run, "--format", "mcab", cwd=tmp_path)
+    assert "'noise_density'" in fails(*into_run, "--set", "gyro.nois_density=1", cwd=tmp_path)
+    assert "as gyro.noise_density=0.001" in fails(*into_run, "--set", "gyro", cwd=tmp_path)
+    assert "'hold'" in fails(*into_run, "--set", "trajectory_options.hodl=1", cwd=tmp_path)
+    assert "no such file" in fails(*into_run, "--scenario", "missing.toml", cwd=tmp_path)
+    assert "trajectory_file" in fails(*into_run, "--trajectory", "recorded", cwd=tmp_path)
+    assert "as 100:300" in fails(*into_run, "--outage", "x", cwd=tmp_path)
+    (tmp_path / "short.toml").write_text("outages = [[100, 200]]\n")
+    words = ("--scenario", "short.toml", "--duration", 50)
+    assert "command line over short.toml: an outage" in fails(*into_run, *words, cwd=tmp_path)
+    big = 99999999999999999999999
+    assert "seed must be a whole number" in fails(*into_run, "--seed", big, cwd=tmp_path)
+    assert "recorded" not in fails("demo", "--trajectory", "foo", cwd=tmp_path)
+    assert "no trajectory of a demo" in fails("demo", "--trajectory", "recorded", cwd=tmp_path)
+    assert "give --identify" in fails("paper", "--seed", 3, cwd=tmp_path)
+    (tmp_path / "afile").write_text("a\n")
+    for words in (
+        ("simulate", "--out", "afile"),
+        ("demo", "--out", "afile"),
+        ("inspect", "run", "--write", "afile"),
+    ):
+        assert "did not write" in fails(*words, "--overwrite", cwd=tmp_path)
+    assert (tmp_path / "afile").read_text() == "a\n"
+    assert "duration" in fails(*into_run, "--duration", "-1", cwd=tmp_path)
+    assert "'auriga-alpha'" in fails(*into_run, "--robot", "auriga", cwd=tmp_path)
+    words = (*into_run, "--duration", 10)
+    assert icreckon(*words, cwd=tmp_path).returncode == 0
+    assert "--overwrite" in fails(*words, cwd=tmp_path)
+    assert "'inertia-online'" in fails(
+        "replay", "run", *robot, "--variants", "inertia-onlin", cwd=tmp_path
+    )
+    assert "icreckon inspect run --write" in fails("replay", "run", cwd=tmp_path)
+    assert "no part of a log" in fails("replay", "run", *robot, "--fixes", "x", cwd=tmp_path)
+    assert "'literal'" in fails("replay", "run", *robot, "--form", "literel", cwd=tmp_path)
+    assert "imu_rate" in fails(*into_run, "--imu-rate", "1e9", "--overwrite", cwd=tmp_path)
+    (tmp_path / "typo.toml").write_text('name = "x"\n[vehicl]\nmass = 1.0\n')
+    assert "'vehicle'" in fails("replay", "run", "--robot", "typo.toml", cwd=tmp_path)
+    assert not list(tmp_path.glob("icreckon-replay*")), "a failed command leaves nothing behind"
+
+
+def test_debug_shows_the_traceback(tmp_path: Path) -> None:
+    done = icreckon("--debug", "inspect", "missing.bag", cwd=tmp_path)
+    assert done.returncode != 0
+    assert "Traceback" in done.stderr
+
+
+def test_a_topic_that_is_missing_lists_those_that_are_there(tmp_path: Path) -> None:
+    assert icreckon("simulate", "--out", "run", "--duration", 5, cwd=tmp_path).returncode == 0
+    message = fails("replay", "run", "--robot", "husky", cwd=tmp_path)
+    assert "/husky_velocity_controller/odom" in message
+    assert "/joint_states" in message
+
+
+def test_a_truncated_bag_is_replayed_up_to_the_break_and_says_so(tmp_path: Path) -> None:
+    bag = tmp_path / "run.mcap"
+    assert icreckon("simulate", "--out", bag, "--duration", 40, cwd=tmp_path).returncode == 0
+    whole = bag.read_bytes()
+    bag.write_bytes(whole[: len(whole) * 7 // 10])
+    words = ("--robot", "auriga-alpha", "--variants", "differential,inertia-online")
+    done = icreckon("replay", bag, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Note: " in done.stdout
+    assert "cut short" in done.stdout

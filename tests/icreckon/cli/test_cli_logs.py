@@ -1,0 +1,97 @@
+"""`icreckon inspect` and `replay` over tables, several files and types of one's own."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import fails, icreckon
+from test_log_files import halves
+from test_track_messages import DRIVES, definition_files, drive_bag
+
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from icreckon.replay.export.log_bag import write_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return simulate(Scenario(duration=20.0, trajectory="slalom"), load_robot("auriga-alpha"))
+
+
+def as_csv(log: Log, path: Path) -> Path:
+    """A log of tracks and IMU as a table with empty cells."""
+    tracks = np.column_stack([log.tracks.stamps, log.tracks.speeds]).tolist()
+    imu = [
+        (stamp, *rate, *force)
+        for stamp, rate, force in zip(
+            log.imu.stamps, log.imu.angular_velocity, log.imu.linear_acceleration, strict=True
+        )
+    ]
+    lines = ["time_ns,left_speed,right_speed,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z"]
+    lines += [f"{int(stamp)},{left!r},{right!r},,,,,," for stamp, left, right in tracks]
+    lines += [f"{int(row[0])},,,{','.join(repr(float(value)) for value in row[1:])}" for row in imu]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_table_from_end_to_end(log: Log, tmp_path: Path) -> None:
+    path = as_csv(log, tmp_path / "run.csv")
+    done = icreckon("inspect", path, "--write", "robot.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "gyro_z" in done.stdout
+    text = (tmp_path / "robot.toml").read_text(encoding="utf-8")
+    shipped = load_robot("auriga-alpha").vehicle
+    for key, value in (("mass", shipped.mass), ("track_gauge", shipped.track_gauge)):
+        text = text.replace(f"{key} = nan", f"{key} = {value}")
+    (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
+    words = ("--robot", "robot.toml", "--variants", "constant-online", "--json")
+    done = icreckon("replay", path, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert results["log"]["dropped"] == {}
+    assert results["variants"]["constant-online"]["distance_m"] > 1.0
+    assert list(results["inputs"]) == [str(path)]
+
+
+def test_several_files_are_one_log(log: Log, tmp_path: Path) -> None:
+    robot = load_robot("auriga-alpha")
+    parts = [
+        write_log(part, tmp_path / f"part{number}", "mcap", robot)
+        for number, part in enumerate(halves(log))
+    ]
+    words = ("--robot", "auriga-alpha", "--variants", "differential", "--json")
+    done = icreckon("replay", *parts, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "and 1 more" in done.stderr
+    results = json.loads(done.stdout)
+    assert results["log"]["duration_s"] == pytest.approx(log.duration)
+    assert results["configuration"]["log"] == [str(part) for part in parts]
+    assert set(results["inputs"]) == {str(part) for part in parts}
+    assert "given twice" in fails("replay", parts[0], parts[0], *words, cwd=tmp_path)
+
+
+def test_a_type_of_ones_own(tmp_path: Path) -> None:
+    bag = drive_bag(tmp_path / "bag", DRIVES)
+    text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
+    text = text[: text.index("[log.tracks]")]
+    text += (
+        '[log.tracks]\ntopic = "/drive"\nleft = ["wheels[0].rate"]\nright = ["wheels[1].rates"]\n'
+    )
+    (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
+    files = [word for file in definition_files(tmp_path) for word in ("--msg", file)]
+    words = ("--robot", "robot.toml", "--variants", "differential")
+    problem = fails("replay", bag, *files, *words, cwd=tmp_path)
+    assert "no field 'rates' of 'wheels[1].rates'; our_msgs/msg/Wheel has rate" in problem
+    (tmp_path / "robot.toml").write_text(text.replace("rates", "rate"), encoding="utf-8")
+    done = icreckon("replay", bag, *files, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_table_without_a_column_map(log: Log, tmp_path: Path) -> None:
+    path = as_csv(log, tmp_path / "run.csv")
+    problem = fails("replay", path, "--robot", "auriga-alpha", cwd=tmp_path)
+    assert "[log.columns]" in problem
+    assert "its columns are time_ns, left_speed" in problem

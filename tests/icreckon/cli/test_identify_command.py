@@ -1,0 +1,199 @@
+"""`icreckon identify` from bag to robot file, and every command of the page about it."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+from test_cli import fails, icreckon
+
+from icreckon.cli.identify import run_identify
+from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.calibration import identify
+from icreckon.estimator.log.scores import drift
+from icreckon.estimator.robot.robot_file import Robot, Slip, load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.calibration.robot_file import robot_file_text
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from readme import code_blocks, run_page
+
+PAGE = "docs/calibrate.md"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of a robot that is not quite its file's, and what identification made of it."""
+    folder = tmp_path_factory.mktemp("identify")
+    robot = load_robot("auriga-alpha")
+    scenario = Scenario(duration=90.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
+    write_log(simulate(scenario, robot), folder / "drive", "mcap", robot)
+    words = ("--robot", "auriga-alpha", "--models", "differential,constant,inertia")
+    words = (*words, "--write", "found.toml", "--out", "results")
+    done = icreckon("identify", "drive", *words, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "The data support inertia-based ICRs" in done.stdout
+    assert "not shown: held" in done.stdout
+    return folder
+
+
+def test_it_leaves_results_and_a_picture(folder: Path) -> None:
+    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    assert results["command"] == "identify"
+    assert list(results["inputs"]) == ["drive"]
+    assert results["inputs"]["drive"].startswith("sha256:")
+    assert results["supported_model"] == "inertia"
+    assert results["verdict"].startswith("The data support inertia-based ICRs")
+    assert list(results["models"]) == ["differential", "constant", "inertia"]
+    eta0 = results["parameters"]["indices.eta0"]
+    low, high = eta0["interval_95"]
+    assert eta0["status"] == "shown"
+    assert low < eta0["value"] < high
+    assert results["parameters"]["indices.H"]["interval_95"] is None
+    assert len(results["series"]["t_s"]) == results["logs"][0]["moving_segments"]
+    assert (folder / "results" / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_robot_file_loads_and_replays(folder: Path) -> None:
+    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    robot = load_robot(folder / "found.toml")
+    found = msgspec.convert(results["robot"], Robot)
+    for name in ("eta0", "epsilon0", "epsilon1", "zeta1", "eta2"):
+        assert getattr(robot.indices, name) == pytest.approx(getattr(found.indices, name), rel=1e-6)
+    text = (folder / "found.toml").read_text(encoding="utf-8")
+    assert text.startswith("# Identified by icreckon from drive, starting from auriga-alpha.\n")
+    assert "\nH = 0.67134" in text
+    assert "± " in text
+    topic_map(robot, "found.toml")
+    log = read_log(folder / "drive", robot)
+    variants = ["constant-fixed", "inertia-fixed"]
+    comparison = compare(log, robot, variants)
+    assert comparison.log.truth is not None
+    truth = comparison.log.truth.poses
+    constant, inertia = (
+        drift(comparison.runs[name].trajectory.pose_series, truth, 10.0).percent_mean
+        for name in variants
+    )
+    assert inertia < constant
+
+
+def identified(folder: Path, **options: object) -> None:
+    """The command's own function, with what is usual where nothing else is asked for."""
+    usual: dict[str, object] = dict.fromkeys(("write", "lever_arm", "models"))
+    usual |= {"paths": ["drive"], "robot_name": "auriga-alpha", "out": folder / "none"}
+    usual |= {"message_files": [], "segment": 3.0, "as_json": False, "overwrite": False}
+    usual |= options
+    usual["paths"] = [folder / str(name) for name in usual["paths"]]
+    run_identify(**usual)
+
+
+def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
+    before = (folder / "found.toml").read_text(encoding="utf-8")
+    with pytest.raises(ReplayError, match=r"found\.toml exists already"):
+        identified(folder, write=folder / "found.toml", out=folder / "other")
+    (folder / "mine.toml").write_text("# mine\n", encoding="utf-8")
+    with pytest.raises(ReplayError, match="did not write"):
+        identified(folder, write=folder / "mine.toml", overwrite=True, out=folder / "other")
+    assert (folder / "found.toml").read_text(encoding="utf-8") == before
+    assert not (folder / "other").exists()
+
+
+def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
+    """Mapping, slip, notes: what identification does not touch is written as it was."""
+    shipped = load_robot("auriga-alpha")
+    mapped = shipped.log | {
+        "tracks": shipped.log["tracks"] | {"latency": 0.0},
+        "columns": {"time": "t", "tracks": {"left": ["l"], "right": ["r"]}},
+    }
+    full = msgspec.structs.replace(
+        shipped,
+        note='with "quotes" and a\nline',
+        log=mapped,
+        slip={"inertia-online": Slip(turning_x=0.07)},
+    )
+    log = read_log(folder / "drive", shipped)
+    found = identify([log], full, models=("constant",))
+    path = folder / "full.toml"
+    path.write_text(robot_file_text(found, ["drive"], "full"), encoding="utf-8")
+    again = load_robot(path)
+    assert again.note == full.note
+    assert again.slip == full.slip
+    assert again.soil == full.soil
+    assert again.indices == full.indices
+    assert again.log["columns"] == mapped["columns"]
+    topics = topic_map(again, "full.toml")
+    assert topics.tracks.left == ("left_track_joint",)
+
+
+def test_a_folder_of_files_is_one_log(folder: Path) -> None:
+    robot = load_robot("auriga-alpha")
+    log = read_log(folder / "drive", robot)
+    (folder / "parts").mkdir()
+    for name, changed in (
+        (
+            "imu",
+            replace(
+                log,
+                tracks=replace(
+                    log.tracks, stamps=log.tracks.stamps[:0], speeds=log.tracks.speeds[:0]
+                ),
+                truth=None,
+            ),
+        ),
+        ("rest", replace(log, imu=None)),
+    ):
+        write_log(changed, folder / "whole" / name, "mcap", robot)
+        (bag,) = (folder / "whole" / name).glob("*.mcap")
+        bag.rename(folder / "parts" / f"{name}.mcap")
+    identified(folder, paths=["parts"], models="constant", out=folder / "joined")
+    results = json.loads((folder / "joined" / "results.json").read_text(encoding="utf-8"))
+    (only,) = results["logs"]
+    assert only["distance_m"] > 10.0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"robot_name": None}, "what is the robot?"),
+        ({"paths": ["drive", "drive"]}, "given twice"),
+        ({"lever_arm": "0.3"}, "two numbers in metres"),
+        ({"models": "best,constant"}, "no model named 'best'"),
+        ({"paths": ["results"]}, "folder without metadata.yaml"),
+    ],
+    ids=["robot", "twice", "lever", "model", "folder"],
+)
+def test_bad_input_is_refused(folder: Path, options: dict[str, object], said: str) -> None:
+    before = sorted(folder.iterdir())
+    with pytest.raises(IcreckonError, match=re.escape(said)):
+        identified(folder, **options)
+    assert sorted(folder.iterdir()) == before
+
+
+def test_a_bag_without_truth_is_one_line(tmp_path: Path) -> None:
+    robot = load_robot("auriga-alpha")
+    scenario = Scenario(duration=10.0, include_truth=False)
+    write_log(simulate(scenario, robot), tmp_path / "blind", "mcap", robot)
+    said = fails("identify", "blind", "--robot", "auriga-alpha", cwd=tmp_path)
+    assert "holds no pose truth" in said
+    assert not list(tmp_path.glob("icreckon-identify*"))
+
+
+@pytest.mark.slow
+def test_every_command_of_the_page_works(tmp_path: Path) -> None:
+    run_page(PAGE, tmp_path)
+    assert load_robot(tmp_path / "calibrated.toml").name == "auriga-alpha"
+
+
+@pytest.mark.slow
+def test_the_python_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = code_blocks("python", PAGE)
+    exec(compile(example, PAGE, "exec"), {})  # noqa: S102
+    assert "The data support" in capsys.readouterr().out

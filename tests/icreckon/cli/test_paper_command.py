@@ -1,0 +1,165 @@
+"""`icreckon paper` from end to end, in processes of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from icreckon.simulation.paper.contact import load_paper_contact
+from icreckon.simulation.paper.published import PUBLISHED, READ_OFF
+
+FIGURES = {"figure.png", *(f"figure-{number}.png" for number in (3, 5, 6, 7, 8))}
+
+
+def paper(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from icreckon.cli.main import main; main()",
+            "paper",
+            *map(str, words),
+        ],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
+        cwd=cwd,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report, made once."""
+    folder = tmp_path_factory.mktemp("paper")
+    done = paper(cwd=folder)
+    assert done.returncode == 0, done.stderr
+    for number in (*PUBLISHED, *READ_OFF):
+        assert number.name in done.stdout
+        assert number.printed in done.stdout
+    assert "Table II" in done.stdout
+    assert "contradict each other" in done.stdout
+    assert "figure.png" in done.stderr
+    return folder / "icreckon-paper"
+
+
+@pytest.fixture(scope="module")
+def results(report: Path) -> dict[str, object]:
+    return json.loads((report / "results.json").read_text(encoding="utf-8"))
+
+
+def test_it_leaves_everything_it_promises(report: Path) -> None:
+    assert {path.name for path in report.iterdir()} == FIGURES | {"results.json", "contact.toml"}
+    assert [path.name for path in report.parent.iterdir()] == ["icreckon-paper"]
+
+
+@pytest.mark.parametrize("name", sorted(FIGURES))
+def test_figures_are_pictures_with_something_on_them(report: Path, name: str) -> None:
+    assert (report / name).read_bytes().startswith(b"\x89PNG\r\n")
+    picture = matplotlib.image.imread(report / name)
+    height, width, _ = picture.shape
+    assert width > 700
+    assert height > 450
+    assert np.unique(picture.reshape(-1, picture.shape[2]), axis=0).shape[0] > 50
+
+
+def test_results_say_what_was_done(results: dict) -> None:
+    assert results["format"] == 1
+    assert results["command"] == "paper"
+    assert results["seed"] is None
+    assert results["configuration"]["identify"] is False
+    assert results["versions"]["numpy"] == np.__version__
+    assert results["map"]["pairs"] == 441
+    assert results["map"]["largest_residual"] < 1e-10
+    assert results["identification"] is None
+
+
+def test_results_hold_every_published_number(results: dict) -> None:
+    rows = results["published"]
+    assert [row["name"] for row in rows] == [number.name for number in (*PUBLISHED, *READ_OFF)]
+    for row, number in zip(rows, (*PUBLISHED, *READ_OFF), strict=True):
+        assert row["unit"] == number.unit
+        assert row["published"] == number.value
+        assert row["difference_percent"] == pytest.approx(
+            number.difference_percent(row["reproduced"])
+        )
+        assert row["rounds_to_published"] == number.rounds_from(row["reproduced"])
+    printed = [row for row in rows if not row["read_off"]]
+    counts = results["counts"]
+    assert counts["printed"] == len(printed) == 17
+    for level in (5, 10, 20):
+        close = sum(abs(row["difference_percent"]) <= level for row in printed)
+        assert counts[f"within_{level}_percent"] == close
+
+
+def test_how_close_it_comes(results: dict) -> None:
+    assert results["counts"]["within_5_percent"] >= 8
+    assert results["counts"]["within_10_percent"] >= 14
+    assert results["counts"]["within_20_percent"] == 17
+
+
+def test_results_hold_table_2_both_ways(results: dict) -> None:
+    of = results["table_2"]
+    assert of["published"]["inertia_based"]["rmse_w_rad_s"] == 0.0637394
+    by_name = {row["name"]: row["reproduced"] for row in results["published"]}
+    assert of["our_parameters"]["constant"]["rmse_v_y_m_s"] == by_name["rmse_constant_v_y"]
+    assert set(of["published_parameters"]) == {"measured", "literal", "smooth"}
+    for errors in of["published_parameters"].values():
+        for key, value in errors["inertia_based"].items():
+            assert 0.0 < value < errors["constant"][key]
+
+
+def test_results_show_the_contradiction(results: dict) -> None:
+    check = results["contradiction"]
+    low, high = check["needed_range"]
+    assert low < check["needed"] < high < 0.0 < check["of_published_model"]
+
+
+def test_the_contact_is_the_one_that_ships(report: Path) -> None:
+    assert load_paper_contact(report / "contact.toml") == load_paper_contact()
+
+
+def test_it_is_reproducible_as_json_and_does_not_overwrite(report: Path, tmp_path: Path) -> None:
+    done = paper("--json", "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == json.loads((report / "results.json").read_text())
+    again = paper("--out", "here", cwd=tmp_path)
+    assert again.returncode == 1
+    assert "--overwrite" in again.stderr
+    assert paper("--out", "here", "--overwrite", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.slow
+def test_identify_finds_the_contact_that_ships(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from icreckon.cli.main import main; main()",
+            "paper",
+            "--identify",
+            "--seed",
+            "0",
+        ],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = load_paper_contact(tmp_path / "icreckon-paper" / "contact.toml")
+    best = load_paper_contact()
+    assert found.reading == best.reading
+    assert found.contact.half_length == pytest.approx(best.contact.half_length, rel=0.05)
+    ours = json.loads((tmp_path / "icreckon-paper" / "results.json").read_text(encoding="utf-8"))
+    assert ours["seed"] == 0
+    assert ours["identification"]["ablation"]

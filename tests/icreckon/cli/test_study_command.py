@@ -1,0 +1,201 @@
+"""`icreckon study` from end to end, in processes of their own, killed at will."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import study_stub
+from conftest import REPOSITORY
+from icreckon.cli.study import run_study_command
+from icreckon.simulation.base.errors import SimulationError
+
+COMMAND = [sys.executable, "-c", "from icreckon.cli.main import main; main()", "study"]
+TINY = """
+description = "Very small."
+engine = "streaming"
+variants = ["constant-online", "differential"]
+runs = 10
+truths = 4
+horizons = [4.0]
+[scenario]
+duration = 10.0
+outages = [[5.0, 10.0]]
+[sweep.grid]
+gyro.factor = [1.0, 10.0]
+"""
+BLOCKS = 6
+
+
+def study(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=300,
+        check=False,
+    )
+
+
+def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
+    """A study in a session of its own, once its first block is there."""
+    process = subprocess.Popen(
+        [*COMMAND, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 120.0
+    while not finished_blocks(cwd) and time.monotonic() < deadline:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    return process
+
+
+def finished_blocks(cwd: Path) -> int:
+    return len(list((cwd / "icreckon-study" / "tiny" / "blocks").glob("*.npz")))
+
+
+def children(process: int) -> list[int]:
+    listed = Path(f"/proc/{process}/task/{process}/children")
+    return [int(word) for word in listed.read_text(encoding="utf-8").split()]
+
+
+def contents(cwd: Path) -> dict[str, bytes]:
+    folder = cwd / "icreckon-study" / "tiny"
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("undisturbed")
+    (folder / "tiny.toml").write_text(TINY, encoding="utf-8")
+    done = study("tiny.toml", "--workers", 2, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "drift after 4 s" in done.stdout
+    assert "Over 2 cells of 10 runs each, constant-online drifts" in " ".join(done.stdout.split())
+    assert "report.html" in done.stderr
+    return folder
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    (tmp_path / "tiny.toml").write_text(TINY, encoding="utf-8")
+    return tmp_path
+
+
+def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
+    done = study("tiny.toml", "--json", cwd=undisturbed)
+    assert "going on: 6 of 6 blocks are there" in done.stderr
+    assert done.stdout.encode() == contents(undisturbed)["results.json"]
+    told = json.loads(done.stdout)
+    assert told["command"] == "study"
+    assert told["overall"]["constant-online"]["drift_percent_4s"]["n"] == 10
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
+def test_killed_it_loses_no_finished_block_and_comes_to_the_same(
+    here: Path, undisturbed: Path
+) -> None:
+    process = begin("tiny.toml", "--workers", 1, cwd=here)
+    workers = children(process.pid)
+    process.kill()
+    process.communicate()
+    kept = finished_blocks(here)
+    assert 1 <= kept < BLOCKS
+    assert "results.json" not in contents(here)
+    deadline = time.monotonic() + 10.0
+    while any(Path(f"/proc/{worker}/exe").exists() for worker in workers):
+        assert time.monotonic() < deadline, "a worker outlives the command"
+        time.sleep(0.05)
+    done = study("tiny.toml", "--workers", 2, cwd=here)
+    assert f"going on: {kept} of {BLOCKS} blocks are there" in done.stderr
+    assert contents(here) == contents(undisturbed)
+
+
+@pytest.mark.parametrize("threads", [True, False], ids=["threads", "processes"])
+def test_ctrl_c_waits_for_nothing_and_says_how_to_go_on(here: Path, threads: bool) -> None:
+    """Blocks take minutes here, so whoever waits for one is late."""
+    engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
+    script = (
+        "from icreckon.simulation.running import engines\n"
+        f"engines.ENGINES['streaming'] = {engine}\n"
+        "from icreckon.cli.main import main\nmain()"
+    )
+    environment = os.environ | {"PYTHONPATH": str(REPOSITORY / "tests"), study_stub.PACE: "300"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, "study", "tiny.toml", "--workers", "1"],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=here,
+        env=environment,
+        start_new_session=True,
+    )
+    with process:
+        manifest = here / "icreckon-study" / "tiny" / "manifest.json"
+        while not manifest.exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        time.sleep(0.5)
+        os.killpg(process.pid, signal.SIGINT)
+        _, told = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "Traceback" not in told
+    assert "interrupted; 0 of 6 blocks are in icreckon-study/tiny/" in told
+    assert "Go on with the same command: icreckon study tiny.toml --workers 1" in told
+
+
+def test_a_mistake_is_told_in_one_line(here: Path) -> None:
+    done = study("imu-grade", cwd=here)
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        "icreckon: no study named 'imu-grade'; did you mean 'imu-grades'?"
+    )
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ({"study": None}, "which study.* or a name: driving-style, imu-grades"),
+        ({"study": "nowhere.toml"}, "nowhere.toml: no such file"),
+        ({"engine": "bach"}, "no engine 'bach'"),
+        ({"out": Path()}, "holds no study of icreckon"),
+        ({"cluster": "nonsense"}, "no cluster at 'nonsense': give host and port"),
+        ({"cluster": "tcp://127.0.0.1:x"}, "give host and port"),
+        ({"cluster": "tcp://127.0.0.1:1"}, "no cluster at 'tcp://127.0.0.1:1': "),
+    ],
+)
+def test_what_cannot_be_done_is_said(
+    here: Path, monkeypatch: pytest.MonkeyPatch, words: dict[str, Any], told: str
+) -> None:
+    monkeypatch.chdir(here)
+    asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine", "cluster"))
+    asked |= {"study": "tiny.toml", "as_json": False, "overwrite": False, "list_studies": False}
+    with pytest.raises(SimulationError, match=told):
+        run_study_command(**asked | words)
+
+
+def test_the_shipped_studies_are_listed(here: Path) -> None:
+    done = study("--list", cwd=here)
+    for name in ("driving-style", "imu-grades", "mis-calibration", "outage-length"):
+        assert name in done.stdout
+
+
+def test_help_loads_nothing_heavy(here: Path) -> None:
+    script = (
+        "import icreckon.cli.main, sys\nsys.argv = ['icreckon', 'study', '--help']\n"
+        "try: icreckon.cli.main.main()\nexcept SystemExit: pass\n"
+        "loaded = {name.split('.')[0] for name in sys.modules}\n"
+        "assert not loaded & {'numpy', 'pyarrow', 'distributed', 'matplotlib', 'numba'}, loaded"
+    )
+    subprocess.run([sys.executable, "-c", script], cwd=here, check=True, capture_output=True)

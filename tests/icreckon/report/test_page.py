@@ -1,0 +1,463 @@
+"""The page of a comparison: what it says, and that a browser shows it without a word of complaint."""
+
+from __future__ import annotations
+
+import copy
+import html
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.comparison.plot_series import (
+    INNOVATION_POINTS,
+    PARAMETER_POINTS,
+    SERIES_POINTS,
+)
+from icreckon.replay.comparison.results import summarise, write_results
+from icreckon.report.replay.page import replay_page, write_page
+from icreckon.report.replay.page_charts import page_data
+from icreckon.report.replay.page_text import headline, notes, number, remarks
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+VARIANTS = ["differential", "constant-online", "friction-online"]
+HOSTILE = (
+    "</script><script>console.error('caught')</script><img src=http://e.example/x onerror=x> & \"'"
+)
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    robot = load_robot("auriga-alpha")
+    log = simulate(
+        Scenario(duration=90.0, seed=4, trajectory="slalom", outages=((20.0, 90.0),)), robot
+    )
+    return compare(log, robot, VARIANTS)
+
+
+def results_of(comparison: Comparison) -> dict[str, Any]:
+    robot = load_robot("auriga-alpha")
+    return summarise(comparison, robot, command="replay", configuration={"log": "run"})
+
+
+@pytest.fixture(scope="module")
+def results(comparison: Comparison) -> dict[str, Any]:
+    return results_of(comparison)
+
+
+@pytest.fixture(scope="module")
+def blind(comparison: Comparison) -> dict[str, Any]:
+    """The same log, without truth and fixes."""
+    log = replace(comparison.log, truth=None, fixes=None)
+    return results_of(Comparison(log, comparison.runs, None))
+
+
+@pytest.fixture(scope="module")
+def page(results: dict[str, Any]) -> str:
+    return replay_page(results)
+
+
+# --- without a browser ---------------------------------------------------------------------------
+
+
+def test_the_page_is_made_of_results_json_and_nothing_else(
+    tmp_path: Path, results: dict[str, Any], page: str
+) -> None:
+    write_results(tmp_path / "results.json", results)
+    text = (tmp_path / "results.json").read_text(encoding="utf-8")
+    assert json.loads(text) == results
+    assert replay_page(json.loads(text)) == page
+    # Lists of numbers stand in one line: some lines for each key, not for each number.
+    assert len(text.splitlines()) < 1500
+    path = write_page(tmp_path / "page.html", results)
+    assert path.read_text(encoding="utf-8") == page
+    with pytest.raises(ReplayError, match="--overwrite"):
+        write_page(path, results)
+
+
+def test_nothing_is_fetched(page: str) -> None:
+    assert "http:" not in page
+    assert "https:" not in page
+    assert not re.search(r"<(link|img|iframe|object|embed|base|form)\b", page)
+    assert not re.search(r"\b(src|href|action)\s*=", page)
+    assert "@import" not in page
+    assert "url(" not in page.replace("url(#${clip})", "")
+    assert "default-src 'none'" in page
+
+
+def test_long_logs_make_no_larger_pages(results: dict[str, Any], page: str) -> None:
+    series = results["series"]
+    # 1.5 MB for seven variants over half an hour; here they are three.
+    assert len(page) < 1_500_000
+    assert len(series["t_s"]) == SERIES_POINTS
+    for one in series["variants"].values():
+        assert len(one["x_m"]) == SERIES_POINTS
+        assert len(one["parameters"]["t_s"]) == PARAMETER_POINTS
+        assert all(len(each["t_s"]) <= INNOVATION_POINTS for each in one["innovations"].values())
+
+
+def test_hostile_names_stay_text(results: dict[str, Any]) -> None:
+    bad = copy.deepcopy(results)
+    bad["log"]["name"] = bad["robot"]["name"] = HOSTILE
+    bad["log"]["notes"] = [HOSTILE]
+    bad["log"]["dropped"] = {HOSTILE: 3}
+    bad["truth"]["source"] = HOSTILE
+    bad["configuration"] = {HOSTILE: HOSTILE}
+    bad["inputs"] = {HOSTILE: "sha256:0"}
+    bad["variants"]["differential"]["rejected"] = {HOSTILE: 1}
+    bad["variants"]["differential"]["used"] = {HOSTILE: 1}
+    for part in ("variants", "series"):
+        variants = bad["series"]["variants"] if part == "series" else bad["variants"]
+        variants[HOSTILE] = variants.pop("differential")
+    text = replay_page(bad)
+    assert text.count("<script") == 2
+    assert text.count("</script>") == 2
+    assert "<img" not in text
+    assert html.escape(HOSTILE) in text
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert HOSTILE in [one["name"] for one in json.loads(data[1])["series"]]
+
+
+def test_truth_is_silent_in_its_holes(comparison: Comparison) -> None:
+    log = comparison.log
+    poses = log.truth.poses
+    kept = (poses.stamps < log.start + 40 * 10**9) | (poses.stamps > log.start + 50 * 10**9)
+    holed = replace(poses, stamps=poses.stamps[kept], poses=poses.poses[kept])
+    truth = replace(log.truth, poses=holed)
+    found = results_of(Comparison(replace(log, truth=truth), comparison.runs, None))["series"]
+    times = np.array(found["t_s"])
+    for values in (found["truth"]["x_m"], found["variants"]["differential"]["position_error_m"]):
+        unknown = np.array([value is None for value in values])
+        assert unknown[(times > 40.6) & (times < 49.4)].all()
+        assert not unknown[(times < 39.9) | (times > 50.1)].any()
+
+
+def test_charts_have_axes_with_units_and_rows_that_match(results: dict[str, Any]) -> None:
+    data = page_data(results)
+    places = [chart["place"] for chart in data["charts"]]
+    assert {place: places.count(place) for place in places} == {
+        "paths": 1,
+        "errors": 2,
+        "icrs": 3,
+        "parameters": len(places) - 10,
+        "innovations": 4,
+    }
+    names = {one["name"] for one in data["series"]}
+    assert names == {*VARIANTS, "ground truth", "fixes used"}
+    for chart in data["charts"]:
+        assert re.search(r"\[.+\]$", chart["x_label"])
+        assert re.search(r"\[.+\]$", chart["y_label"])
+        for item in chart.get("lines", []) + chart.get("points", []) + chart.get("bands", []):
+            x = data["columns"][item["x"]] if isinstance(item["x"], str) else item["x"]
+            assert item["series"] in names
+            assert {len(item[key]) for key in ("y", "low", "high") if key in item} == {len(x)}
+    learnt = {chart["title"]: chart["y_label"] for chart in data["charts"]}
+    assert learnt["eta0"] == "[-]"
+    assert learnt["gyro_bias"] == "[rad/s]"
+    assert learnt["half_contact_length"] == "[m]"
+
+
+def test_the_band_is_three_sigma_of_the_filter(results: dict[str, Any]) -> None:
+    chart = next(one for one in page_data(results)["charts"] if one["title"] == "Position error")
+    band = next(one for one in chart["bands"] if one["series"] == "constant-online")
+    sigma = results["series"]["variants"]["constant-online"]["position_sigma_m"]
+    np.testing.assert_allclose(band["high"], 3.0 * np.array(sigma), rtol=1e-4)
+    (start, end), *_ = chart["spans"]
+    times, way = results["series"]["t_s"], results["series"]["distance_m"]
+    (scored, _), *_ = results["truth"]["scored_s"]
+    assert start == pytest.approx(np.interp(scored, times, way), abs=0.01)
+    assert end == pytest.approx(way[-1], abs=0.2)
+
+
+# --- the verdict ---------------------------------------------------------------------------------
+
+
+def said(results: dict[str, Any], **verdict: Any) -> str:
+    other = copy.deepcopy(results)
+    other["verdict"] = {**other["verdict"], **verdict}
+    return headline(other)
+
+
+def test_the_verdict_stands_first_and_names_horizon_and_interval(
+    results: dict[str, Any], page: str
+) -> None:
+    found = results["verdict"]
+    assert found["best"] == "friction-online"
+    told = headline(results)
+    assert told.startswith(f"friction-online drifts least: {number(found['drift_percent'])} %")
+    horizon = found["horizon"]
+    assert f"after {horizon[:-1]} {horizon[-1]}" in told
+    assert "95 % interval" in told
+    assert f"{number(found['ratio'])} times what constant-online drifts" in told
+    assert page.index(html.escape(told)) < page.index("<h2>")
+
+
+def test_a_lead_that_may_be_chance_is_called_so(results: dict[str, Any]) -> None:
+    told = said(results, ratio=0.9, ratio_95=[0.7, 1.1])
+    assert told.startswith("No variant is shown to drift less than constant-online on this log.")
+    assert "0.90 times that of constant-online (0.70 to 1.10): that may be chance." in told
+    told = said(results, ratio_95=None, drift_percent_95=None)
+    assert "The log is too short to say" in told
+    assert "interval" not in told
+
+
+def test_when_the_baseline_is_best_the_next_is_named(results: dict[str, Any]) -> None:
+    ratios = {"a": 1.5, "b": 1.2}
+    base: dict[str, Any] = {"best": "constant-online", "ratios_to_best": ratios}
+    sure = {"a": [1.3, 1.7], "b": [1.1, 1.3]}
+    told = said(results, **base, ratios_to_best_95=sure, not_shown_worse=[])
+    assert told.endswith("All others drift more; next is b with 1.20 times as much (1.10 to 1.30).")
+    unsure = {"a": [0.9, 2.0], "b": [0.95, 1.5]}
+    told = said(results, **base, ratios_to_best_95=unsure, not_shown_worse=["a", "b"])
+    assert told.endswith(
+        "But b, with 1.20 times as much (0.95 to 1.50), is not shown to drift more, nor are a."
+    )
+    told = said(results, **base, drift_percent_95=None)
+    assert told.endswith(
+        "The log is too short to say whether the others drift more by more than chance."
+    )
+    told = said(results, best="constant-online", ratios_to_best={}, ratios_to_best_95={})
+    assert told.endswith("Nothing else was run to compare it with.")
+
+
+def test_what_may_be_as_good_is_told(results: dict[str, Any]) -> None:
+    other = copy.deepcopy(results)
+    other["verdict"]["not_shown_worse"] = ["inertia-online"]
+    assert "Not shown to drift more than friction-online: inertia-online." in remarks(other)
+    assert any("this one log" in line for line in remarks(other))
+
+
+def test_without_truth_none_is_called_best(blind: dict[str, Any]) -> None:
+    assert blind["verdict"] is None
+    told = headline(blind)
+    assert told.startswith("No ground truth, so none can be called best.")
+    ends = [(one["end_x_m"], one["end_y_m"]) for one in blind["variants"].values()]
+    widest = max(np.hypot(a[0] - b[0], a[1] - b[1]) for a in ends for b in ends)
+    assert f"up to {number(widest)} m apart" in told
+    assert remarks(blind) == []
+    assert "How far apart per horizon" in replay_page(blind)
+
+
+def test_fixes_throughout_leave_nothing_to_score() -> None:
+    robot = load_robot("auriga-alpha")
+    log = simulate(Scenario(duration=10.0, seed=4), robot)
+    found = results_of(compare(log, robot, ["constant-online"]))
+    assert found["verdict"] is None
+    assert headline(found).startswith("Nowhere in this log is there a stretch of dead reckoning")
+    assert "At its end, constant-online is closest to the truth" in headline(found)
+    assert replay_page(found).startswith("<!DOCTYPE html>")
+
+
+def test_lag_and_lever_arm_are_told(results: dict[str, Any]) -> None:
+    other = copy.deepcopy(results)
+    other["truth"] |= {"lag_s": 0.21, "lever_arm_m": [0.15, -0.08]}
+    assert "0.21 s of lag and a lever arm of 0.15 m forward and -0.08 m left" in notes(other)[0]
+    assert notes(results)[0] == "Truth: friction, taken as it is."
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (123.4, "123"),
+        (12.34, "12.3"),
+        (1.234, "1.23"),
+        (0.01234, "0.012"),
+        (0.0, "0.00"),
+        (-5.0, "−5.00"),
+    ],
+)
+def test_numbers_have_three_digits(value: float, text: str) -> None:
+    assert number(value) == text
+    assert number(None) == number(float("nan")) == "–"
+
+
+# --- in a browser --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def chromium() -> str:
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        found = shutil.which(name)
+        if found is not None:
+            return found
+    pytest.skip("no chromium to open the page in (Debian: apt-get install chromium)")
+
+
+def opened(chromium: str, folder: Path, text: str, script: str = "") -> tuple[str, list[str]]:
+    """The page's document as the browser has it in the end, and what it wrote to its console."""
+    path = folder / "page.html"
+    end = f"<script>{script}</script></body>" if script else "</body>"
+    path.write_text(text.replace("</body>", end), encoding="utf-8")
+    command = [
+        *(chromium, "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"),
+        *("--no-first-run", "--disable-extensions", f"--user-data-dir={folder / 'profile'}"),
+        *("--window-size=1280,900", "--virtual-time-budget=5000", "--dump-dom", path.as_uri()),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+
+def told_by(document: str) -> dict[str, Any]:
+    found = re.search(r'<pre id="told">(.*?)</pre>', document, re.S)
+    assert found is not None, document[-2000:]
+    return json.loads(html.unescape(found[1]))
+
+
+def test_a_browser_shows_it_without_complaint(
+    chromium: str, tmp_path: Path, results: dict[str, Any], page: str
+) -> None:
+    document, complaints = opened(chromium, tmp_path, page)
+    assert complaints == []
+    charts = page_data(results)["charts"]
+    assert f'data-drawn="{len(charts)}"' in document
+    assert document.count("<figure>") == len(charts)
+    for chart in charts:
+        assert html.escape(chart["title"], quote=False) in document
+        assert html.escape(chart["y_label"], quote=False) in document
+    assert html.escape(headline(results), quote=False) in document
+    assert "NaN" not in document.split("<script")[0]
+
+
+def test_complaints_would_be_seen(chromium: str, tmp_path: Path, page: str) -> None:
+    _, complaints = opened(chromium, tmp_path, page, "console.warn('so far, so good')")
+    assert len(complaints) == 1
+    assert "so far, so good" in complaints[0]
+    _, complaints = opened(chromium, tmp_path, page, "fetch('https://example.org/').catch(() => 0)")
+    assert any("Content Security Policy" in line for line in complaints)
+
+
+def test_no_truth_and_hostile_names_in_a_browser(
+    chromium: str, tmp_path: Path, blind: dict[str, Any]
+) -> None:
+    bad = copy.deepcopy(blind)
+    bad["log"]["name"] = bad["log"]["notes"] = HOSTILE
+    bad["log"]["notes"] = [HOSTILE]
+    for variants in (bad["variants"], bad["series"]["variants"]):
+        variants[HOSTILE] = variants.pop("differential")
+    document, complaints = opened(chromium, tmp_path, replay_page(bad))
+    assert complaints == []
+    assert re.search(r'data-drawn="[1-9]', document)
+    assert "<img" not in document
+
+
+ACT = """
+const told = {}, map = document.querySelector("svg.map"), box = map.getBoundingClientRect();
+const ends = () => [...map.querySelectorAll("text")].map((one) => one.textContent).join(" ");
+const lines = () => map.querySelectorAll("path").length;
+const fire = (type, name, more) => map.dispatchEvent(new type(name, { bubbles: true, cancelable: true,
+  clientX: box.left + box.width / 2, clientY: box.top + box.height / 2, ...more }));
+const point = (name, id, dx, dy) => fire(PointerEvent, name, { pointerId: id,
+  clientX: box.left + box.width / 2 + dx, clientY: box.top + box.height / 2 + dy });
+const frame = () => new Promise((done) => setTimeout(done, 50));
+(async () => {
+  const first = ends();
+  told.cancelled = !fire(WheelEvent, "wheel", { deltaY: -500 });
+  await frame();
+  told.wheel = ends() !== first;
+  fire(MouseEvent, "dblclick", {});
+  await frame();
+  told.reset = ends() === first;
+  point("pointerdown", 1, 0, 0); point("pointermove", 1, 150, 60); point("pointerup", 1, 150, 60);
+  await frame();
+  told.drag = ends() !== first;
+  document.querySelector("button[aria-label='show all']").click();
+  await frame();
+  told.button = ends() === first;
+  point("pointerdown", 1, -50, 0); point("pointerdown", 2, 50, 0);
+  point("pointermove", 1, -200, 0); point("pointermove", 2, 200, 0);
+  point("pointerup", 1, -200, 0); point("pointerup", 2, 200, 0);
+  await frame();
+  told.pinch = ends() !== first;
+  fire(MouseEvent, "dblclick", {});
+  const time = document.querySelector("svg.over"), scrolls = new WheelEvent("wheel",
+    { deltaY: -500, bubbles: true, cancelable: true });
+  told.scrolls = time.dispatchEvent(scrolls);
+  const before = lines(), toggle = document.querySelector(".toggles input");
+  toggle.click();
+  await frame();
+  told.hidden = before - lines();
+  toggle.click();
+  await frame();
+  told.shown = before - lines();
+  told.requests = performance.getEntriesByType("resource").length;
+  told.sideways = document.documentElement.scrollWidth > document.documentElement.clientWidth;
+  const pre = document.createElement("pre");
+  pre.id = "told";
+  pre.textContent = JSON.stringify(told);
+  document.body.append(pre);
+})();
+"""
+
+
+def test_paths_zoom_and_pan_by_wheel_drag_and_pinch_and_variants_hide(
+    chromium: str, tmp_path: Path, page: str
+) -> None:
+    # A browser without a screen that is told to dump its document draws no more frames.
+    frames = "<script>window.requestAnimationFrame = (draw) => setTimeout(draw, 0);</script></head>"
+    document, complaints = opened(chromium, tmp_path, page.replace("</head>", frames), ACT)
+    assert complaints == []
+    assert told_by(document) == {
+        "cancelled": True,
+        "wheel": True,
+        "reset": True,
+        "drag": True,
+        "button": True,
+        "pinch": True,
+        "scrolls": True,
+        # The path and the square at its end.
+        "hidden": 2,
+        "shown": 0,
+        "requests": 0,
+        "sideways": False,
+    }
+
+
+PHONE = """
+<!DOCTYPE html><html><body><iframe id="phone" style="width:390px;height:800px"></iframe>
+<script type="text/plain" id="page">PAGE</script><script>
+const phone = document.getElementById("phone"), told = {};
+phone.addEventListener("load", () => setTimeout(() => {
+  const inside = phone.contentDocument, root = inside.documentElement;
+  told.width = root.clientWidth;
+  told.sideways = root.scrollWidth > root.clientWidth;
+  told.cut = [...inside.querySelectorAll("svg text")].filter((one) => {
+    const text = one.getBoundingClientRect(), svg = one.closest("svg").getBoundingClientRect();
+    return text.left < svg.left - 2 || text.right > svg.right + 12;
+  }).map((one) => one.textContent);
+  told.verdict = inside.querySelector(".headline").getBoundingClientRect().bottom;
+  const pre = document.createElement("pre");
+  pre.id = "told";
+  pre.textContent = JSON.stringify(told);
+  document.body.append(pre);
+}, 1000));
+phone.srcdoc = new TextDecoder().decode(Uint8Array.from(atob(
+  document.getElementById("page").textContent), (one) => one.charCodeAt(0)));
+</script></body></html>
+"""
+
+
+def test_at_the_width_of_a_phone_nothing_is_cut_off(
+    chromium: str, tmp_path: Path, page: str
+) -> None:
+    from base64 import b64encode
+
+    wrapper = PHONE.replace("PAGE", b64encode(page.encode()).decode())
+    document, complaints = opened(chromium, tmp_path, wrapper)
+    assert complaints == []
+    told = told_by(document)
+    assert told["width"] == pytest.approx(390, abs=20)
+    assert not told["sideways"]
+    assert told["cut"] == []
+    # At first glance, above the fold.
+    assert told["verdict"] < 500

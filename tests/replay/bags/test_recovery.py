@@ -1,0 +1,231 @@
+from __future__ import annotations
+
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags import rosbag1, rosbag2
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+
+from conftest import make_log, sample_log
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.bags.recovery import RecordWalk
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.inspection.inspect import inspect
+from icreckon.replay.reading.read_log import read_log
+
+SHARES = [0.05, 0.2, 0.5, 0.8, 0.97]
+
+
+@pytest.fixture(scope="module")
+def made() -> Log:
+    """Long enough for several chunks of a megabyte."""
+    return make_log(seconds=60.0)
+
+
+@pytest.fixture(scope="module")
+def bags(made: Log, robot: Robot, tmp_path_factory) -> dict[str, Path]:
+    """The log in every format and compression, as single files."""
+    folder = tmp_path_factory.mktemp("bags")
+    plain = write_log(made, folder / "plain.mcap", "mcap", robot)
+    ros1 = write_log(made, folder / "plain.bag", "ros1", robot)
+    found = {
+        "mcap": plain,
+        "mcap-zstd": _compressed_mcap(plain, folder / "zstd"),
+        "ros1": ros1,
+    }
+    for name in ("BZ2", "LZ4"):
+        found[f"ros1-{name.lower()}"] = _compressed_ros1(ros1, folder / f"{name}.bag", name)
+    return found
+
+
+def _compressed_mcap(source: Path, folder: Path) -> Path:
+    writer = rosbag2.Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with rosbag2.Reader(source) as reader, writer:
+        copies = {
+            connection.id: writer.add_connection(
+                connection.topic, connection.msgtype, msgdef=connection.msgdef.data, rihs01="none"
+            )
+            for connection in reader.connections
+        }
+        for connection, time, data in reader.messages():
+            writer.write(copies[connection.id], time, data)
+    return folder / "zstd.mcap"
+
+
+def _compressed_ros1(source: Path, target: Path, form: str) -> Path:
+    writer = rosbag1.Writer(target)
+    writer.set_compression(rosbag1.Writer.CompressionFormat[form])
+    with rosbag1.Reader(source) as reader, writer:
+        copies = {
+            connection.id: writer.add_connection(
+                connection.topic,
+                connection.msgtype,
+                msgdef=connection.msgdef.data,
+                md5sum=connection.digest,
+            )
+            for connection in reader.connections
+        }
+        for connection, time, data in reader.messages():
+            writer.write(copies[connection.id], time, data)
+    return target
+
+
+KINDS = ["mcap", "mcap-zstd", "ros1", "ros1-bz2", "ros1-lz4"]
+
+
+def _cut(path: Path, share: float, folder: Path) -> Path:
+    short = folder / f"cut{path.suffix}"
+    data = path.read_bytes()
+    short.write_bytes(data[: int(len(data) * share)])
+    return short
+
+
+def _log_or_error(path: Path, robot: Robot) -> Log | ReplayError:
+    try:
+        return read_log(path, robot)
+    except ReplayError as problem:
+        return problem
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_walking_an_intact_file_finds_what_its_index_finds(bags, kind: str) -> None:
+    walk = RecordWalk(bags[kind])
+    found = [(r.channel.topic, r.channel.msgtype, r.time, bytes(r.data)) for r in walk.records()]
+    assert walk.complete
+    reader_class = rosbag1.Reader if kind.startswith("ros1") else rosbag2.Reader
+    with reader_class(bags[kind]) as reader:
+        expected = [(c.topic, c.msgtype, t, bytes(data)) for c, t, data in reader.messages()]
+    assert sorted(found) == sorted(expected)
+
+
+# bz2 packs 900 kB at a time, and nothing of a block can be read before its end.
+CUTS = [(kind, share) for kind in KINDS for share in SHARES if kind != "ros1-bz2" or share > 0.4]
+
+
+@pytest.mark.parametrize(("kind", "share"), CUTS)
+def test_a_cut_file_is_read_up_to_the_break(
+    bags, made: Log, robot: Robot, tmp_path: Path, kind: str, share: float
+) -> None:
+    short = _cut(bags[kind], share, tmp_path)
+    log = read_log(short, robot)
+    count = len(log.tracks.stamps)
+    speeds = made.tracks.speeds[:count] / robot.vehicle.sprocket_radius
+    assert 0 < count <= len(made.tracks.stamps)
+    np.testing.assert_array_equal(log.tracks.stamps, made.tracks.stamps[:count])
+    np.testing.assert_array_equal(log.tracks.speeds, speeds * robot.vehicle.sprocket_radius)
+    np.testing.assert_array_equal(log.imu.stamps, made.imu.stamps[: len(log.imu.stamps)])
+    assert log.dropped == {}
+    (note,) = (note for note in log.notes if "messages" in note)
+    assert short.name in note
+    # An uncompressed file gives up to the last whole message; a compressed one loses a block.
+    if kind in ("mcap", "ros1"):
+        assert count / len(made.tracks.stamps) > share - 0.1
+        assert "cut short" in note or "without the index" in note
+
+
+def test_every_cut_gives_a_log_or_one_clear_error(robot: Robot, tmp_path: Path) -> None:
+    log = make_log(seconds=0.5)
+    for form in ("mcap", "ros1", "sqlite3"):
+        suffix = {"mcap": ".mcap", "ros1": ".bag", "sqlite3": ".db3"}[form]
+        path = write_log(log, tmp_path / f"{form}{suffix}", form, robot)
+        size = path.stat().st_size
+        counts = []
+        for length in range(0, size, max(1, size // 150)):
+            short = _cut(path, length / size, tmp_path)
+            found = _log_or_error(short, robot)
+            if isinstance(found, ReplayError):
+                assert "\n" not in str(found)
+                assert short.name in str(found)
+            counts.append(len(found.tracks.stamps) if isinstance(found, Log) else 0)
+        assert counts == sorted(counts)
+        if form == "sqlite3":
+            # All or nothing: only pages at the end that hold no messages can be missed.
+            assert set(counts) <= {0, len(log.tracks.stamps)}
+        else:
+            assert max(counts) == len(log.tracks.stamps)
+
+
+def test_a_cut_file_inside_a_ros2_folder(robot: Robot, made: Log, tmp_path: Path) -> None:
+    folder = write_log(made, tmp_path / "bag", "mcap", robot)
+    file = folder / "bag.mcap"
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
+    log = read_log(folder, robot)
+    assert len(made.tracks.stamps) * 0.4 < len(log.tracks.stamps) < len(made.tracks.stamps) * 0.6
+    assert "bag.mcap" in log.notes[0]
+    (folder / "metadata.yaml").unlink()
+    assert len(read_log(folder, robot).tracks.stamps) == len(log.tracks.stamps)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rubbish_in_the_middle_ends_the_log_there(bags, robot: Robot, tmp_path: Path, kind) -> None:
+    data = bytearray(bags[kind].read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 4000] = bytes(4000)
+    hurt = tmp_path / f"hurt{bags[kind].suffix}"
+    hurt.write_bytes(data)
+    found = _log_or_error(hurt, robot)
+    if isinstance(found, ReplayError):
+        assert hurt.name in str(found)
+    else:
+        assert found.notes or found.dropped
+
+
+@pytest.mark.parametrize(
+    ("form", "suffix"), [("mcap", ".mcap"), ("ros1", ".bag"), ("sqlite3", ".db3")]
+)
+def test_flipped_bytes_give_a_log_or_one_clear_error(
+    robot: Robot, tmp_path: Path, form, suffix: str
+) -> None:
+    rng = np.random.default_rng(11)
+    data = write_log(make_log(seconds=0.3), tmp_path / f"bag{suffix}", form, robot).read_bytes()
+    hurt = tmp_path / f"hurt{suffix}"
+    for _ in range(60):
+        flipped = np.frombuffer(data, dtype=np.uint8).copy()
+        places = rng.integers(0, len(data), 5)
+        flipped[places] = rng.integers(0, 256, 5)
+        hurt.write_bytes(flipped.tobytes())
+        found = _log_or_error(hurt, robot)
+        assert isinstance(found, Log) or hurt.name in str(found)
+        with suppress(ReplayError):
+            inspect(hurt)
+
+
+def test_zeros_at_the_end_are_no_records(bags, robot: Robot, tmp_path: Path) -> None:
+    data = bags["mcap"].read_bytes()
+    file = tmp_path / "zeros.mcap"
+    file.write_bytes(data[: len(data) // 2] + bytes(10_000))
+    log = read_log(file, robot)
+    assert len(log.tracks.stamps) > 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "robot_name"),
+    [("marmotte_part1", "marmotte"), ("husky_test1.bag", "husky")],
+)
+def test_cut_sample_logs(data_dir: Path, tmp_path: Path, name: str, robot_name: str) -> None:
+    source = sample_log(data_dir, name)
+    robot = load_robot(robot_name)
+    whole = read_log(source, robot)
+    if source.is_dir():
+        shutil.copytree(source, tmp_path / name, copy_function=shutil.copyfile)
+        (tmp_path / name).chmod(0o755)
+        file = tmp_path / name / f"{name}.mcap"
+    else:
+        file = tmp_path / name
+        shutil.copyfile(source, file)
+    data = file.read_bytes()
+    for share in (0.3, 0.6, 0.9):
+        file.write_bytes(data[: int(len(data) * share)])
+        log = read_log(tmp_path / name, robot)
+        count = len(log.tracks.stamps)
+        assert share - 0.15 < count / len(whole.tracks.stamps) <= share + 0.1
+        np.testing.assert_array_equal(log.tracks.stamps, whole.tracks.stamps[:count])
+        np.testing.assert_array_equal(log.tracks.speeds, whole.tracks.speeds[:count])
+        assert "cut short" in log.notes[0]

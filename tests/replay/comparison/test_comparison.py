@@ -1,0 +1,107 @@
+"""Variants side by side: here, in processes, or on any executor, with the same result."""
+
+import io
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
+from icreckon.replay.base.colours import COLOURS
+from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.comparison.results import summarise
+from icreckon.report.replay.tables import _best, results_table
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+VARIANTS = ["constant-fixed", "inertia-online"]
+
+
+class PicklingExecutor(Executor):
+    """Sends each task and its result through pickle, as an executor on other machines does."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:  # type: ignore[override]
+        import pickle
+
+        future: Future[Any] = Future()
+        task, arguments = pickle.loads(pickle.dumps((fn, args)))  # noqa: S301
+        future.set_result(pickle.loads(pickle.dumps(task(*arguments, **kwargs))))  # noqa: S301
+        return future
+
+
+def same(a: Comparison, b: Comparison) -> None:
+    assert list(a.runs) == list(b.runs)
+    for name, run in a.runs.items():
+        np.testing.assert_array_equal(run.states, b.runs[name].states)
+        np.testing.assert_array_equal(run.stamps, b.runs[name].stamps)
+
+
+def test_where_the_variants_run_does_not_matter(robot: Robot) -> None:
+    log = simulate(Scenario(duration=15.0, seed=4), robot)
+    here = compare(log, robot, VARIANTS)
+    assert list(here.runs) == VARIANTS
+    same(here, compare(log, robot, VARIANTS, workers=2))
+    with ThreadPoolExecutor(2) as threads:
+        same(here, compare(log, robot, VARIANTS, executor=threads))
+    told: list[float] = []
+    same(here, compare(log, robot, VARIANTS, executor=PicklingExecutor(), progress=told.append))
+    assert told == [0.5, 1.0]
+
+
+def test_a_variant_that_cannot_run_is_refused_before_anything_runs(robot: Robot) -> None:
+    log = simulate(Scenario(duration=5.0), robot)
+    with pytest.raises(EstimatorError, match="did you mean 'inertia-online'"):
+        compare(log, robot, ["inertia-onlin"])
+    vehicle = msgspec.structs.replace(robot.vehicle, centre_of_mass=(0.5, 0.0, 0.3))
+    toppled = msgspec.structs.replace(robot, vehicle=vehicle)
+    told: list[float] = []
+    with pytest.raises(EstimatorError, match=r"leave out .* the friction variants"):
+        compare(log, toppled, ["constant-fixed", "friction-fixed"], progress=told.append)
+    assert not told
+    assert len(compare(log, toppled, ["constant-fixed"]).runs) == 1
+
+
+def test_by_default_all_variants_are_compared(robot: Robot) -> None:
+    log = simulate(Scenario(duration=5.0), robot)
+    comparison = compare(log, robot)
+    assert list(comparison.runs) == list(ALL_VARIANTS)
+    results = summarise(comparison, robot, command="test", configuration={})
+    console = Console(width=120, file=io.StringIO())
+    console.print(results_table(results))
+    printed = console.file.getvalue()
+    assert all(f" {name} " in printed for name in ALL_VARIANTS)
+    assert "…" not in printed
+    assert set(COLOURS) == set(ALL_VARIANTS)
+    assert len(set(COLOURS.values())) == len(COLOURS)
+
+
+def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(robot: Robot) -> None:
+    log = simulate(Scenario(duration=25.0, seed=4, outages=((8.0, 24.0),)), robot)
+    plain = compare(log, robot, VARIANTS)
+    comparison = compare(log, robot, VARIANTS, smooth=True)
+    smoothed = [f"{name}-smoothed" for name in VARIANTS]
+    assert list(comparison.runs) == [*VARIANTS, *smoothed]
+    same(plain, Comparison(log, {name: comparison.runs[name] for name in VARIANTS}, None))
+    results = summarise(comparison, robot, command="test", configuration={})
+    scores, before = results["variants"], summarise(plain, robot, command="test", configuration={})
+    assert {name: scores[name] for name in VARIANTS} == before["variants"]
+    assert (
+        scores["inertia-online-smoothed"]["rmse_v_y_m_s"] < scores["inertia-online"]["rmse_v_y_m_s"]
+    )
+    blind = Comparison(replace(log, truth=None), comparison.runs, None)
+    results = summarise(blind, robot, command="test", configuration={})
+    assert results["reference_variant"] == VARIANTS[-1]
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_the_best_of_the_table_is_one_that_does_not_know_what_comes(wanted: bool) -> None:
+    rows = {"a": {"x": 2.0}, "b": {"x": 3.0}, "b-smoothed": {"x": 1.0}}
+    if wanted:
+        del rows["b-smoothed"]
+    assert _best(rows, ["x"]) == {"x": "a"}

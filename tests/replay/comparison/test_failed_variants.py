@@ -1,0 +1,184 @@
+"""A variant of a comparison that fails is an error of that variant; the others are scored."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+
+from icreckon.cli.comparing import compare_and_report, exit_if_failed
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.lost import LostFilter
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
+from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison import compare as comparing
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.results import summarise
+from icreckon.report.replay.folder import write_report
+from icreckon.report.replay.page import replay_page
+from icreckon.report.replay.page_text import failures
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ROBOT = load_robot("auriga-alpha")
+LOG = simulate(Scenario(duration=30.0, seed=2, outages=((10.0, 30.0),)), ROBOT)
+VARIANTS = ("constant-online", "inertia-online")
+LOST = 12.0  # s
+FROM = int(LOG.start + LOST * 1e9)
+
+
+def nan_state(found: Snapshot) -> Snapshot:
+    return found._replace(state=found.state * np.nan)
+
+
+def negative_variance(found: Snapshot) -> Snapshot:
+    covariance = found.covariance.copy()
+    covariance[3, 3] = -1e-9
+    return found._replace(covariance=covariance)
+
+
+def absurd_speed(found: Snapshot) -> Snapshot:
+    return found._replace(twist=found.twist + 1e6)
+
+
+def breaks(_: Snapshot) -> Snapshot:
+    raise np.linalg.LinAlgError("Singular matrix")
+
+
+def lose(
+    monkeypatch: pytest.MonkeyPatch,
+    names: tuple[str, ...],
+    how: Callable[[Snapshot], Snapshot] = nan_state,
+) -> None:
+    """Lose the filters of these variants at 12 s."""
+
+    class Losing(PoseEstimator):
+        def snapshot(self) -> Snapshot:
+            found = super().snapshot()
+            late = self.stamp is not None and self.stamp >= FROM
+            return how(found) if late and self.variant.name in names else found
+
+    monkeypatch.setattr("icreckon.estimator.streaming.run.PoseEstimator", Losing)
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        (nan_state, "estimate is not finite from 12.0 s on"),
+        (negative_variance, "estimate has negative variances from 12.0 s on"),
+        (absurd_speed, "estimate is absurd (beyond 1e+08 m, 1e+03 m/s or rad/s) from 12.0 s on"),
+        (breaks, "stopped at 12.0 s by LinAlgError: Singular matrix"),
+    ],
+)
+def test_a_lost_variant_is_named_and_the_others_are_scored(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, how: Any, reason: str
+) -> None:
+    whole = compare(LOG, ROBOT, VARIANTS)
+    lose(monkeypatch, ("inertia-online",), how)
+    found = compare(LOG, ROBOT, VARIANTS)
+    assert list(found.runs) == ["constant-online"]
+    assert found.failed["inertia-online"].reason == reason
+    assert np.array_equal(
+        found.runs["constant-online"].states, whole.runs["constant-online"].states
+    )
+    results = summarise(found, ROBOT, command="replay", configuration={})
+    assert list(results["variants"]) == ["constant-online"]
+    assert results["failed"]["inertia-online"]["reason"] == reason
+    assert results["failed"]["inertia-online"]["since_s"] == pytest.approx(LOST, abs=0.03)
+    assert results["variants"]["constant-online"]["drift_percent_10s_mean"] > 0.0
+    line = f"ERROR: inertia-online has no result: {reason}"
+    assert failures(results) == [line]
+    page = replay_page(results)
+    assert page.index(line) < page.index('class="headline"')
+    write_report(tmp_path, found, results, ROBOT, ("tum",))
+    assert not (tmp_path / "inertia-online.tum").exists()
+    assert (tmp_path / "constant-online.tum").exists()
+
+
+def test_all_variants_lost_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    lose(monkeypatch, VARIANTS)
+    with pytest.raises(
+        ReplayError,
+        match=r"no variant has a result: constant-online: estimate is not finite from 12",
+    ):
+        compare(LOG, ROBOT, VARIANTS)
+
+
+def test_a_logged_truth_is_aligned_with_another_variant_if_the_usual_one_is_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert LOG.truth is not None
+    log = replace(LOG, truth=replace(LOG.truth, twists=None))
+    lose(monkeypatch, ("constant-online",))
+    found = compare(log, ROBOT, VARIANTS)
+    assert list(found.runs) == ["inertia-online"]
+    assert found.alignment is not None
+
+
+def test_smoothing_that_is_lost_leaves_the_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+    def smooth_run(*arguments: Any, **named: Any) -> Any:
+        from icreckon.estimator.streaming.smoother import smooth
+
+        found = smooth(*arguments, **named)
+        return found._replace(
+            smoothed=replace(found.smoothed, states=found.smoothed.states * np.inf)
+        )
+
+    monkeypatch.setattr(comparing, "smooth_run", smooth_run)
+    with np.errstate(invalid="ignore"):
+        found = compare(LOG, ROBOT, ("differential",), smooth=True)
+    assert list(found.runs) == ["differential"]
+    assert list(found.failed) == ["differential-smoothed"]
+
+
+def test_a_variant_that_is_lost_side_by_side_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = compare(LOG, ROBOT, VARIANTS).runs
+    lost_run = replace(made["inertia-online"], states=made["inertia-online"].states * np.nan)
+
+    def run_side_by_side(*_: Any, **__: Any) -> dict[str, Run]:
+        return made | {"inertia-online": lost_run}
+
+    monkeypatch.setattr("icreckon.estimator.batch.replay.run_side_by_side", run_side_by_side)
+    monkeypatch.setattr(comparing, "MANY_SAMPLES", 100)
+    found = compare(LOG, ROBOT, VARIANTS)
+    assert list(found.runs) == ["constant-online"]
+    assert found.failed["inertia-online"].reason == "estimate is not finite from 0.0 s on"
+
+
+def test_the_command_writes_what_it_has_and_exits_with_1(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lose(monkeypatch, ("inertia-online",))
+    failed = compare_and_report(
+        LOG,
+        ROBOT,
+        tmp_path,
+        command="replay",
+        configuration={},
+        inputs={},
+        variants=[*VARIANTS],
+        workers=1,
+    )
+    assert {"results.json", "page.html", "figure.png"} <= {path.name for path in tmp_path.iterdir()}
+    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert list(results["failed"]) == ["inertia-online"]
+    shown = capsys.readouterr().out
+    assert "inertia-online" in shown
+    assert "ERROR" in shown
+    with pytest.raises(typer.Exit) as left:
+        exit_if_failed(failed)
+    assert left.value.exit_code == 1
+    assert "ERROR: inertia-online has no result" in capsys.readouterr().err
+    exit_if_failed([])
+
+
+def test_a_failure_survives_the_way_from_a_worker_process() -> None:
+    import pickle
+
+    lost = pickle.loads(pickle.dumps(LostFilter("differential", "lost from 1.0 s on", 1.0)))  # noqa: S301
+    assert (str(lost), lost.seconds) == ("differential: lost from 1.0 s on", 1.0)

@@ -1,0 +1,138 @@
+"""Where a run starts whose log has fixes but no truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import sample_log
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.initial_pose import ANY_HEADING, EXACT_ORIGIN, start_from_fixes
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+VARIANT = "constant-online"
+
+
+@pytest.fixture(scope="module")
+def log(robot: Robot) -> Log:
+    """A drive with position fixes, in `odom`, and what was true."""
+    return simulate(
+        Scenario(duration=60.0, seed=4, trajectory="slalom", fixes=FixSpec(sigma=0.1)), robot
+    )
+
+
+def moved(log: Log, x: float, y: float, yaw: float) -> Log:
+    """The log with its fixes in another frame, and without its truth."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    poses = log.fixes.poses.copy()
+    poses[:, 0] = x + c * log.fixes.poses[:, 0] - s * log.fixes.poses[:, 1]
+    poses[:, 1] = y + s * log.fixes.poses[:, 0] + c * log.fixes.poses[:, 1]
+    return replace(log, fixes=FixSeries(log.fixes.stamps, poses, log.fixes.variances), truth=None)
+
+
+def start(log: Log, robot: Robot):
+    return start_from_fixes(log, robot, VARIANT, None)
+
+
+def test_fixes_in_odom_start_at_the_origin(log: Log, robot: Robot) -> None:
+    assert start(replace(log, truth=None), robot) == EXACT_ORIGIN
+    assert start(replace(log, fixes=None), robot) == EXACT_ORIGIN
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2.0, -3.0])
+@pytest.mark.parametrize("place", [(0.0, 0.0), (500.0, -80.0)])
+def test_fixes_in_another_frame(
+    log: Log, robot: Robot, place: tuple[float, float], yaw: float
+) -> None:
+    if place == (0.0, 0.0) and yaw == 0.0:
+        return
+    begin = log.truth.poses.poses[0]
+    found = start(moved(log, *place, yaw), robot)
+    expected = np.array([*place, yaw]) + np.array([0.0, 0.0, begin[2]])
+    off = np.array(found.pose) - expected
+    off[2] = wrap_angle(off[2])
+    assert (np.abs(off) < 3.0 * np.array(found.sigma)).all()
+    assert found.sigma[2] < 0.3
+
+
+def test_a_heading_tells_the_start_of_a_robot_that_stands(log: Log, robot: Robot) -> None:
+    elsewhere = moved(log, 100.0, 50.0, 2.0)
+    fixes = elsewhere.fixes
+    one = replace(
+        elsewhere, fixes=FixSeries(fixes.stamps[:1], fixes.poses[:1], fixes.variances[:1])
+    )
+    assert start(one, robot).sigma[2] == ANY_HEADING
+    heading = HeadingFix(log.start, 2.02, 0.01)
+    found = start(replace(one, others=(heading,)), robot)
+    assert found.pose[2] == pytest.approx(2.02)
+    assert found.sigma[2] == pytest.approx(0.1)
+
+
+def test_a_robot_that_stands_for_long_at_first(log: Log, robot: Robot) -> None:
+    wait = 300 * 10**9
+    elsewhere = moved(log, 0.0, 0.0, 2.0)
+    tracks, imu, fixes = elsewhere.tracks, elsewhere.imu, elsewhere.fixes
+    before = np.arange(0, wait, 10**8) + log.start
+    still = np.zeros(len(before))
+    # Standing still, its gyro shows the bias that it has later.
+    turning = np.interp(imu.stamps, log.truth.twists.stamps, log.truth.twists.twists[:, 2])
+    bias = float((imu.angular_velocity[:, 2] - turning).mean())
+    waited = replace(
+        elsewhere,
+        tracks=TrackSpeedSeries(
+            np.concatenate([before, tracks.stamps + wait]),
+            np.concatenate([np.zeros((len(before), 2)), tracks.speeds]),
+        ),
+        imu=ImuSeries(
+            np.concatenate([before, imu.stamps + wait]),
+            np.concatenate([np.column_stack([still, still, still + bias]), imu.angular_velocity]),
+            np.concatenate(
+                [np.column_stack([still, still, still + 9.81]), imu.linear_acceleration]
+            ),
+        ),
+        fixes=FixSeries(
+            np.concatenate([before[::10], fixes.stamps + wait]),
+            np.concatenate([fixes.poses[np.zeros(len(before[::10]), dtype=int)], fixes.poses]),
+            np.concatenate(
+                [fixes.variances[np.zeros(len(before[::10]), dtype=int)], fixes.variances]
+            ),
+        ),
+    )
+    found = start(waited, robot)
+    assert found.pose[2] == pytest.approx(2.0 + log.truth.poses.poses[0, 2], abs=0.15)
+
+
+def test_a_comparison_starts_there(log: Log, robot: Robot) -> None:
+    elsewhere = moved(log, 500.0, -80.0, 2.0)
+    comparison = compare(elsewhere, robot, [VARIANT])
+    found = comparison.runs[VARIANT].trajectory
+    at = np.searchsorted(found.stamps, elsewhere.fixes.stamps[2:])
+    at = np.minimum(at, len(found.stamps) - 1)
+    off = np.hypot(*(found.poses[at, :2] - elsewhere.fixes.poses[2:, :2]).T)
+    assert off.max() < 1.0
+    assert not comparison.runs[VARIANT].health.sensors["position"].rejected
+
+
+def test_a_sample_log_with_gps(data_dir: Path) -> None:
+    robot = load_robot("husky")
+    robot.log["fixes"] = {"topic": "/fix"}
+    log = read_log(sample_log(data_dir, "husky_test1.bag"), robot)
+    found = compare(log, robot, [VARIANT]).runs[VARIANT].trajectory
+    poses = np.column_stack(
+        [np.interp(log.fixes.stamps, found.stamps, found.poses[:, k]) for k in (0, 1)]
+    )
+    off = np.hypot(*(poses - log.fixes.poses[:, :2]).T)
+    # Plain GPS is a metre or two off and wanders; it must not start with the wrong heading.
+    assert np.median(off) < 2.0
+    assert off[:50].max() < 3.0

@@ -1,0 +1,258 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from msgspec.structs import replace as replace_fields
+
+from conftest import make_log
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, PoseSeries
+from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.export.log_bag import check_place, write_log
+from icreckon.replay.mapping.topics import (
+    DEFAULT_TOPICS,
+    FixTopic,
+    ImuTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+    topic_map,
+    writable_topics,
+)
+from icreckon.replay.reading.read_log import read_log
+
+FORMATS = ["mcap", "sqlite3", "ros1"]
+
+
+def assert_same(found: Log, written: Log, radius: float) -> None:
+    """Bit for bit, but for what a sprocket radius and a quaternion round."""
+
+    def same_tracks(a, b):
+        np.testing.assert_array_equal(a.stamps, b.stamps)
+        np.testing.assert_array_equal(a.speeds, b.speeds / radius * radius)
+
+    def same_poses(a, b):
+        np.testing.assert_array_equal(a[:, :2], b[:, :2])
+        np.testing.assert_array_equal(np.isnan(a[:, 2]), np.isnan(b[:, 2]))
+        turned = wrap_angle(a[:, 2] - b[:, 2])
+        assert np.nanmax(np.abs(turned)) < 1e-14
+
+    same_tracks(found.tracks, written.tracks)
+    np.testing.assert_array_equal(found.imu.stamps, written.imu.stamps)
+    np.testing.assert_array_equal(found.imu.angular_velocity, written.imu.angular_velocity)
+    if written.imu.linear_acceleration is None:
+        assert found.imu.linear_acceleration is None
+    else:
+        np.testing.assert_array_equal(
+            found.imu.linear_acceleration, written.imu.linear_acceleration
+        )
+    np.testing.assert_array_equal(found.fixes.stamps, written.fixes.stamps)
+    np.testing.assert_array_equal(found.fixes.variances, written.fixes.variances)
+    same_poses(found.fixes.poses, written.fixes.poses)
+    np.testing.assert_array_equal(found.truth.poses.stamps, written.truth.poses.stamps)
+    same_poses(found.truth.poses.poses, written.truth.poses.poses)
+    np.testing.assert_array_equal(found.truth.twists.stamps, written.truth.twists.stamps)
+    np.testing.assert_array_equal(found.truth.twists.twists, written.truth.twists.twists)
+    same_tracks(found.truth.tracks, written.truth.tracks)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_log_comes_back_as_it_was_written(tmp_path: Path, robot: Robot, form) -> None:
+    log = make_log()
+    path = write_log(log, tmp_path / "bag", form, robot)
+    found = read_log(path, robot)
+    assert path.name == ("bag.bag" if form == "ros1" else "bag")
+    assert found.name == "bag"
+    assert found.dropped == {}
+    assert found.notes == ()
+    assert_same(found, log, robot.vehicle.sprocket_radius)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_an_imu_without_accelerometer(tmp_path: Path, robot: Robot, form) -> None:
+    log = make_log()
+    log = replace(log, imu=ImuSeries(log.imu.stamps, log.imu.angular_velocity))
+    found = read_log(write_log(log, tmp_path / "bag", form, robot), robot)
+    assert_same(found, log, robot.vehicle.sprocket_radius)
+
+
+@pytest.mark.parametrize(("form", "suffix"), [("mcap", ".mcap"), ("sqlite3", ".db3")])
+def test_a_bare_file(tmp_path: Path, robot: Robot, form, suffix) -> None:
+    log = make_log()
+    path = write_log(log, tmp_path / f"bare{suffix}", form, robot)
+    assert path.is_file()
+    assert_same(read_log(path, robot), log, robot.vehicle.sprocket_radius)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_log_without_imu_fixes_and_truth(tmp_path: Path, robot: Robot) -> None:
+    log = replace(make_log(), imu=None, fixes=None, truth=None)
+    found = read_log(write_log(log, tmp_path / "bag", "mcap", robot), robot)
+    assert found.imu is None
+    assert found.fixes is None
+    assert found.truth is None
+    # Each stream that the robot's mapping names and the bag has not is told of.
+    assert len(found.notes) == 5
+
+
+def test_several_joints_on_a_side(tmp_path: Path) -> None:
+    robot = Robot(
+        "four-wheels",
+        Vehicle(1.0, 1.0, 0.25),
+        log={"tracks": {"topic": "/js", "left": ["fl", "rl"], "right": ["fr", "rr"]}},
+    )
+    log = Log("made", make_log().tracks)
+    found = read_log(write_log(log, tmp_path / "bag", "mcap", robot), robot)
+    np.testing.assert_array_equal(found.tracks.speeds, log.tracks.speeds)
+
+
+def test_nothing_is_overwritten_unasked(tmp_path: Path, robot: Robot) -> None:
+    log = make_log(1.0)
+    path = write_log(log, tmp_path / "bag", "mcap", robot)
+    before = (path / "bag.mcap").read_bytes()
+    with pytest.raises(ReplayError, match="--overwrite"):
+        write_log(make_log(2.0), path, "mcap", robot)
+    assert (path / "bag.mcap").read_bytes() == before
+    write_log(make_log(2.0), path, "sqlite3", robot, overwrite=True)
+    assert sorted(file.name for file in path.iterdir()) == ["bag.db3", "metadata.yaml"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_no_bag_is_never_replaced(tmp_path: Path, robot: Robot) -> None:
+    precious = tmp_path / "thesis" / "chapter.txt"
+    precious.parent.mkdir()
+    precious.write_text("words")
+    with pytest.raises(ReplayError, match="not replaced"):
+        write_log(make_log(1.0), precious.parent, "mcap", robot, overwrite=True)
+    assert precious.read_text() == "words"
+
+
+def test_a_failed_write_leaves_nothing_behind(tmp_path: Path, robot: Robot) -> None:
+    log = make_log(1.0)
+    broken = replace(log, truth=replace(log.truth, poses=PoseSeries(*_late(log))))
+    with pytest.raises(ReplayError, match="stamp"):
+        write_log(broken, tmp_path / "bag", "mcap", robot)
+    assert list(tmp_path.iterdir()) == []
+
+
+def _late(log: Log):
+    stamps = log.truth.poses.stamps.copy()
+    stamps[0] = -1
+    return stamps, log.truth.poses.poses
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("name", ["jackal", "marmotte", "warthog", "wetexplorer"])
+def test_any_robot_s_log_comes_back_as_it_was_written(tmp_path: Path, form, name) -> None:
+    robot, log = load_robot(name), make_log(1.0)
+    found = read_log(write_log(log, tmp_path / "bag", form, robot), robot)
+    assert_same(found, log, robot.vehicle.sprocket_radius)
+    assert found.truth.source == log.truth.source
+    assert found.notes == (
+        "topics as the bag itself names them (/icreckon/topics), not as the robot file does",
+    )
+
+
+def test_a_mapping_in_the_bag_names_only_what_the_log_has(tmp_path: Path) -> None:
+    robot = Robot("bare", Vehicle(1.0, 1.0, 0.1))
+    log = replace(make_log(1.0), fixes=None, truth=None)
+    path = write_log(log, tmp_path / "bag", "mcap", robot)
+    assert len(read_log(path, robot).notes) == 1
+    explicit = read_log(path, robot, topics=DEFAULT_TOPICS)
+    np.testing.assert_array_equal(explicit.imu.stamps, log.imu.stamps)
+    assert not [note for note in explicit.notes if "/icreckon/topics" in note.split(";")[0]]
+
+
+def test_what_a_robot_file_does_not_map_goes_where_auriga_alpha_has_it(robot: Robot) -> None:
+    assert topic_map(robot, "file") == DEFAULT_TOPICS == writable_topics(TopicMap())
+    own = TopicMap(
+        TrackTopic("/odom", gauge=0.5),
+        ImuTopic("/imu/data", time="recording"),
+        FixTopic("/gps"),
+        TruthTopic("/lidar", source="lidar map"),
+    )
+    full = writable_topics(own)
+    assert (full.imu, full.fixes, full.tracks) == (own.imu, own.fixes, DEFAULT_TOPICS.tracks)
+    assert full.truth == replace_fields(DEFAULT_TOPICS.truth, topic="/lidar", source="lidar map")
+    # Two streams on one topic could not be told apart.
+    assert writable_topics(TopicMap(imu=ImuTopic("/joint_states"))) == DEFAULT_TOPICS
+
+
+def test_a_file_that_is_no_bag_is_never_replaced(tmp_path: Path, robot: Robot) -> None:
+    precious = tmp_path / "afile"
+    precious.write_text("a\n")
+    for write in (check_place, partial(write_log, make_log(1.0))):
+        with pytest.raises(ReplayError, match="that icreckon did not write; it is not replaced"):
+            write(precious, "mcap", robot, overwrite=True)
+    assert precious.read_text() == "a\n"
+    for form, name in (("mcap", "one.mcap"), ("sqlite3", "one.db3"), ("ros1", "one.bag")):
+        path = tmp_path / name
+        path.touch()
+        for seconds in (1.0, 2.0):
+            write_log(make_log(seconds), path, form, robot, overwrite=True)
+            assert len(read_log(path, robot).tracks.stamps) == 50 * seconds
+
+
+def test_what_cannot_be_written_is_refused_beforehand(tmp_path: Path, robot: Robot) -> None:
+    check_place(tmp_path / "run", "ros1", robot)
+    write_log(make_log(1.0), tmp_path / "run", "ros1", robot)
+    with pytest.raises(ReplayError, match=r"run\.bag exists already; give --overwrite"):
+        check_place(tmp_path / "run", "ros1", robot)
+    bad = Robot("bad", Vehicle(1.0, 1.0, 0.1), log={"tracks": {"topik": "/js"}})
+    with pytest.raises(ReplayError, match="did you mean 'topic'"):
+        check_place(tmp_path / "other", "mcap", bad)
+
+
+def test_messages_lie_in_the_order_of_their_stamps(tmp_path: Path, robot: Robot) -> None:
+    path = write_log(make_log(), tmp_path / "bag", "mcap", robot)
+    with (path / "bag.mcap").open("rb") as file:
+        times = [
+            message.log_time
+            for _, _, message in make_reader(file).iter_messages(log_time_order=False)
+        ]
+    assert times == sorted(times)
+
+
+def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robot) -> None:
+    log = make_log()
+    path = write_log(log, tmp_path / "bag", "mcap", robot)
+    rows = {}
+    with (path / "bag.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            if schema.name == "std_msgs/msg/String":
+                assert (channel.topic, decoded.data) == ("/ground_truth/source", log.truth.source)
+                continue
+            stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
+            assert stamp == message.log_time
+            rows.setdefault((channel.topic, schema.name), []).append((stamp, decoded))
+    assert {name: len(found) for name, found in rows.items()} == {
+        ("/joint_states", "sensor_msgs/msg/JointState"): len(log.tracks.stamps),
+        ("/imu/data_raw", "sensor_msgs/msg/Imu"): len(log.imu.stamps),
+        ("/fix/pose", "geometry_msgs/msg/PoseWithCovarianceStamped"): len(log.fixes.stamps),
+        ("/ground_truth/pose", "geometry_msgs/msg/PoseStamped"): len(log.truth.poses.stamps),
+        ("/ground_truth/twist", "geometry_msgs/msg/TwistStamped"): len(log.truth.twists.stamps),
+        ("/ground_truth/joint_states", "sensor_msgs/msg/JointState"): len(log.truth.tracks.stamps),
+    }
+    _, joints = rows["/joint_states", "sensor_msgs/msg/JointState"][3]
+    assert joints.name == ["left_track_joint", "right_track_joint"]
+    radius = robot.vehicle.sprocket_radius
+    np.testing.assert_array_equal(joints.velocity, log.tracks.speeds[3] / radius)
+    _, imu = rows["/imu/data_raw", "sensor_msgs/msg/Imu"][5]
+    assert imu.header.frame_id == "imu_link"
+    assert imu.orientation_covariance[0] == -1
+    assert imu.linear_acceleration.z == log.imu.linear_acceleration[5, 2]
+    _, fix = rows["/fix/pose", "geometry_msgs/msg/PoseWithCovarianceStamped"][0]
+    assert fix.header.frame_id == "odom"
+    covariance = np.reshape(fix.pose.covariance, (6, 6))
+    np.testing.assert_array_equal(covariance, np.diag(np.diag(covariance)))
+    assert covariance[5, 5] == 1e6
+    assert np.isfinite(covariance).all()

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import written_beside
+from icreckon.replay.export.trajectories import read_tum, write_tum
+
+STAMPS = np.array([-1_500_000_001, 0, 1, 1_700_000_000_123_456_789, 2**62], dtype=np.int64)
+
+
+def poses(stamps: np.ndarray = STAMPS) -> PoseSeries:
+    return PoseSeries(stamps, np.random.default_rng(5).normal(size=(len(stamps), 3)) * [9, 9, 2])
+
+
+def test_a_trajectory_comes_back(tmp_path: Path) -> None:
+    written = poses()
+    found = read_tum(write_tum(tmp_path / "t.tum", written))
+    np.testing.assert_array_equal(found.stamps, written.stamps)
+    np.testing.assert_allclose(found.poses[:, :2], written.poses[:, :2], atol=1e-9)
+    assert np.abs(wrap_angle(found.poses[:, 2] - written.poses[:, 2])).max() < 1e-8
+
+
+def test_the_text(tmp_path: Path) -> None:
+    series = PoseSeries(np.array([1_700_000_000_000_000_007]), np.array([[1.5, -2.0, 0.0]]))
+    path = write_tum(tmp_path / "t.tum", series)
+    assert path.read_text() == (
+        "1700000000.000000007 1.500000000 -2.000000000 0.000000000 "
+        "0.000000000 0.000000000 0.000000000 1.000000000\n"
+    )
+
+
+def test_what_other_programs_write(tmp_path: Path) -> None:
+    path = tmp_path / "other.tum"
+    path.write_text("# timestamp tx ty tz qx qy qz qw\n\n1.5e9 1 2 3 0 0 2 0\n")
+    found = read_tum(path)
+    assert found.stamps[0] == 1_500_000_000 * 10**9
+    np.testing.assert_allclose(found.poses, [[1.0, 2.0, np.pi]])
+
+
+def test_an_empty_trajectory(tmp_path: Path) -> None:
+    none = PoseSeries(np.empty(0, np.int64), np.empty((0, 3)))
+    assert read_tum(write_tum(tmp_path / "t.tum", none)).poses.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("line", "part"),
+    [
+        ("1 2 3 4 5 6 7", "eight finite numbers"),
+        ("x 0 0 0 0 0 0 1", "eight finite numbers"),
+        ("inf 0 0 0 0 0 0 1", "eight finite numbers"),
+        ("9 nan 0 0 0 0 0 1", "eight finite numbers"),
+        ("9 0 0 0 0 0 0 0", "eight finite numbers"),
+        ("1 0 0 0 0 0 0 1", "not after"),
+    ],
+)
+def test_bad_lines(tmp_path: Path, line: str, part: str) -> None:
+    path = tmp_path / "bad.tum"
+    path.write_text(f"1 0 0 0 0 0 0 1\n{line}\n")
+    with pytest.raises(ReplayError, match=f"line 2.*{part}"):
+        read_tum(path)
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ReplayError, match="no such file"):
+        read_tum(tmp_path / "none.tum")
+
+
+def test_no_overwriting_unasked(tmp_path: Path) -> None:
+    path = write_tum(tmp_path / "t.tum", poses())
+    with pytest.raises(ReplayError, match="--overwrite"):
+        write_tum(path, poses(STAMPS[:1]))
+    assert len(read_tum(path).stamps) == len(STAMPS)
+    write_tum(path, poses(STAMPS[:1]), overwrite=True)
+    assert len(read_tum(path).stamps) == 1
+
+
+def _write_and_fail(path: Path, **options: bool) -> None:
+    with written_beside(path, **options) as new:
+        new.write_text("half")
+        raise KeyboardInterrupt
+
+
+def test_an_interrupted_write_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "out.txt"
+    with pytest.raises(KeyboardInterrupt):
+        _write_and_fail(path)
+    assert list(path.parent.iterdir()) == []
+    path.write_text("old")
+    with pytest.raises(KeyboardInterrupt):
+        _write_and_fail(path, overwrite=True)
+    assert path.read_text() == "old"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_folder_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    for content in ("a", "b"):
+        with written_beside(path, overwrite=True, marker="results.json") as new:
+            new.mkdir()
+            (new / "results.json").write_text("{}")
+            (new / content).touch()
+    assert sorted(file.name for file in path.iterdir()) == ["b", "results.json"]

@@ -1,0 +1,296 @@
+"""What inspection finds beyond topics: units, wheels, standstills, columns of tables."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_inspection import driven_log, proposed
+
+from conftest import sample_log
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.scores import drift
+from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
+from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
+from icreckon.replay.inspection.inspect import inspect
+from icreckon.replay.inspection.wheels import (
+    heading_offset,
+    standstills,
+    unit_suspicions,
+    wheel_estimates,
+)
+from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.read_log import read_log
+
+RADIUS, TRACK = 0.2, 0.6
+
+
+def in_rates(log: Log) -> Log:
+    """The driven log with rates of wheels instead of speeds, and the truth of where it went."""
+    speeds = log.tracks.speeds
+    v, w = speeds.mean(axis=1), (speeds[:, 1] - speeds[:, 0]) / TRACK
+    seconds = (log.tracks.stamps - log.tracks.stamps[0]) * 1e-9
+    yaw = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(seconds))])
+    ways = [
+        np.concatenate([[0.0], np.cumsum((v * part)[:-1] * np.diff(seconds))])
+        for part in (np.cos(yaw), np.sin(yaw))
+    ]
+    poses = PoseSeries(log.tracks.stamps, np.column_stack([*ways, yaw]))
+    return replace(
+        log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds / RADIUS), truth=Truth(poses)
+    )
+
+
+def looked_at(log: Log):
+    mounting = estimate_mounting(log)
+    vertical = vertical_rate(log.imu, mounting)
+    return mounting, vertical, wheel_estimates(log, vertical, mounting.turning_correlation)
+
+
+def suspicions(log: Log, *, rates: bool = False, from_twist: bool = False) -> list[str]:
+    mounting, vertical, estimates = looked_at(log)
+    return unit_suspicions(
+        log, mounting, estimates, vertical=vertical, rates=rates, from_twist=from_twist
+    )
+
+
+def test_effective_radius_and_track() -> None:
+    log = in_rates(driven_log((180.0, 5.0, 0.0)))
+    _, _, estimates = looked_at(log)
+    assert estimates.way_ratio == pytest.approx(RADIUS, rel=0.02)
+    assert estimates.way_source == "truth"
+    assert estimates.track_ratio == pytest.approx(TRACK / RADIUS, rel=0.05)
+    poses = log.truth.poses
+    fixes = FixSeries(poses.stamps[::50], poses.poses[::50], np.ones((len(poses.stamps[::50]), 2)))
+    _, _, estimates = looked_at(replace(log, truth=None, fixes=fixes))
+    assert estimates.way_source == "fixes"
+    _, _, estimates = looked_at(replace(log, truth=None))
+    assert estimates.way_ratio is None
+
+
+def scaled(log: Log, *, gyro: float = 1.0, force: float = 1.0, tracks: float = 1.0) -> Log:
+    return replace(
+        log,
+        imu=ImuSeries(
+            log.imu.stamps,
+            log.imu.angular_velocity * gyro,
+            log.imu.linear_acceleration * force,
+        ),
+        tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * tracks),
+    )
+
+
+def test_units_that_are_right() -> None:
+    log = driven_log((0.0, 0.0, 0.0))
+    assert suspicions(log) == []
+    assert suspicions(in_rates(log), rates=True) == []
+
+
+@pytest.mark.parametrize(
+    ("factors", "part"),
+    [
+        ({"gyro": 180.0 / np.pi}, "or rather deg/s"),
+        ({"force": 1.0 / 9.80665}, r"not 9.81 m/s²; in g\?"),
+        ({"force": 1000.0 / 9.80665}, r"in mg\?"),
+        ({"force": 0.8}, "not 9.81 m/s²"),
+        ({"tracks": 1000.0}, "or rather mm/s"),
+    ],
+)
+def test_units_that_are_wrong(factors: dict[str, float], part: str) -> None:
+    (said,) = suspicions(scaled(driven_log((0.0, 0.0, 0.0)), **factors))
+    assert re.search(part, said)
+
+
+def test_a_slow_gyro_in_degrees_is_found_against_odometry() -> None:
+    log = driven_log((0.0, 0.0, 0.0))
+    log = scaled(log, gyro=0.1 * 180.0 / np.pi, tracks=0.1)
+    v, w = log.tracks.speeds.mean(axis=1), np.diff(log.tracks.speeds, axis=1)[:, 0] / TRACK
+    twists = np.column_stack([v - 0.5 * w, v + 0.5 * w])
+    log = replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, twists))
+    (said,) = suspicions(log, from_twist=True)
+    assert "times the odometry's yaw rate; in deg/s?" in said
+
+
+def test_standstills() -> None:
+    stops = standstills(driven_log((0.0, 0.0, 0.0)))
+    # It stands for 10 s of each 30 s, and slows down and starts within 1 s.
+    assert len(stops) == 4
+    for (begin, end), expected in zip(stops, (20.0, 50.0, 80.0, 110.0), strict=True):
+        assert begin == pytest.approx(expected, abs=1.0)
+        assert end == pytest.approx(expected + 10.0, abs=1.0)
+
+
+def test_the_offset_of_a_heading() -> None:
+    log = in_rates(driven_log((0.0, 0.0, 0.0)))
+    poses = log.truth.poses
+    chosen = slice(None, None, 25)
+    fixes = FixSeries(
+        poses.stamps[chosen], poses.poses[chosen], np.full((len(poses.stamps[chosen]), 2), 1e-4)
+    )
+    headings = tuple(
+        HeadingFix(int(stamp), float(pose[2] - 1.2), 0.01)
+        for stamp, pose in zip(poses.stamps[chosen], poses.poses[chosen], strict=True)
+    )
+    log = replace(log, truth=None, fixes=fixes, others=headings)
+    assert heading_offset(log) == pytest.approx(np.degrees(1.2), abs=3.0)
+    assert heading_offset(replace(log, others=())) is None
+
+
+def test_a_made_table(tmp_path: Path) -> None:
+    log = in_rates(driven_log((180.0, 5.0, 0.0)))
+    poses = log.truth.poses.poses
+    head = "time_ms,left_wheel_vel_rad,right_wheel_vel_rad,cmd_left_vel,cmd_right_vel"
+    head += ",gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,icp_truth_x,icp_truth_y,icp_truth_yaw"
+    table = np.column_stack(
+        [
+            (log.tracks.stamps - log.tracks.stamps[0]) / 1e6,
+            log.tracks.speeds,
+            0.0 * log.tracks.speeds,
+            log.imu.angular_velocity,
+            log.imu.linear_acceleration,
+            poses,
+        ]
+    )
+    path = tmp_path / "run.csv"
+    np.savetxt(path, table, delimiter=",", header=head, comments="")
+    found = inspect(path)
+    assert [report.topic for report in found.topics] == head.split(",")
+    assert {report.frame_id for report in found.topics} == {"run.csv"}
+    assert {report.count for report in found.topics} == {6000}
+    assert found.duration == pytest.approx(119.98)
+    robot, topics = proposed(found, tmp_path)
+    columns = topics.columns
+    assert (columns.time, columns.time_unit) == ("time_ms", "ms")
+    assert (columns.tracks.left, columns.tracks.unit) == (("left_wheel_vel_rad",), "rad/s")
+    assert columns.imu.angular_velocity == ("gyro_x", "gyro_y", "gyro_z")
+    assert columns.truth.yaw == "icp_truth_yaw"
+    np.testing.assert_allclose(np.abs(robot.imu.rotation_rpy_deg), (180.0, 5.0, 0.0), atol=1.0)
+    assert "Effective radius by the truth: 0.2" in found.proposed_robot_file
+    again = read_log(path, robot)
+    assert len(again.tracks.stamps) == len(again.imu.stamps) == 6000
+    assert again.truth is not None
+
+
+def test_a_table_of_something_else(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("name,colour\nrobot,red\n", encoding="utf-8")
+    found = inspect(path)
+    assert [report.msgtype for report in found.topics] == ["string", "string"]
+    assert found.mapping.columns is None
+    with pytest.raises(ReplayError, match="its columns are name, colour"):
+        read_log(path, Robot("x", Vehicle(1.0, 1.0, 1.0)))
+
+
+def test_counters_need_their_counts(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("t,enc_left,enc_right\n0.0,1,2\n0.1,2,3\n", encoding="utf-8")
+    text = inspect(path).proposed_robot_file
+    assert 'unit = "counts"' in text
+    assert "counts_per_turn = nan    # not in the log: fill in" in text
+
+
+def test_several_files(tmp_path: Path, robot: Robot) -> None:
+    log = driven_log((0.0, 0.0, 0.0))
+    bag = write_log(replace(log, imu=None), tmp_path / "bag", "mcap", robot)
+    other = write_log(replace(log, name="late"), tmp_path / "other", "ros1", robot)
+    found = inspect([bag, other])
+    counts = {report.topic: report.count for report in found.topics}
+    assert counts["/joint_states"] == 12000
+    assert counts["/imu/data_raw"] == 6000
+    assert topic_map(robot, "x").imu == found.mapping.imu
+
+
+@pytest.mark.parametrize(
+    ("name", "radius", "track"),
+    [
+        ("warthog_grass_2024_8_8_16h11s19", 0.286, 1.78),
+        ("warthog_asphalt_2024_9_25_12h8s57", 0.278, 1.85),
+        ("marmotte_part1", 0.113, 0.60),
+        ("husky_deflated_part1", 0.151, 0.97),
+    ],
+)
+def test_sample_logs_show_their_wheels(
+    data_dir: Path, name: str, radius: float, track: float
+) -> None:
+    path = sample_log(data_dir, name)
+    robot = Robot("x", Vehicle(1.0, 1.0, 1.0))
+    found = inspect(path)
+    log = read_log(path, robot, topics=found.mapping)
+    _, _, estimates = looked_at(log)
+    # The README beside the logs has these by least squares.
+    assert estimates.way_ratio == pytest.approx(radius, rel=0.04)
+    assert estimates.track_ratio * estimates.way_ratio == pytest.approx(track, rel=0.06)
+    assert not any(said.startswith("suspicious") for said in found.findings)
+
+
+def test_a_sample_log_whose_odometry_turns_too_much(data_dir: Path) -> None:
+    found = inspect(sample_log(data_dir, "jackal_test2.bag"))
+    assert any("odometry's yaw rate" in said for said in found.findings)
+    found = inspect(sample_log(data_dir, "husky_test1.bag"))
+    assert not any(said.startswith("suspicious") for said in found.findings)
+    assert any("standstills: 1, 10 s in all" in said for said in found.findings)
+    # The maker's controller goes by 0.55 m times 1.875, which is right for this ground.
+    (ratio,) = re.findall(
+        r"Effective track by the gyro: (\S+) times the gauge of its controller",
+        found.proposed_robot_file,
+    )
+    assert float(ratio) == pytest.approx(1.0, abs=0.05)
+
+
+# What no log can tell: sprocket radius (0 where the log needs none), gauge.
+NOT_IN_THE_LOG = {
+    "husky_deflated_part1": (0.151, 0.55),
+    "husky_test1.bag": (0.0, 0.55),
+    "jackal_test2.bag": (0.0, 0.376),
+    "marmotte_part1": (0.113, 0.593),
+    "warthog_asphalt_2024_9_25_12h8s57": (0.278, 1.08),
+    "warthog_grass_2024_7_29_14h46s15": (0.288, 1.08),
+    "warthog_grass_2024_8_8_15h56s39": (0.288, 1.08),
+    "warthog_grass_2024_8_8_16h11s19": (0.286, 1.08),
+}
+
+
+@pytest.mark.parametrize("name", NOT_IN_THE_LOG)
+def test_a_proposed_robot_file_needs_no_more_than_what_no_log_can_tell(
+    data_dir: Path, tmp_path: Path, name: str
+) -> None:
+    radius, gauge = NOT_IN_THE_LOG[name]
+    path = sample_log(data_dir, name)
+    text = inspect(path).proposed_robot_file
+    assert text.count("= nan") == (3 if radius else 2)
+    text = text.replace("mass = nan", "mass = 50.0").replace("gauge = nan", f"gauge = {gauge}")
+    file = tmp_path / "robot.toml"
+    file.write_text(text.replace("radius = nan", f"radius = {radius}"), encoding="utf-8")
+    robot = load_robot(file)
+    log = read_log(path, robot)
+    comparison = compare(log, robot, ["constant-online"])
+    found = comparison.runs["constant-online"]
+    assert len(found.stamps) > 0.9 * len(log.tracks.stamps)
+    gyro = found.health.sensors["gyro"]
+    assert sum(gyro.rejected.values()) < 0.05 * gyro.used
+    if comparison.log.truth is not None:
+        # The files that ship, fitted to these logs, drift by 2 to 6 %.
+        truth = comparison.log.truth.poses
+        assert drift(found.trajectory.pose_series, truth, 30.0).percent_mean < 7.0
+
+
+@pytest.mark.parametrize("number", ["33-58", "36-28"])
+def test_a_log_without_track_speeds_is_said_to_be_one(
+    data_dir: Path, tmp_path: Path, number: str
+) -> None:
+    path = sample_log(data_dir, f"wetexplorer_2024-07-05-13-{number}.bag")
+    robot, _ = proposed(inspect(path), tmp_path)
+    log = read_log(path, robot)
+    assert len(log.fixes.stamps) > 130
+    assert len(log.others) > 130
+    with pytest.raises(EstimatorError, match="no track speeds"):
+        compare(log, robot, ["constant-online"])

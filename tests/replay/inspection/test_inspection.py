@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import make_log, sample_log
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.inspection.guess_topics import sides
+from icreckon.replay.inspection.imu_mounting import estimate_mounting
+from icreckon.replay.inspection.inspect import Inspection, inspect
+from icreckon.replay.mapping.topics import TopicMap, topic_map
+
+
+def proposed(inspection: Inspection, folder: Path) -> tuple[Robot, TopicMap]:
+    """The proposed robot file, completed and read as any robot file."""
+    path = folder / "proposed.toml"
+    path.write_text(inspection.proposed_robot_file, encoding="utf-8")
+    if "nan" in inspection.proposed_robot_file:
+        with pytest.raises(EstimatorError, match="is not filled in"):
+            load_robot(path)
+    completed = inspection.proposed_robot_file.replace("= nan", "= 1.0")
+    path.write_text(completed, encoding="utf-8")
+    robot = load_robot(path)
+    return robot, topic_map(robot, str(path))
+
+
+def driven_log(rpy_deg: tuple[float, float, float], z_only: bool = False) -> Log:
+    """A drive of bends, stops and starts, seen by an IMU that is mounted like this."""
+    rng = np.random.default_rng(2)
+    seconds = np.arange(0.0, 120.0, 0.02)
+    stamps = (seconds * 1e9).astype(np.int64) + 10**9
+    driving = np.where(seconds % 30.0 < 20.0, 1.0, 0.0)
+    gentle = np.convolve(driving, np.ones(50) / 50, "same")
+    speed = gentle * (0.8 + 0.5 * np.sin(0.9 * seconds))
+    rate = gentle * 0.7 * np.sin(0.4 * seconds)
+    forces = np.column_stack(
+        [np.gradient(speed, seconds), speed * rate, np.full_like(seconds, 9.81)]
+    )
+    rates = np.column_stack([0.0 * rate, 0.0 * rate, rate])
+    rotation = rpy_to_matrix(*np.radians(rpy_deg))
+    noise = rng.normal(0.0, 0.002, rates.shape)
+    angular = rates @ rotation + noise + [0.001, -0.002, 0.003]
+    if z_only:
+        angular[:, :2] = 0.0
+    return Log(
+        "driven",
+        TrackSpeedSeries(
+            stamps,
+            np.where(driving + gentle > 0, 1.0, 0.0)[:, None]
+            * np.column_stack([speed - 0.3 * rate, speed + 0.3 * rate]),
+        ),
+        ImuSeries(stamps, angular, forces @ rotation + rng.normal(0.0, 0.1, forces.shape)),
+    )
+
+
+@pytest.mark.parametrize(
+    "rpy_deg",
+    [(0.0, 0.0, 0.0), (180.0, 12.0, 0.0), (0.0, 0.0, 180.0), (90.0, 0.0, -90.0), (2.0, -5.0, 90.0)],
+)
+def test_the_mounting_is_found(rpy_deg: tuple[float, float, float]) -> None:
+    mounting = estimate_mounting(driven_log(rpy_deg))
+    found = rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg))
+    wanted = rpy_to_matrix(*np.radians(rpy_deg))
+    off = np.degrees(np.arccos((np.trace(found @ wanted.T) - 1.0) / 2.0))
+    assert off < 2.0
+    assert mounting.yaw_shown
+    assert mounting.turning_correlation > 0.9
+    assert 30.0 < mounting.still_seconds < 40.0
+    np.testing.assert_allclose(mounting.gyro_bias, [0.001, -0.002, 0.003], atol=3e-4)
+    assert mounting.gyro_noise_density == pytest.approx(0.002 * np.sqrt(0.02), rel=0.15)
+    assert mounting.accelerometer_noise_density == pytest.approx(0.1 * np.sqrt(0.02), rel=0.2)
+
+
+def test_a_lone_z_gyro_and_swapped_tracks() -> None:
+    log = driven_log((180.0, 10.0, 0.0), z_only=True)
+    mounting = estimate_mounting(log)
+    assert mounting.gyro_axes == "z"
+    assert mounting.turning_correlation > 0.9
+    swapped = replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds[:, ::-1]))
+    assert estimate_mounting(swapped).turning_correlation < -0.9
+
+
+def test_joint_names() -> None:
+    assert sides(["left_wheel", "right_wheel"]) == (("left_wheel",), ("right_wheel",))
+    assert sides(["fl_joint", "rr_joint", "rl_joint", "fr_joint"]) == (
+        ("fl_joint", "rl_joint"),
+        ("rr_joint", "fr_joint"),
+    )
+    assert sides(["left_arm", "left_track", "right_track"]) == (("left_track",), ("right_track",))
+    assert sides(["LeftWheel", "RightWheel"]) == (("LeftWheel",), ("RightWheel",))
+    assert sides(["elbow", "wrist"]) == ((), ())
+
+
+def test_a_made_bag(tmp_path: Path, robot: Robot) -> None:
+    path = write_log(make_log(), tmp_path / "bag", "mcap", robot)
+    found = inspect(path)
+    by_name = {report.topic: report for report in found.topics}
+    assert list(by_name) == sorted(by_name)
+    imu = by_name["/imu/data_raw"]
+    assert (imu.msgtype, imu.frame_id, imu.count) == ("sensor_msgs/msg/Imu", "imu_link", 400)
+    assert imu.mean_rate == pytest.approx(100.0, rel=1e-3)
+    assert imu.largest_gap == pytest.approx(0.01, rel=1e-3)
+    assert imu.clock_offset == 0.0
+    assert by_name["/joint_states"].repeated_share == 0.0
+    assert found.duration == pytest.approx(4.0, abs=0.05)
+    _, topics = proposed(found, tmp_path)
+    assert topics == topic_map(robot, "shipped")
+
+
+@pytest.mark.parametrize("form", ["mcap", "ros1"])
+def test_a_cut_bag(tmp_path: Path, robot: Robot, form) -> None:
+    path = write_log(make_log(), tmp_path / ("bag.mcap" if form == "mcap" else "bag"), form, robot)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    found = inspect(path)
+    assert "cut short" in found.notes[0]
+    _, topics = proposed(found, tmp_path)
+    assert topics.tracks.topic == "/joint_states"
+
+
+def test_a_bag_with_nothing_of_use(tmp_path: Path) -> None:
+    mapped = Robot(
+        "x", Vehicle(1.0, 1.0, 1.0), log={"tracks": {"topic": "/j", "left": ["a"], "right": ["b"]}}
+    )
+    log = Log("x", make_log().tracks)
+    found = inspect(write_log(log, tmp_path / 'odd "name" \\ here', "mcap", mapped))
+    assert found.mapping == TopicMap()
+    assert "no track speeds" in found.proposed_robot_file
+    robot, _ = proposed(found, tmp_path)
+    assert robot.name == 'odd "name" \\ here'
+
+
+def test_what_is_no_bag(tmp_path: Path) -> None:
+    with pytest.raises(ReplayError, match="no such file"):
+        inspect(tmp_path / "none.bag")
+
+
+# name: roll, pitch, yaw [deg]; gyro axes; topic of the track speeds; standstill that shows the bias
+EXPECTED = {
+    "husky_deflated_part1": ((-1, 0, 180), "z", "/joint_states", False),
+    "husky_test1.bag": ((90, 1, -90), "xyz", "/husky_velocity_controller/odom", True),
+    "jackal_test2.bag": ((-1, 0, 0), "xyz", "/jackal_velocity_controller/odom", False),
+    "marmotte_part1": ((180, 13, 0), "z", "/joint_states", False),
+    "warthog_asphalt_2024_9_25_12h8s57": ((0, 3, 0), "xyz", "/joint_states", True),
+    "warthog_grass_2024_8_8_15h56s39": ((-1, 1, 0), "xyz", "/joint_states", True),
+}
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_sample_logs(data_dir: Path, tmp_path: Path, name: str) -> None:
+    rpy_deg, gyro_axes, tracks, stood = EXPECTED[name]
+    found = inspect(sample_log(data_dir, name))
+    robot, topics = proposed(found, tmp_path)
+    np.testing.assert_allclose(robot.imu.rotation_rpy_deg, rpy_deg, atol=1.0)
+    assert robot.imu.gyro_axes == gyro_axes
+    assert topics.tracks.topic == tracks
+    assert found.mounting.turning_correlation > 0.5
+    assert (found.mounting.gyro_bias is not None) == stood
+    assert "not in the log: fill in" in found.proposed_robot_file
+
+
+def test_warthog_wheel_speeds_are_repeated(data_dir: Path) -> None:
+    found = inspect(sample_log(data_dir, "warthog_grass_2024_7_29_14h46s15"))
+    shares = {report.topic: report.repeated_share for report in found.topics}
+    assert 0.75 < shares["/joint_states"] < 0.85
+    assert shares["/ground_truth/pose"] is None
+    assert found.mapping.truth.topic == "/ground_truth/pose"
+    assert found.mapping.fixes is None
+
+
+def test_wetexplorer(data_dir: Path, tmp_path: Path) -> None:
+    found = inspect(sample_log(data_dir, "wetexplorer_2024-07-05-13-33-58.bag"))
+    robot, topics = proposed(found, tmp_path)
+    assert topics.tracks is None
+    assert topics.imu.topic == "/imu/data_raw"
+    assert abs(abs(robot.imu.rotation_rpy_deg[0]) - 180.0) < 2.0
+    assert "no track speeds" in found.proposed_robot_file
+    assert (topics.fixes.topic, topics.fixes.time) == ("/gps/fix", "recording")
+    assert "19.0 days" in found.proposed_robot_file
+    assert any(said.startswith("fixes: time of recording; ") for said in found.findings)
+    assert any(said.startswith("imu: header stamps; ") for said in found.findings)
+    assert topics.heading.topic == "/gps/navheading"
+    # The README beside the logs: driving direction = heading - 90 degrees.
+    assert topics.heading.offset_deg == pytest.approx(-90.0, abs=5.0)
+    offsets = {report.topic: report.clock_offset for report in found.topics}
+    assert offsets["/gps/fix"] > 18 * 86400
+    assert abs(offsets["/gps/navheading"]) < 0.1

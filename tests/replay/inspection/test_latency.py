@@ -1,0 +1,152 @@
+"""Latency: found against the gyro, proposed, taken off the stamps, and worth it on the real logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from conftest import make_log, sample_log
+from icreckon.estimator.log.scores import drift
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.inspection.inspect import inspect
+from icreckon.replay.inspection.latency import heading_latency, track_latency
+from icreckon.replay.mapping.topics import topic_map, writable_topics
+from icreckon.replay.reading.read_log import read_log
+
+RATE = 100.0
+
+
+def turning(seconds: float = 120.0, *, late: float = 0.0, every: float = 0.05, noise: float = 0.01):
+    """Tracks that are late by so much, a gyro that is not, and the turning itself."""
+    rng = np.random.default_rng(1)
+    knots = np.arange(-5.0, seconds + 5.0, 2.0)
+    rates = rng.normal(0.0, 0.6, len(knots))
+
+    def yaw_rate(t):
+        return np.interp(t, knots, rates)
+
+    imu = np.arange(0.0, seconds, 1.0 / RATE)
+    vertical = yaw_rate(imu) + noise * rng.standard_normal(len(imu)) + 0.02
+    times = np.arange(0.0, seconds, every)
+    # A value holds until the next, so that it is right in the middle of that time.
+    shown = yaw_rate(times - late + 0.5 * every)
+    speeds = np.column_stack([0.5 - 0.4 * shown, 0.5 + 0.4 * shown])
+    stamps = (imu * 1e9).astype(np.int64)
+    tracks = TrackSpeedSeries((times * 1e9).astype(np.int64), speeds)
+    return tracks, ImuSeries(stamps, np.zeros((len(imu), 3)), None), vertical
+
+
+@pytest.mark.parametrize("late", [-0.2, 0.0, 0.07, 0.21, 0.6])
+def test_the_latency_of_tracks_is_found(late: float) -> None:
+    found = track_latency(*turning(late=late))
+    assert found is not None
+    assert found.seconds == pytest.approx(late, abs=0.004)
+    assert found.sigma < 0.005
+    assert found.clear == (abs(late) > 0.03)
+
+
+def test_scale_and_bias_are_no_latency() -> None:
+    tracks, imu, vertical = turning(late=0.1)
+    scaled = track_latency(replace(tracks, speeds=7.0 * tracks.speeds), imu, 0.8 * vertical + 0.1)
+    assert scaled is not None
+    assert scaled.seconds == pytest.approx(0.1, abs=0.004)
+
+
+def test_a_late_heading_is_found() -> None:
+    _, imu, vertical = turning()
+    yaw = np.cumsum(vertical - 0.02) / RATE
+    late = heading_latency(imu.stamps + 150_000_000, np.angle(np.exp(1j * yaw)), imu, vertical)
+    assert late is not None
+    assert late.seconds == pytest.approx(0.15, abs=0.01)
+
+
+def test_what_does_not_show_is_not_told() -> None:
+    tracks, imu, vertical = turning()
+    rng = np.random.default_rng(2)
+    straight = replace(tracks, speeds=np.full_like(tracks.speeds, 0.5))
+    assert track_latency(straight, imu, vertical) is None
+    assert track_latency(tracks, imu, 0.001 * vertical) is None
+    assert track_latency(tracks, imu, rng.normal(0.0, 0.5, len(vertical))) is None
+    assert track_latency(*turning(10.0)) is None
+    nothing = TrackSpeedSeries(tracks.stamps[:0], tracks.speeds[:0])
+    assert track_latency(nothing, imu, vertical) is None
+
+
+def mapped(robot: Robot, **latencies: float) -> Robot:
+    log = {name: dict(table) for name, table in robot.log.items()}
+    for name, value in latencies.items():
+        log[name]["latency"] = value
+    return msgspec.structs.replace(robot, log=log)
+
+
+def test_it_is_taken_off_the_stamps(tmp_path: Path) -> None:
+    robot = load_robot("marmotte")
+    bag = write_log(make_log(), tmp_path / "log", "mcap", robot)
+    # What a simulator writes is in time, whatever the robot's own logs are.
+    topics = writable_topics(topic_map(mapped(robot, tracks=0.2), "test"))
+    assert topics.tracks is not None
+    assert topics.tracks.latency == 0.0
+    in_time = read_log(bag, robot, topics=topics)
+    late = msgspec.structs.replace(
+        topics,
+        tracks=msgspec.structs.replace(topics.tracks, latency=0.2),
+        imu=msgspec.structs.replace(topics.imu, latency=-0.05),
+    )
+    shifted = read_log(bag, robot, topics=late)
+    assert (shifted.tracks.stamps == in_time.tracks.stamps - 200_000_000).all()
+    assert (shifted.imu.stamps == in_time.imu.stamps + 50_000_000).all()
+    assert (shifted.tracks.speeds == in_time.tracks.speeds).all()
+
+
+def test_columns_have_a_latency_too(tmp_path: Path) -> None:
+    lines = ["t,l,r", *(f"{0.1 * i:.1f},0.5,0.5" for i in range(1, 30))]
+    table = tmp_path / "log.csv"
+    table.write_text("\n".join(lines), encoding="utf-8")
+    columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"], "latency": 0.1}}
+    robot = msgspec.structs.replace(load_robot("marmotte"), log={"columns": columns})
+    assert read_log(table, robot).tracks.stamps[0] == 0
+
+
+@pytest.mark.parametrize("latency", [float("nan"), 11.0])
+def test_nonsense_is_refused(latency: float) -> None:
+    with pytest.raises(ReplayError, match="latency must be a number of seconds"):
+        topic_map(mapped(load_robot("marmotte"), imu=latency), "robot.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [
+        ("warthog_grass_2024_7_29_14h46s15", 0.20),
+        ("warthog_asphalt_2024_9_25_12h8s57", 0.20),
+        ("husky_test1.bag", 0.43),
+        ("marmotte_part1", None),
+    ],
+)
+def test_inspect_proposes_it(name: str, seconds: float | None, data_dir: Path) -> None:
+    text = inspect(sample_log(data_dir, name)).proposed_robot_file
+    if seconds is None:
+        assert "latency" not in text
+    else:
+        assert f"latency = {seconds:.2f} " in text
+
+
+def test_it_is_worth_more_than_a_model_of_slip(data_dir: Path) -> None:
+    path = sample_log(data_dir, "warthog_grass_2024_7_29_14h46s15")
+    robot = load_robot("warthog")
+    drifts = []
+    for latency in (0.0, 0.2):
+        log = read_log(path, mapped(robot, tracks=latency))
+        comparison = compare(log, robot, ["constant-online"])
+        assert comparison.log.truth is not None
+        run = comparison.runs["constant-online"]
+        found = drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0)
+        drifts.append(found.percent_mean)
+    assert drifts[1] < 0.75 * drifts[0]

@@ -1,0 +1,100 @@
+"""The shipped robot files: they load, and their IMU mounting agrees with the sample logs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import REPOSITORY, sample_log
+from icreckon.estimator.robot.robot_file import load_robot, robot_names
+from icreckon.replay.inspection.imu_mounting import forward_yaw, turning_correlation
+from icreckon.replay.mapping.columns import ColumnMap, ImuColumns, PoseColumns, TrackColumns
+from icreckon.replay.mapping.topics import (
+    FixTopic,
+    HeadingTopic,
+    ImuTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+    topic_map,
+)
+from icreckon.replay.reading.read_log import read_log
+
+# name of the log: robot, least correlation of the turning, largest tilt that is left [m/s²]; the mounting
+# of Marmotte and Warthog goes by the truth, which is up to 2.4 deg from what gravity alone would say
+LOGS = {
+    "husky_deflated_part1": ("husky-deflated", 0.95, 0.1),
+    "husky_test1.bag": ("husky", 0.8, 0.1),
+    "jackal_test2.bag": ("jackal", 0.5, 0.1),
+    "marmotte_part1": ("marmotte", 0.95, 0.45),
+    "warthog_asphalt_2024_9_25_12h8s57": ("warthog", 0.95, 0.45),
+    "warthog_grass_2024_7_29_14h46s15": ("warthog", 0.95, 0.2),
+    "warthog_grass_2024_8_8_15h56s39": ("warthog", 0.95, 0.2),
+    "warthog_grass_2024_8_8_16h11s19": ("warthog", 0.95, 0.2),
+    "wetexplorer_2024-07-05-13-33-58.bag": ("wetexplorer", None, 0.2),
+    "wetexplorer_2024-07-05-13-36-28.bag": ("wetexplorer", None, 0.2),
+}
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_every_robot_file_loads(name: str) -> None:
+    robot = load_robot(name)
+    assert robot.name == name
+    topics = topic_map(robot, name)
+    assert topics.imu is not None
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_mounting(data_dir: Path, name: str) -> None:
+    robot_name, least_correlation, largest_tilt = LOGS[name]
+    robot = load_robot(robot_name)
+    log = read_log(sample_log(data_dir, name), robot)
+    rotation = robot.imu_rotation
+    force = log.imu.linear_acceleration @ rotation.T
+    assert np.abs(force.mean(axis=0)[:2]).max() < largest_tilt
+    assert force.mean(axis=0)[2] == pytest.approx(9.8, abs=0.1)
+    rates = log.imu.angular_velocity
+    if robot.imu.gyro_axes == "z":
+        assert not rates[:, :2].any()
+        vertical = rates[:, 2] / rotation[2, 2]
+    else:
+        assert rates[:, :2].any()
+        vertical = rates @ rotation[2]
+    correlation = turning_correlation(log.tracks, log.imu, vertical)
+    if least_correlation is None:
+        assert correlation is None
+        return
+    assert correlation > least_correlation
+    # The x axis that the file gives points forward: what is left to turn is nothing.
+    assert forward_yaw(log.tracks, log.imu.stamps, force[:, :2], vertical) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "track"),
+    [
+        ("warthog", 1.78),
+        ("marmotte", 0.60),
+        ("husky-deflated", 0.98),
+    ],
+)
+def test_effective_tracks(name: str, track: float) -> None:
+    robot = load_robot(name)
+    assert robot.vehicle.track_gauge * robot.indices.eta0 == pytest.approx(track, rel=0.01)
+
+
+def test_the_docs_show_every_key_of_the_topics_and_columns() -> None:
+    page = (REPOSITORY / "docs" / "robot-file.md").read_text(encoding="utf-8")
+    block = page.split("```toml")[1].split("```")[0]
+    shown = block[block.index("[log.tracks]") :]
+    kinds = (TrackTopic, ImuTopic, FixTopic, HeadingTopic, TruthTopic)
+    kinds += (ColumnMap, TrackColumns, ImuColumns, PoseColumns)
+    tables = ("tracks", "imu", "fixes", "truth", "heading", "columns")
+    assert TopicMap.__struct_fields__ == tables
+    for table in tables:
+        assert f"\n[log.{table}]" in block
+    for kind in kinds:
+        for name in kind.__struct_fields__:
+            assert re.search(rf"\b{name}\b", shown), f"{kind.__name__}.{name}"

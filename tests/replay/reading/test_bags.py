@@ -1,0 +1,385 @@
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from conftest import make_log, sample_log
+from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.read_log import read_log
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+T = STORE.types
+VEHICLE = Vehicle(mass=1.0, track_gauge=0.8, sprocket_radius=0.5)
+JOINTS = {"topic": "/js", "left": ["l"], "right": ["r"]}
+
+
+def header(stamp: int, frame: str = ""):
+    moment = T["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return T["std_msgs/msg/Header"](stamp=moment, frame_id=frame)
+
+
+def vector(x=0.0, y=0.0, z=0.0):
+    return T["geometry_msgs/msg/Vector3"](x=x, y=y, z=z)
+
+
+def joints(stamp: int, rates, names=("l", "r")):
+    nothing = np.empty(0)
+    return T["sensor_msgs/msg/JointState"](
+        header(stamp), list(names), nothing, np.array(rates, dtype=float), nothing
+    )
+
+
+def pose(x=0.0, y=0.0, q=(0.0, 0.0, 0.0, 1.0)):
+    return T["geometry_msgs/msg/Pose"](
+        T["geometry_msgs/msg/Point"](x, y, 0.0), T["geometry_msgs/msg/Quaternion"](*q)
+    )
+
+
+def pose_stamped(stamp: int, **fields):
+    return T["geometry_msgs/msg/PoseStamped"](header(stamp, "map"), pose(**fields))
+
+
+def pose_with_covariance(stamp: int, covariance, **fields):
+    full = np.zeros(36)
+    full[[0, 7, 35]] = covariance
+    inner = T["geometry_msgs/msg/PoseWithCovariance"](pose(**fields), full)
+    return T["geometry_msgs/msg/PoseWithCovarianceStamped"](header(stamp), inner)
+
+
+def twist(v=0.0, w=0.0):
+    return T["geometry_msgs/msg/Twist"](vector(v), vector(z=w))
+
+
+def odometry(stamp: int, v: float, w: float):
+    return T["nav_msgs/msg/Odometry"](
+        header(stamp),
+        "base_link",
+        T["geometry_msgs/msg/PoseWithCovariance"](pose(), np.zeros(36)),
+        T["geometry_msgs/msg/TwistWithCovariance"](twist(v, w), np.zeros(36)),
+    )
+
+
+def imu(stamp: int, rate=(0.0, 0.0, 0.1), force=(0.0, 0.0, 9.8), rate_covariance=0.0):
+    absent, rates, zeros = np.zeros(9), np.zeros(9), np.zeros(9)
+    absent[0], rates[0] = -1.0, rate_covariance
+    return T["sensor_msgs/msg/Imu"](
+        header(stamp),
+        T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        absent,
+        vector(*rate),
+        rates,
+        vector(*force),
+        zeros,
+    )
+
+
+def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:
+    """A bag of (topic, message) pairs, recorded at their header stamps plus a delay, or at times."""
+    times = iter(times) if times is not None else None
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for topic, message in messages:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            stamp = message.header.stamp
+            when = stamp.sec * 10**9 + stamp.nanosec + delay if times is None else next(times)
+            writer.write(connections[topic], when, STORE.serialize_cdr(message, kind))
+        for topic, when, data in raw:
+            writer.write(connections[topic], when, data)
+    return path
+
+
+def robot_with(**log) -> Robot:
+    return Robot("test", VEHICLE, log=log)
+
+
+SPEEDS = [("/js", joints(k * 10**9, (1.0, 2.0))) for k in range(1, 4)]
+
+
+def test_joint_rates_become_track_speeds(tmp_path: Path) -> None:
+    log = read_log(write_bag(tmp_path / "bag", SPEEDS), robot_with(tracks=JOINTS))
+    np.testing.assert_array_equal(log.tracks.speeds, [[0.5, 1.0]] * 3)
+    np.testing.assert_array_equal(log.tracks.stamps, [10**9, 2 * 10**9, 3 * 10**9])
+
+
+def test_joint_states_of_other_joints_are_passed_over(tmp_path: Path) -> None:
+    arm = [("/js", joints(k * 10**9 + 5, (9.0,), ("elbow",))) for k in range(1, 4)]
+    log = read_log(write_bag(tmp_path / "bag", SPEEDS + arm), robot_with(tracks=JOINTS))
+    assert len(log.tracks.stamps) == 3
+    assert log.dropped == {}
+
+
+def test_joints_that_are_not_there_are_named(tmp_path: Path) -> None:
+    mapped = {"topic": "/js", "left": ["port"], "right": ["starboard"]}
+    with pytest.raises(ReplayError, match="port, starboard, found were l, r"):
+        read_log(write_bag(tmp_path / "bag", SPEEDS), robot_with(tracks=mapped))
+
+
+@pytest.mark.parametrize(("gauge", "half"), [(None, 0.4), (2.0, 1.0)])
+def test_odometry_becomes_track_speeds(tmp_path: Path, gauge, half) -> None:
+    path = write_bag(tmp_path / "bag", [("/odom", odometry(7, 1.5, 0.5))])
+    mapped = {"topic": "/odom"} | ({"gauge": gauge} if gauge else {})
+    log = read_log(path, robot_with(tracks=mapped))
+    np.testing.assert_allclose(log.tracks.speeds, [[1.5 - half * 0.5, 1.5 + half * 0.5]])
+
+
+def test_twists_become_track_speeds(tmp_path: Path) -> None:
+    message = T["geometry_msgs/msg/TwistStamped"](header(7), twist(1.0, 1.0))
+    log = read_log(
+        write_bag(tmp_path / "bag", [("/cmd", message)]), robot_with(tracks={"topic": "/cmd"})
+    )
+    np.testing.assert_allclose(log.tracks.speeds, [[0.6, 1.4]])
+
+
+def test_time_of_recording(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", SPEEDS, delay=250)
+    log = read_log(path, robot_with(tracks=JOINTS | {"time": "recording"}))
+    np.testing.assert_array_equal(
+        log.tracks.stamps, [10**9 + 250, 2 * 10**9 + 250, 3 * 10**9 + 250]
+    )
+
+
+def test_header_stamps_that_are_all_zero_are_refused(tmp_path: Path) -> None:
+    zeros = [("/js", joints(0, (1.0, 2.0))), ("/js", joints(0, (1.0, 2.0)))]
+    path = write_bag(tmp_path / "bag", zeros)
+    with pytest.raises(ReplayError, match='time = "recording"'):
+        read_log(path, robot_with(tracks=JOINTS | {"time": "header"}))
+
+
+def test_fixes(tmp_path: Path) -> None:
+    half = np.sqrt(0.5)
+    fixes = [
+        ("/fix", pose_with_covariance(1, (0.04, 0.09, 0.01), x=1.0, q=(0, 0, half, half))),
+        ("/fix", pose_with_covariance(2, (0.04, 0.04, 1e6), x=2.0)),
+        ("/fix", pose_with_covariance(3, (0.04, 0.04, 0.01), x=3.0, q=(0.0, 0.0, 0.0, 0.0))),
+        ("/fix", pose_with_covariance(4, (-1.0, -1.0, 0.01), x=4.0)),
+        ("/fix", pose_with_covariance(5, (0.0, 0.0, 0.0), x=5.0)),
+        ("/fix", pose_with_covariance(6, (0.04, 0.04, 0.01), x=float("nan"))),
+        ("/fix", pose_with_covariance(2, (0.04, 0.04, 0.01), x=7.0)),
+    ]
+    path = tmp_path / "bag"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kind = fixes[0][1].__msgtype__
+        at = writer.add_connection("/fix", kind, typestore=STORE)
+        js = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
+        for when, (_, message) in enumerate(fixes):
+            writer.write(at, when, STORE.serialize_cdr(message, kind))
+        for _, message in SPEEDS:
+            data = STORE.serialize_cdr(message, message.__msgtype__)
+            writer.write(js, message.header.stamp.sec, data)
+    log = read_log(path, robot_with(tracks=JOINTS, fixes={"topic": "/fix"}))
+    np.testing.assert_allclose(log.fixes.poses[:, 0], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(log.fixes.poses[:, 2], [np.pi / 2, np.nan, np.nan])
+    np.testing.assert_allclose(log.fixes.variances[:, 0], [0.09, 0.04, 0.04])
+    assert log.dropped == {
+        "fixes: not finite": 1,
+        "fixes: no covariance, and no position_sigma given": 1,
+        "fixes: variance not positive": 1,
+        "fixes: duplicate stamp": 1,
+    }
+
+
+def test_fixes_without_covariance_need_a_sigma(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/fix", pose_stamped(1, x=1.0))])
+    with pytest.raises(ReplayError, match="position_sigma"):
+        read_log(path, robot_with(tracks=JOINTS, fixes={"topic": "/fix"}))
+    mapped = {"topic": "/fix", "position_sigma": 0.5}
+    log = read_log(path, robot_with(tracks=JOINTS, fixes=mapped))
+    assert log.fixes.variances[0, 0] == 0.25
+    assert np.isnan(log.fixes.poses[0, 2])
+    log = read_log(path, robot_with(tracks=JOINTS, fixes=mapped | {"heading_sigma": 0.1}))
+    np.testing.assert_allclose(log.fixes.variances, [[0.25, 0.01]])
+    assert log.fixes.poses[0, 2] == 0.0
+
+
+def test_odometry_as_truth(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/odom", odometry(7, 1.5, 0.5))])
+    log = read_log(path, robot_with(tracks=JOINTS, truth={"topic": "/odom", "source": "rail"}))
+    np.testing.assert_array_equal(log.truth.twists.twists, [[1.5, 0.0, 0.5]])
+    assert log.truth.source == "rail"
+
+
+def test_bad_samples_are_counted(tmp_path: Path) -> None:
+    nan = float("nan")
+    messages = [
+        *SPEEDS,
+        ("/imu", imu(10**9)),
+        ("/imu", imu(10**9)),
+        ("/imu", imu(2 * 10**9, rate=(nan, 0.0, 0.0))),
+        ("/imu", imu(3 * 10**9, force=(np.inf, 0.0, 0.0))),
+        ("/imu", imu(4 * 10**9)),
+    ]
+    path = write_bag(tmp_path / "bag", messages, raw=[("/imu", 5 * 10**9, b"\0\1\0\0rubbish")])
+    log = read_log(path, robot_with(tracks=JOINTS, imu={"topic": "/imu"}))
+    assert len(log.imu.stamps) == 2
+    assert log.dropped == {
+        "imu: cannot be decoded": 1,
+        "imu: not finite": 2,
+        "imu: duplicate stamp": 1,
+    }
+
+
+def test_an_imu_that_only_knows_orientation_is_left_out(tmp_path: Path) -> None:
+    messages = [*SPEEDS, ("/imu", imu(1, rate_covariance=-1.0))]
+    log = read_log(
+        write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS, imu={"topic": "/imu"})
+    )
+    assert log.imu is None
+    assert "no usable message for imu" in log.notes[0]
+
+
+def test_a_missing_topic_lists_those_that_are_there(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/imu", imu(1))])
+    with pytest.raises(ReplayError) as caught:
+        read_log(path, robot_with(tracks=JOINTS | {"topic": "/wheels"}))
+    for part in ("/wheels", "/js (sensor_msgs/msg/JointState)", "/imu (sensor_msgs/msg/Imu)"):
+        assert part in str(caught.value)
+
+
+def test_other_missing_topics_are_noted(tmp_path: Path) -> None:
+    log = read_log(
+        write_bag(tmp_path / "bag", SPEEDS),
+        robot_with(tracks=JOINTS, imu={"topic": "/i"}, truth={"topic": "/t", "twist": "/tt"}),
+    )
+    assert len(log.notes) == 3
+    assert "'/i' for imu is not in the bag" in log.notes[0]
+
+
+def test_a_log_without_mapped_tracks(tmp_path: Path) -> None:
+    log = read_log(
+        write_bag(tmp_path / "bag", [("/imu", imu(1))]), robot_with(imu={"topic": "/imu"})
+    )
+    assert len(log.tracks.stamps) == 0
+    assert len(log.imu.stamps) == 1
+    assert "no track speeds" in log.notes[0]
+
+
+def test_a_type_that_cannot_be_read(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", SPEEDS)
+    with pytest.raises(ReplayError, match=r"'/js' is of type 'sensor_msgs/msg/JointState'.*Imu"):
+        read_log(path, robot_with(tracks=JOINTS, imu={"topic": "/js"}))
+
+
+def test_a_type_of_ones_own_elsewhere_in_the_bag_does_no_harm(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("float64 rate", "our_msgs/msg/Rate"))
+    path = tmp_path / "bag"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        own = writer.add_connection("/own", "our_msgs/msg/Rate", typestore=store)
+        message = store.types["our_msgs/msg/Rate"](1.0)
+        writer.write(own, 1, store.serialize_cdr(message, "our_msgs/msg/Rate"))
+        at = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=store)
+        for _, message in SPEEDS:
+            writer.write(at, 1, STORE.serialize_cdr(message, message.__msgtype__))
+    assert len(read_log(path, robot_with(tracks=JOINTS)).tracks.stamps) == 3
+    with pytest.raises(ReplayError, match="our_msgs/msg/Rate"):
+        read_log(path, robot_with(tracks={"topic": "/own"}))
+
+
+def test_what_is_no_bag(tmp_path: Path, robot: Robot) -> None:
+    empty = tmp_path / "empty.bag"
+    empty.touch()
+    text = tmp_path / "notes.mcap"
+    text.write_text("no bag")
+    old = tmp_path / "old.bag"
+    old.write_bytes(b"#ROSBAG V1.2\n")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    ros1_folder = tmp_path / "many"
+    ros1_folder.mkdir()
+    (ros1_folder / "a.bag").touch()
+    hollow = tmp_path / "hollow"
+    hollow.mkdir()
+    (hollow / "x.mcap").touch()
+    for path, part in (
+        (tmp_path / "nowhere.bag", "no such file"),
+        (empty, "empty"),
+        (text, "not a bag"),
+        (old, "version 2.0"),
+        (folder, "not a bag"),
+        (ros1_folder, "give one of the .bag files"),
+        (hollow, "empty"),
+    ):
+        with pytest.raises(ReplayError, match=part) as caught:
+            read_log(path, robot)
+        assert path.name in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_misspelt_key_of_the_mapping() -> None:
+    for log, part in (
+        ({"tracks": JOINTS | {"gage": 1.0}}, "did you mean 'gauge'"),
+        ({"track": JOINTS}, "did you mean 'tracks'"),
+        ({"tracks": {"topic": "/js", "left": ["l"]}}, "left and right"),
+        ({"fixes": {"topic": "/f", "position_sigma": -1.0}}, "positive"),
+        ({"imu": {"topic": "/i", "time": "sensor"}}, "time"),
+        ({"truth": {"topic": "/t", "tracks": "/tt"}}, "needs the joints"),
+    ):
+        with pytest.raises(ReplayError, match=part):
+            topic_map(robot_with(**log), "test.toml")
+
+
+def test_a_ros2_folder_without_metadata(tmp_path: Path, robot: Robot) -> None:
+    for form in ("mcap", "sqlite3"):
+        path = write_log(make_log(), tmp_path / form, form, robot)
+        (path / "metadata.yaml").unlink()
+        log = read_log(path, robot)
+        assert len(log.tracks.stamps) == 200
+        assert any("metadata" in note for note in log.notes)
+
+
+def test_a_journal_that_was_not_merged_is_noted(tmp_path: Path, robot: Robot) -> None:
+    path = write_log(make_log(), tmp_path / "bag", "sqlite3", robot)
+    (path / "bag.db3-wal").write_bytes(b"frames")
+    assert "never merged" in read_log(path, robot).notes[0]
+
+
+SAMPLE_LOGS = {
+    "husky_deflated_part1": ("husky-deflated", 12919, 12919, 6518),
+    "husky_test1.bag": ("husky", 3952, 11865, 0),
+    "jackal_test2.bag": ("jackal", 3060, 3061, 0),
+    "marmotte_part1": ("marmotte", 13520, 13520, 6790),
+    "warthog_asphalt_2024_9_25_12h8s57": ("warthog", 3287, 3287, 1644),
+    "warthog_grass_2024_7_29_14h46s15": ("warthog", 3900, 3900, 1565),
+    "warthog_grass_2024_8_8_15h56s39": ("warthog", 6053, 6048, 2827),
+    "warthog_grass_2024_8_8_16h11s19": ("warthog", 3354, 3354, 1549),
+    "wetexplorer_2024-07-05-13-33-58.bag": ("wetexplorer", 0, 8901, 0),
+    "wetexplorer_2024-07-05-13-36-28.bag": ("wetexplorer", 0, 6948, 0),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLE_LOGS)
+def test_sample_logs(data_dir: Path, name: str) -> None:
+    robot, tracks, imu_samples, poses = SAMPLE_LOGS[name]
+    log = read_log(sample_log(data_dir, name), load_robot(robot))
+    # (nearly) every message that the README of the logs speaks of; what is lost is counted
+    assert (
+        len(log.tracks.stamps)
+        + sum(count for reason, count in log.dropped.items() if reason.startswith("tracks"))
+        == tracks
+    )
+    assert len(log.imu.stamps) == imu_samples
+    assert (len(log.truth.poses.stamps) if log.truth else 0) == poses
+    assert (np.diff(log.imu.stamps) > 0).all()
+
+
+def test_reading_is_quick(tmp_path: Path, robot: Robot) -> None:
+    path = write_log(make_log(seconds=100.0), tmp_path / "bag", "mcap", robot)
+    start = time.perf_counter()
+    read_log(path, robot)
+    # 21 500 messages; about 0.5 s on an ordinary machine
+    assert time.perf_counter() - start < 10.0
+
+
+def test_every_error_is_one_for_users() -> None:
+    assert issubclass(ReplayError, IcreckonError)

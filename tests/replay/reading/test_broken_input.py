@@ -1,0 +1,137 @@
+"""Broken messages: the replay ends within its own 3 sigma of the unbroken one, and says what happened."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from broken_input import FAULTS, broken_runs, standstill_drift
+
+from conftest import sample_log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.reading.clock_steps import doubled_times, in_both, without_steps
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+SECOND = 1_000_000_000
+SPIKE = "spike of 30 m/s and 20 rad/s"
+# What the report has to say of each fault.
+TOLD = {
+    "one NaN": "1 x tracks: not finite",
+    "one infinite value": "1 x imu: not finite",
+    "one stamp 30 s in the past": "1 x tracks: stamp goes backward",
+    "headers step back 5 s for good": "the clock of imu was set back by 5.00 s",
+    "clock steps back 5 s for good": "twice as many track speeds and IMU samples",
+    "headers step an hour forward": "the clock of tracks was set forward by 3600.00 s",
+    "clock steps an hour forward": "1 gaps of the tracks bridged",
+    "every message twice": "tracks: duplicate stamp",
+    "same stamp, another value": "1 x tracks: duplicate stamp",
+    "gap of 2 s": "1 gaps of the tracks bridged",
+    SPIKE: "1 x tracks: absurdly fast",
+}
+# The robot has lost time in these; in all others next to nothing.
+COSTLY = ("gap", "clock steps")
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    robot = load_robot("auriga-alpha")
+    log = replace(simulate(Scenario(duration=60.0, seed=6), robot), fixes=None)
+    return broken_runs(log, robot, "inertia-online", tmp_path_factory.mktemp("broken"))
+
+
+@pytest.mark.parametrize("fault", [*FAULTS, SPIKE])
+def test_a_fault_stays_within_three_sigma_and_is_told(outcomes, fault: str) -> None:
+    found = outcomes[fault]
+    assert found.share < 1.0
+    assert TOLD.get(fault, "") in "; ".join(found.told)
+    if not fault.startswith(COSTLY):
+        assert found.metres < 0.02
+        assert found.degrees < 0.2
+
+
+@pytest.mark.parametrize("gap", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("imu_first", [False, True])
+def test_a_hole_in_all_sensors_is_bridged_honestly(gap: float, imu_first: bool) -> None:
+    robot = load_robot("auriga-alpha")
+    log = replace(simulate(Scenario(duration=60.0, seed=6), robot), fixes=None)
+    whole = run(log, robot, "inertia-online")
+    shares = []
+    for start in range(8, 50, 6):
+        begin = log.start + start * SECOND
+        end = begin + int(gap * SECOND)
+        tracks_end = end + (7_000_000 if imu_first else -7_000_000)
+        tracks, imu = log.tracks, log.imu
+        assert imu is not None
+        keep = (tracks.stamps < begin) | (tracks.stamps > tracks_end)
+        keep_imu = (imu.stamps < begin) | (imu.stamps > end)
+        assert imu.linear_acceleration is not None
+        holed = replace(
+            log,
+            tracks=TrackSpeedSeries(tracks.stamps[keep], tracks.speeds[keep]),
+            imu=ImuSeries(
+                imu.stamps[keep_imu],
+                imu.angular_velocity[keep_imu],
+                imu.linear_acceleration[keep_imu],
+            ),
+        )
+        found = run(holed, robot, "inertia-online").trajectory
+        apart = found.poses[-1] - whole.trajectory.poses[-1]
+        sigma = np.sqrt(np.diagonal(found.pose_covariances[-1]))
+        shares.append(np.max(np.abs(apart) / (3.0 * sigma)))
+    assert max(shares) < 1.0
+
+
+def test_a_standing_robot_does_not_drift() -> None:
+    metres, degrees = standstill_drift(load_robot("auriga-alpha"), "inertia-online")
+    assert metres < 1e-3
+    assert degrees < 0.1
+
+
+def test_the_faults_in_a_real_log(data_dir: Path, tmp_path: Path) -> None:
+    robot = load_robot("warthog")
+    log = read_log(sample_log(data_dir, "warthog_grass_2024_8_8_16h11s19"), robot)
+    names = ["one stamp 30 s in the past", "headers step back 5 s for good", "one NaN"]
+    found = broken_runs(replace(log, truth=None), robot, "constant-online", tmp_path, names)
+    assert all(one.share < 1.0 for one in found.values())
+
+
+def test_steps_of_a_clock_are_taken_out() -> None:
+    recorded = np.arange(1000, dtype=np.int64) * 10_000_000 + 10**15
+    stamped = recorded - 3_000_000
+    stepped = stamped.copy()
+    stepped[400:] += 5 * SECOND
+    stepped[700:] -= 8 * SECOND
+    stepped[100] -= 30 * SECOND  # one wrong stamp is no step
+    found, steps = without_steps(stepped, recorded)
+    good = np.arange(1000) != 100
+    assert (found[good] == stamped[good]).all()
+    assert [(place, round(step)) for place, step in steps] == [(400, 5), (700, -8)]
+
+
+def test_a_recorder_that_stalls_is_no_step() -> None:
+    stamped = np.arange(1000, dtype=np.int64) * 10_000_000
+    recorded = stamped + 2_000_000
+    # For 3 s nothing was written down, and then all at once.
+    recorded[300:600] = recorded[600] + np.arange(300) * 10_000 - 3_000_000
+    found, steps = without_steps(stamped, recorded)
+    assert (found == stamped).all()
+    assert not steps
+
+
+def test_bursts_are_no_overlaid_times() -> None:
+    rng = np.random.default_rng(1)
+    even = np.arange(0, 60 * SECOND, 20_000_000)
+    assert doubled_times(even) == []
+    jittered = np.sort(even + rng.integers(-15_000_000, 15_000_000, len(even)))
+    assert doubled_times(jittered) == []
+    twice = np.sort(np.concatenate([even, even[1000:1250] + 3_000_000]))
+    ((begin, end),) = doubled_times(twice)
+    assert begin == pytest.approx(20 * SECOND, abs=SECOND)
+    assert end == pytest.approx(25 * SECOND, abs=SECOND)
+    assert in_both([(begin, end)], []) == []

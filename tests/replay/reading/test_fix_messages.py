@@ -1,0 +1,293 @@
+"""Fixes and headings of all types of message: GPS, tf, orientation-only Imu."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_bags import JOINTS, SPEEDS, STORE, T, header, robot_with, vector, write_bag
+
+from conftest import sample_log
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
+from icreckon.replay.reading.read_log import read_log
+
+SECOND = 10**9
+
+
+def navsatfix(
+    stamp: int,
+    latitude: float,
+    longitude: float,
+    altitude: float = 0.0,
+    status: int = 0,
+    variances: tuple[float, float] = (0.04, 0.09),
+    known: int = 2,
+):
+    covariance = np.diag([*variances, 1.0]).ravel()
+    return T["sensor_msgs/msg/NavSatFix"](
+        header(stamp, "gps"),
+        T["sensor_msgs/msg/NavSatStatus"](status, 1),
+        latitude,
+        longitude,
+        altitude,
+        covariance,
+        known,
+    )
+
+
+def orientation(stamp: int, yaw: float, covariance: float = 0.01, absent: bool = False):
+    full = np.diag([1.0, 1.0, covariance]).ravel() if covariance else np.zeros(9)
+    if absent:
+        full[0] = -1.0
+    none = np.array([-1.0, *[0.0] * 8])
+    return T["sensor_msgs/msg/Imu"](
+        header(stamp),
+        T["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)),
+        full,
+        vector(),
+        none,
+        vector(),
+        none,
+    )
+
+
+def transform(stamp: int, parent: str, child: str, x=0.0, y=0.0, yaw=0.0, q=None):
+    quaternion = q if q is not None else (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    return T["geometry_msgs/msg/TransformStamped"](
+        header(stamp, parent),
+        child,
+        T["geometry_msgs/msg/Transform"](
+            vector(x, y, 0.0), T["geometry_msgs/msg/Quaternion"](*map(float, quaternion))
+        ),
+    )
+
+
+def tf_bag(path: Path, moving, static=()) -> Path:
+    """A bag of track speeds and of transforms on /tf and /tf_static."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    kind = "tf2_msgs/msg/TFMessage"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        js = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
+        for _, message in SPEEDS:
+            when = message.header.stamp.sec * SECOND
+            writer.write(js, when, STORE.serialize_cdr(message, message.__msgtype__))
+        for topic, transforms in (("/tf", moving), ("/tf_static", static)):
+            at = writer.add_connection(topic, kind, typestore=STORE)
+            for one in transforms:
+                stamp = one.header.stamp
+                data = STORE.serialize_cdr(T[kind]([one]), kind)
+                writer.write(at, stamp.sec * SECOND + stamp.nanosec, data)
+    return path
+
+
+def read(path: Path, messages, **log) -> Log:
+    bag = write_bag(path, [*SPEEDS, *messages])
+    return read_log(bag, robot_with(tracks=JOINTS, **log))
+
+
+def test_gps(tmp_path: Path) -> None:
+    fixes = [
+        navsatfix(1 * SECOND, 52.0, 13.0, 100.0),
+        navsatfix(2 * SECOND, 52.001, 13.0, float("nan")),
+        navsatfix(3 * SECOND, 52.0, 13.001, 100.0, variances=(0.5, 0.25)),
+        navsatfix(4 * SECOND, 52.0, 13.0, status=-1),
+        navsatfix(5 * SECOND, 0.0, 0.0),
+        navsatfix(6 * SECOND, 95.0, 13.0),
+        navsatfix(7 * SECOND, 52.0, float("nan")),
+        navsatfix(8 * SECOND, 52.0, 13.0, known=0),
+    ]
+    log = read(tmp_path / "bag", [("/fix", fix) for fix in fixes], fixes={"topic": "/fix"})
+    assert log.fixes is not None
+    # By the lengths of a degree at this latitude on WGS 84, 100 m up.
+    np.testing.assert_allclose(
+        log.fixes.poses[:, :2], [[0, 0], [0, 111.268], [68.678, 0]], atol=0.01
+    )
+    assert np.isnan(log.fixes.poses[:, 2]).all()
+    np.testing.assert_allclose(log.fixes.variances[:, 0], [0.09, 0.09, 0.5])
+    assert log.dropped == {
+        "fixes: receiver without a fix": 1,
+        "fixes: not a place on the globe": 2,
+        "fixes: not finite": 1,
+        "fixes: no covariance, and no position_sigma given": 1,
+    }
+    assert "[52.00000000, 13.00000000, 100.00]" in log.notes[0]
+
+
+def test_gps_about_a_given_origin(tmp_path: Path) -> None:
+    mapped = {"topic": "/fix", "origin": [51.999, 13.0, 0.0], "position_sigma": 2.0}
+    log = read(tmp_path / "bag", [("/fix", navsatfix(SECOND, 52.0, 13.0, known=0))], fixes=mapped)
+    assert log.fixes is not None
+    np.testing.assert_allclose(log.fixes.poses[0, :2], [0.0, 111.267], atol=0.01)
+    assert log.fixes.variances[0, 0] == 4.0
+    assert log.notes == ()
+
+
+def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> None:
+    fixes = [
+        navsatfix(1 * SECOND, 52.0, 13.0, variances=(0.01, 0.01)),
+        navsatfix(2 * SECOND, 52.0, 13.0, variances=(9.0, 9.0)),
+    ]
+    mapped = {"topic": "/fix", "least_sigma": 2.0}
+    log = read(tmp_path / "bag", [("/fix", fix) for fix in fixes], fixes=mapped)
+    assert log.fixes is not None
+    np.testing.assert_allclose(log.fixes.variances[:, 0], [4.0, 9.0])
+
+
+def test_gps_without_any_covariance_needs_a_sigma(tmp_path: Path) -> None:
+    with pytest.raises(ReplayError, match="position_sigma"):
+        read(
+            tmp_path / "bag",
+            [("/fix", navsatfix(SECOND, 52.0, 13.0, known=0))],
+            fixes={"topic": "/fix"},
+        )
+
+
+@pytest.mark.parametrize("origin", [[91.0, 0.0, 0.0], [float("nan"), 0.0, 0.0]])
+def test_an_origin_off_the_globe(tmp_path: Path, origin) -> None:
+    with pytest.raises(ReplayError, match="origin must be latitude, longitude"):
+        read(tmp_path / "bag", [], fixes={"topic": "/fix", "origin": origin})
+
+
+def test_heading_of_an_orientation(tmp_path: Path) -> None:
+    messages = [
+        orientation(1 * SECOND, 3.0),
+        orientation(2 * SECOND, 0.5, absent=True),
+        orientation(3 * SECOND, 0.5, covariance=float("nan")),
+        orientation(4 * SECOND, 0.5, covariance=0.0),
+    ]
+    mapped = {"topic": "/heading", "offset_deg": 90.0, "sigma": 0.2}
+    log = read(tmp_path / "bag", [("/heading", one) for one in messages], heading=mapped)
+    assert [fix.stamp for fix in log.others] == [1 * SECOND, 3 * SECOND, 4 * SECOND]
+    np.testing.assert_allclose(
+        [fix.yaw for fix in log.others],
+        [3.0 + np.pi / 2 - 2 * np.pi, 0.5 + np.pi / 2, 0.5 + np.pi / 2],
+    )
+    np.testing.assert_allclose([fix.variance for fix in log.others], [0.01, 0.04, 0.04])
+    assert log.dropped == {"heading: no orientation": 1}
+
+
+def test_heading_without_covariance_needs_a_sigma(tmp_path: Path) -> None:
+    with pytest.raises(ReplayError, match=r"sigma \[rad\] in \[log.heading\]"):
+        read(
+            tmp_path / "bag",
+            [("/h", orientation(SECOND, 0.1, covariance=0.0))],
+            heading={"topic": "/h"},
+        )
+
+
+def test_headings_are_used_in_the_part_of_the_fixes_only(tmp_path: Path) -> None:
+    messages = [("/h", orientation(k * SECOND, 0.1)) for k in (1, 2, 3)]
+    messages += [("/fix", navsatfix(k * SECOND, 52.0, 13.0)) for k in (1, 2, 3)]
+    log = read(tmp_path / "bag", messages, heading={"topic": "/h"}, fixes={"topic": "/fix"})
+    part = with_fixes_within(log, parse_part("0:1.5"))
+    assert part.fixes is not None
+    assert [fix.stamp for fix in part.others] == part.fixes.stamps.tolist() == [SECOND, 2 * SECOND]
+
+
+def test_a_chain_of_transforms(tmp_path: Path) -> None:
+    # The pose wanted is that of base in map: (k, 2), turned by 90 deg; the marker sits 0.5 m ahead.
+    moving = [transform(k * SECOND // 2, "map", "odom", 0.5 * k, 2.5, np.pi / 2) for k in (2, 3, 4)]
+    moving += [transform(k * SECOND // 10, "odom", "marker", 0.0, 0.0, 0.0) for k in range(9, 22)]
+    static = [transform(0, "base", "/marker", 0.5, 0.0, 0.0)]
+    path = tf_bag(tmp_path / "bag", moving, static)
+    mapped = {"topic": "/tf", "frames": ["map", "base"], "position_sigma": 0.1}
+    log = read_log(path, robot_with(tracks=JOINTS, fixes=mapped))
+    assert log.fixes is not None
+    np.testing.assert_array_equal(log.fixes.stamps, [SECOND, 3 * SECOND // 2, 2 * SECOND])
+    np.testing.assert_allclose(
+        log.fixes.poses, [[k, 2.0, np.nan] for k in (1.0, 1.5, 2.0)], atol=1e-12
+    )
+    truth = {"topic": "/tf", "frames": ["map", "base"], "source": "mocap"}
+    log = read_log(path, robot_with(tracks=JOINTS, truth=truth))
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.poses.poses[:, 2], np.pi / 2)
+    assert log.truth.source == "mocap"
+
+
+def test_transforms_are_interpolated_but_not_across_gaps(tmp_path: Path) -> None:
+    moving = [transform(k * SECOND, "map", "odom") for k in (1, 2, 6)]
+    moving += [
+        transform(at, "odom", "base", x, 0.0, yaw)
+        for at, x, yaw in (
+            (SECOND // 2, 0.0, 3.0),
+            (3 * SECOND // 2, 2.0, -3.0),
+            (2 * SECOND, 3.0, 0.0),
+            (7 * SECOND, 8.0, 0.0),
+        )
+    ]
+    mapped = {
+        "topic": "/tf",
+        "frames": ["map", "base"],
+        "position_sigma": 1.0,
+        "heading_sigma": 1.0,
+    }
+    log = read_log(tf_bag(tmp_path / "bag", moving), robot_with(tracks=JOINTS, fixes=mapped))
+    assert log.fixes is not None
+    np.testing.assert_allclose(np.abs(log.fixes.poses), [[1, 0, np.pi], [3, 0, 0]], atol=1e-9)
+    assert log.dropped == {"fixes: tf: no transforms near in time": 1}
+
+
+def test_frames_that_no_chain_joins(tmp_path: Path) -> None:
+    path = tf_bag(tmp_path / "bag", [transform(SECOND, "map", "odom")])
+    mapped = {"topic": "/tf", "frames": ["map", "base_link"], "position_sigma": 1.0}
+    with pytest.raises(
+        ReplayError, match=r"no chain .* 'map' to 'base_link'; there is map -> odom"
+    ):
+        read_log(path, robot_with(tracks=JOINTS, fixes=mapped))
+    with pytest.raises(ReplayError, match="must name two frames"):
+        read_log(path, robot_with(tracks=JOINTS, fixes=mapped | {"frames": ["map", "map"]}))
+
+
+def test_transforms_that_are_none_are_counted(tmp_path: Path) -> None:
+    moving = [
+        transform(1 * SECOND, "map", "base", x=1.0),
+        transform(2 * SECOND, "map", "base", x=float("nan")),
+        transform(3 * SECOND, "map", "base", q=(0.0, 0.0, 0.0, 0.0)),
+    ]
+    mapped = {"topic": "/tf", "frames": ["map", "base"], "position_sigma": 1.0}
+    log = read_log(tf_bag(tmp_path / "bag", moving), robot_with(tracks=JOINTS, fixes=mapped))
+    assert log.fixes is not None
+    assert len(log.fixes.stamps) == 1
+    assert log.dropped == {"fixes: tf: not finite or no rotation": 2}
+
+
+def test_a_sample_log_with_gps(data_dir: Path) -> None:
+    robot = load_robot("husky")
+    robot.log["fixes"] = {"topic": "/fix"}
+    log = read_log(sample_log(data_dir, "husky_test1.bag"), robot)
+    assert log.fixes is not None
+    assert len(log.fixes.stamps) == 989
+    steps = np.hypot(*np.diff(log.fixes.poses[:, :2], axis=0).T)
+    # The README beside the logs says 394 m.
+    assert steps.sum() == pytest.approx(394.0, abs=4.0)
+
+
+def test_a_sample_log_whose_gps_has_another_clock(data_dir: Path) -> None:
+    robot = load_robot("wetexplorer")
+    robot.log.clear()
+    robot.log.update(
+        imu={"topic": "/imu/data_raw"},
+        fixes={"topic": "/gps/fix", "position_sigma": 0.02},
+        heading={"topic": "/gps/navheading", "offset_deg": -90.0, "sigma": 0.05},
+    )
+    log = read_log(sample_log(data_dir, "wetexplorer_2024-07-05-13-33-58.bag"), robot)
+    assert log.fixes is not None
+    assert any("19.0 days" in note and note.startswith("fixes") for note in log.notes)
+    assert abs(int(log.fixes.stamps[0]) - log.start) < SECOND
+    # While it drives, the heading is the direction of driving, as the README beside the logs says.
+    steps = np.diff(log.fixes.poses[::5, :2], axis=0)
+    driving = np.hypot(*steps.T) > 0.5
+    courses = np.arctan2(steps[:, 1], steps[:, 0])[driving]
+    at = 0.5 * (log.fixes.stamps[::5][1:] + log.fixes.stamps[::5][:-1])[driving]
+    headings = np.interp(
+        at,
+        [fix.stamp for fix in log.others],
+        np.unwrap([fix.yaw for fix in log.others]),
+    )
+    off = np.angle(np.exp(1j * (courses - headings)))
+    assert np.abs(np.median(off)) < 0.1

@@ -1,0 +1,189 @@
+"""Several files as one log; clocks and the order of messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_bags import JOINTS, SPEEDS, imu, joints, odometry, robot_with, write_bag
+
+from conftest import make_log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.reading.clocks import Evidence, choose_clocks
+from icreckon.replay.reading.ordering import WINDOW, arrival_in_order
+from icreckon.replay.reading.read_log import read_log
+
+SECOND = 10**9
+
+
+def halves(log):
+    """A log cut in two; in the second half nothing but track speeds and IMU."""
+    from dataclasses import replace
+
+    first = replace(
+        log,
+        tracks=TrackSpeedSeries(log.tracks.stamps[:100], log.tracks.speeds[:100]),
+        imu=ImuSeries(
+            log.imu.stamps[:200],
+            log.imu.angular_velocity[:200],
+            log.imu.linear_acceleration[:200],
+        ),
+    )
+    second = replace(
+        log,
+        tracks=TrackSpeedSeries(log.tracks.stamps[100:], log.tracks.speeds[100:]),
+        imu=ImuSeries(
+            log.imu.stamps[200:],
+            log.imu.angular_velocity[200:],
+            log.imu.linear_acceleration[200:],
+        ),
+        fixes=None,
+        truth=None,
+    )
+    return first, second
+
+
+@pytest.mark.parametrize("forms", [("mcap", "mcap"), ("ros1", "ros1"), ("sqlite3", "ros1")])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_parts_of_a_recording_are_one_log(
+    tmp_path: Path, robot: Robot, forms: tuple[str, str], swapped: bool
+) -> None:
+    whole = make_log()
+    paths = [
+        write_log(part, tmp_path / f"part{number}", form, robot)
+        for number, (part, form) in enumerate(zip(halves(whole), forms, strict=True))
+    ]
+    log = read_log(paths[::-1] if swapped else paths, robot)
+    np.testing.assert_array_equal(log.tracks.stamps, whole.tracks.stamps)
+    np.testing.assert_allclose(log.tracks.speeds, whole.tracks.speeds)
+    np.testing.assert_array_equal(log.imu.angular_velocity, whole.imu.angular_velocity)
+    assert len(log.fixes.stamps) == len(whole.fixes.stamps)
+    assert log.truth.source == "random"
+    assert log.dropped == {}
+    assert log.name == paths[:: -1 if swapped else 1][0].stem
+
+
+def test_parts_that_overlap_are_counted_once(tmp_path: Path) -> None:
+    early = write_bag(tmp_path / "early", SPEEDS[:2])
+    late = write_bag(tmp_path / "late", SPEEDS[1:])
+    log = read_log([early, late], robot_with(tracks=JOINTS))
+    assert len(log.tracks.stamps) == 3
+    assert log.dropped == {"tracks: duplicate stamp": 1}
+
+
+def test_a_bag_and_a_table(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", SPEEDS)
+    table = tmp_path / "imu.csv"
+    table.write_text("t,gz\n1.5,0.25\n", encoding="utf-8")
+    columns = {"time": "t", "imu": {"angular_velocity": ["gz"]}}
+    log = read_log([bag, table], robot_with(tracks=JOINTS, columns=columns))
+    assert len(log.tracks.stamps) == 3
+    assert log.imu.angular_velocity[0, 2] == 0.25
+
+
+def test_no_file_and_one_twice(tmp_path: Path, robot: Robot) -> None:
+    bag = write_bag(tmp_path / "bag", SPEEDS)
+    with pytest.raises(ReplayError, match="at least one file"):
+        read_log([], robot)
+    with pytest.raises(ReplayError, match="given twice"):
+        read_log([bag, tmp_path / "." / "bag"], robot)
+
+
+def test_a_topic_that_is_in_none_of_the_files(tmp_path: Path) -> None:
+    paths = [write_bag(tmp_path / name, SPEEDS) for name in ("a", "b")]
+    with pytest.raises(ReplayError, match=r"a and 1 more: topic '/wheels' for tracks is not in"):
+        read_log(paths, robot_with(tracks=JOINTS | {"topic": "/wheels"}))
+
+
+def test_late_messages_are_sorted(tmp_path: Path) -> None:
+    order = [1, 2, 5, 3, 4, 6, 7, 8]
+    messages = [("/js", joints(k * SECOND // 10, (float(k), 0.0))) for k in order]
+    # They are recorded in the order given, 1 ms apart.
+    path = write_bag(tmp_path / "bag", messages, times=range(0, 8_000_000, 1_000_000))
+    log = read_log(path, robot_with(tracks=JOINTS))
+    np.testing.assert_array_equal(log.tracks.stamps, np.arange(1, 9) * SECOND // 10)
+    np.testing.assert_allclose(log.tracks.speeds[:, 0], 0.5 * np.arange(1, 9))
+    assert log.dropped == {}
+    assert "out of order" in log.notes[0]
+    assert "were sorted" in log.notes[0]
+
+
+def test_order() -> None:
+    window = round(WINDOW * SECOND)
+
+    def taken(*stamps: int) -> tuple[list[int], int]:
+        array = np.array(stamps, dtype=np.int64)
+        places, moved = arrival_in_order(array)
+        assert sorted(places.tolist()) == list(range(len(stamps)))
+        return array[places].tolist(), moved
+
+    assert taken(1, 2, 3) == ([1, 2, 3], 0)
+    assert taken(1, 3, 2, 4) == ([1, 2, 3, 4], 1)
+    assert taken(3, 1, 2, 4) == ([1, 2, 3, 4], 1)
+    # Too late stays where it is, for the screening to drop; one far ahead keeps none from being sorted.
+    far = 10 * window
+    assert taken(far, far + 1, 5, far + 2) == ([far, far + 1, 5, far + 2], 0)
+    assert taken(1, far, 2, 4, 3, 5) == ([1, far, 2, 3, 4, 5], 1)
+    # Damaged stamps do not overflow.
+    assert taken(1, 2**63 - 1, 2, -(2**63), 3)[1] == 0
+
+
+def evidence(*rows) -> dict[str, Evidence]:
+    return {f"s{k}": Evidence(f"/t{k}", *row) for k, row in enumerate(rows)}
+
+
+@pytest.mark.parametrize(
+    ("streams", "clocks"),
+    [
+        (evidence(("auto", -0.01), ("auto", 0.2)), ["header", "header"]),
+        # A bag that was recorded anew: all headers agree, if not with the recorder.
+        (evidence(("auto", -5e6), ("auto", -5e6 - 0.3)), ["header", "header"]),
+        (evidence(("auto", 0.01), ("auto", 1.6e6)), ["header", "recording"]),
+        (evidence(("auto", 40.0), ("auto", 1.6e6)), ["recording", "recording"]),
+        (evidence(("auto", None), ("auto", 0.1)), ["recording", "header"]),
+        (evidence(("auto", None), ("auto", 40.0)), ["recording", "recording"]),
+        (evidence(("auto", 0.0, True), ("auto", 0.1)), ["recording", "header"]),
+        (evidence(("recording", 0.0), ("auto", 40.0)), ["recording", "recording"]),
+        (evidence(("header", 1.6e6), ("auto", 0.1)), ["header", "header"]),
+    ],
+)
+def test_clocks(streams: dict[str, Evidence], clocks: list[str]) -> None:
+    chosen = choose_clocks(streams)
+    assert [choice.clock for choice in chosen.values()] == clocks
+    assert all(choice.reason for choice in chosen.values())
+
+
+def test_a_clock_that_is_off_is_noted(tmp_path: Path) -> None:
+    days = 19 * 86_400 * SECOND
+    messages = [*SPEEDS, *(("/imu", imu(k * SECOND + days)) for k in (1, 2, 3))]
+    times = [k * SECOND for k in (1, 2, 3, 1, 2, 3)]
+    path = write_bag(tmp_path / "bag", messages, times=times)
+    mapped = {"tracks": JOINTS, "imu": {"topic": "/imu"}}
+    log = read_log(path, robot_with(**mapped))
+    np.testing.assert_array_equal(log.imu.stamps, [SECOND, 2 * SECOND, 3 * SECOND])
+    assert "imu by the time of recording: the header stamps are 19.0 days after" in log.notes[0]
+    mapped["imu"]["time"] = "header"
+    assert read_log(path, robot_with(**mapped)).imu.stamps[0] == SECOND + days
+
+
+def test_progress_of_reading(tmp_path: Path, robot: Robot) -> None:
+    paths = [
+        write_log(part, tmp_path / f"part{number}", "mcap", robot)
+        for number, part in enumerate(halves(make_log(seconds=40.0)))
+    ]
+    shares: list[float] = []
+    read_log(paths, robot, progress=shares.append)
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] < 0.75
+    assert 0.75 < shares[-1] <= 1.0
+
+
+def test_files_that_carry_two_types_on_one_topic(tmp_path: Path) -> None:
+    one = write_bag(tmp_path / "one", SPEEDS)
+    other = write_bag(tmp_path / "other", [("/js", odometry(5 * SECOND, 1.0, 0.0))])
+    with pytest.raises(ReplayError, match=r"JointState' in .*one, and of type .*Odometry' in"):
+        read_log([one, other], robot_with(tracks=JOINTS))

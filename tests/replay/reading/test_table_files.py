@@ -1,0 +1,241 @@
+"""Tables as logs: CSV and Parquet by a column map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import csv, parquet
+
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, Vehicle
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.read_log import read_log
+
+VEHICLE = Vehicle(mass=1.0, track_gauge=0.8, sprocket_radius=0.5)
+START = 1_700_000_000_123_456_789
+
+
+def robot_with(**columns: object) -> Robot:
+    return Robot("test", VEHICLE, log={"columns": {"time": "t", **columns}})
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def read(path: Path, **columns: object) -> Log:
+    return read_log(path, robot_with(**columns))
+
+
+SPEEDS = {"left": ["l"], "right": ["r"]}
+RUN = "t,l,r\n1.5,0.1,0.2\n1.6,0.3,0.4\n"
+
+
+def test_track_speeds(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "run.csv", RUN), tracks=SPEEDS)
+    np.testing.assert_array_equal(log.tracks.stamps, [1_500_000_000, 1_600_000_000])
+    np.testing.assert_array_equal(log.tracks.speeds, [[0.1, 0.2], [0.3, 0.4]])
+    assert log.name == "run"
+    assert log.dropped == {}
+    assert log.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("rad/s", 0.5), ("rpm", 0.5 * 2.0 * np.pi / 60.0), ("mm/s", 1e-3), ("km/h", 1.0 / 3.6)],
+)
+def test_units_of_speed(tmp_path: Path, unit: str, factor: float) -> None:
+    log = read(write(tmp_path / "run.csv", RUN), tracks=SPEEDS | {"unit": unit})
+    np.testing.assert_allclose(log.tracks.speeds[1], [0.3 * factor, 0.4 * factor])
+
+
+def test_counts_become_speeds_across_a_wrap(tmp_path: Path) -> None:
+    text = "t,l,r\n0.0,250,10\n0.1,2,4\n0.2,12,254\n5.0,12,254\n5.1,13,254\n"
+    counts = {"unit": "counts", "counts_per_turn": 100.0, "wrap": 256.0}
+    log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS | counts)
+    turn = 2.0 * np.pi * 0.5
+    np.testing.assert_allclose(
+        log.tracks.speeds * 0.1 * 100.0 / turn, [[8, -6], [10, -6], [1, 0]], atol=1e-9
+    )
+    np.testing.assert_array_equal(log.tracks.stamps, [50_000_000, 150_000_000, 5_050_000_000])
+    assert log.dropped == {"tracks: counter not read for 1 s": 1}
+
+
+def test_a_counter_that_jumps(tmp_path: Path) -> None:
+    text = "t,l,r\n0.0,0.0,0.0\n0.1,0.1,0.1\n0.2,-700.0,0.2\n0.3,-699.9,0.3\n"
+    log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS | {"unit": "m"})
+    np.testing.assert_allclose(log.tracks.speeds, [[1.0, 1.0], [1.0, 1.0]])
+    assert log.dropped == {"tracks: counter jumps": 1}
+
+
+def test_wheels_of_a_side_are_averaged(tmp_path: Path) -> None:
+    text = "t,a,b,c,d\n1,0.1,0.3,1.0,2.0\n"
+    wheels = {"left": ["a", "b"], "right": ["c", "d"]}
+    np.testing.assert_allclose(
+        read(write(tmp_path / "run.csv", text), tracks=wheels).tracks.speeds, [[0.2, 1.5]]
+    )
+
+
+def test_one_table_with_empty_cells_for_several_streams(tmp_path: Path) -> None:
+    text = (
+        "t,l,r,gz,ax,ay,az,x,y,yaw\n"
+        "0.00,1,2,,,,,,,\n"
+        "0.01,,,90,0,0,1,,,\n"
+        "0.02,3,,,,,,,,\n"
+        "0.03,,,180,0,0,1,,,\n"
+        "0.04,5,6,,,,,7,8,0.5\n"
+        ",1,1,,,,,,,\n"
+    )
+    log = read(
+        write(tmp_path / "run.csv", text),
+        tracks=SPEEDS,
+        imu={
+            "angular_velocity": ["gz"],
+            "linear_acceleration": ["ax", "ay", "az"],
+            "rate_unit": "deg/s",
+            "acceleration_unit": "g",
+        },
+        truth={"x": "x", "y": "y", "yaw": "yaw", "source": "tape measure"},
+    )
+    np.testing.assert_array_equal(log.tracks.speeds, [[1, 2], [5, 6]])
+    assert log.dropped == {"tracks: not finite": 1, "tracks: no time": 1}
+    assert log.imu is not None
+    np.testing.assert_allclose(log.imu.angular_velocity[:, 2], [np.pi / 2, np.pi])
+    assert log.imu.linear_acceleration is not None
+    np.testing.assert_allclose(log.imu.linear_acceleration[0], [0.0, 0.0, 9.80665])
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.poses.poses, [[7.0, 8.0, 0.5]])
+    assert log.truth.source == "tape measure"
+
+
+def test_streams_in_files_of_their_own(tmp_path: Path) -> None:
+    tracks = write(tmp_path / "tracks.csv", RUN)
+    imu = write(tmp_path / "imu.csv", "time;x;y;z\n1.55;0.1;0.2;0.3\n")
+    robot = robot_with(tracks=SPEEDS, imu={"angular_velocity": ["x", "y", "z"], "time": "time"})
+    log = read_log([tracks, imu], robot)
+    assert log.imu is not None
+    assert log.imu.linear_acceleration is None
+    np.testing.assert_array_equal(log.imu.angular_velocity, [[0.1, 0.2, 0.3]])
+    np.testing.assert_array_equal(log.imu.stamps, [1_550_000_000])
+    assert len(log.tracks.stamps) == 2
+
+
+def test_a_run_in_two_files_is_one_log(tmp_path: Path) -> None:
+    late = write(tmp_path / "b.csv", RUN)
+    early = write(tmp_path / "a.csv", RUN.replace("1.5", "0.5").replace("1.6", "0.6"))
+    log = read_log([late, early], robot_with(tracks=SPEEDS))
+    np.testing.assert_array_equal(
+        log.tracks.stamps, [500_000_000, 600_000_000, 1_500_000_000, 1_600_000_000]
+    )
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "named otherwise"])
+@pytest.mark.parametrize("unit", ["s", "ns", "date"])
+def test_times_since_1970(tmp_path: Path, kind: str, unit: str) -> None:
+    stamps = START + np.arange(3) * 10_000_001
+    times = {
+        "s": pa.array(stamps * 1e-9),
+        "ns": pa.array(stamps),
+        "date": pa.array(stamps, pa.timestamp("ns", "UTC")),
+    }[unit]
+    table = pa.table({"t": times, "l": [0.1, 0.2, 0.3], "r": [1, 2, 3]})
+    path = tmp_path / (
+        "run.csv" if kind == "csv" else "run.parquet" if kind == "parquet" else "run"
+    )
+    if kind == "csv":
+        csv.write_csv(table, path)
+    else:
+        parquet.write_table(table, path)
+    log = read(path, tracks=SPEEDS, time_unit="ns" if unit == "ns" else "s")
+    np.testing.assert_allclose(
+        (log.tracks.stamps - stamps).astype(float), 0.0, atol=0 if unit != "s" else 240
+    )
+
+
+def test_fixes_on_the_globe(tmp_path: Path) -> None:
+    text = (
+        "t,l,r,lat,lon,s\n"
+        "0.0,0,0,52.0,13.0,0.5\n"
+        "0.1,0,0,52.001,13.0,0.5\n"
+        "0.2,0,0,0.0,0.0,0.5\n"
+        "0.3,0,0,52.0,13.001,0.7\n"
+    )
+    fixes = {"latitude": "lat", "longitude": "lon", "sigma": "s", "origin": [52.0, 13.0, 0.0]}
+    log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS, fixes=fixes)
+    assert log.fixes is not None
+    # By the lengths of a degree at this latitude on WGS 84.
+    np.testing.assert_allclose(
+        log.fixes.poses[:, :2], [[0, 0], [0, 111.267], [68.677, 0]], atol=0.01
+    )
+    np.testing.assert_allclose(log.fixes.variances[:, 0], [0.25, 0.25, 0.49])
+    assert log.dropped == {"fixes: not a place on the globe": 1}
+
+
+def test_fixes_in_the_plane(tmp_path: Path) -> None:
+    text = "t,l,r,x,y,h\n0.0,0,0,1,2,0.5\n0.1,0,0,3,4,\n"
+    fixes = {"x": "x", "y": "y", "yaw": "h", "position_sigma": 0.1, "heading_sigma": 0.2}
+    log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS, fixes=fixes)
+    assert log.fixes is not None
+    np.testing.assert_allclose(log.fixes.poses, [[1, 2, 0.5], [3, 4, np.nan]])
+    np.testing.assert_allclose(log.fixes.variances, [[0.01, 0.04], [0.01, 0.04]])
+    with pytest.raises(ReplayError, match=r"position_sigma .* \[log.columns.fixes\]"):
+        read(tmp_path / "run.csv", tracks=SPEEDS, fixes={"x": "x", "y": "y"})
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("t,l,rr\n1,2,3\n", r"columns t, l, r for tracks .* run.csv: rr"),
+        ("t,l,r\n1,2,fast\n", r"column 'r' holds string, not numbers \(such as 'fast'\)"),
+        ("t,l,r\n1.7e18,2,3\n", "too much for times in s; set time_unit"),
+        ("t,l,r\n", "no rows"),
+        ("t,l,l,r\n1,2,3,4\n", "several columns are named 'l'"),
+        ("t,l,r\n1,2\n1,2,3\n", "cannot be read"),
+        ("", "cannot be read"),
+    ],
+)
+def test_what_is_no_table_of_track_speeds(tmp_path: Path, text: str, part: str) -> None:
+    path = write(tmp_path / "run.csv", text)
+    with pytest.raises(ReplayError, match=part) as caught:
+        read(path, tracks=SPEEDS)
+    assert "run.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_table_needs_a_column_map(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.csv", RUN)
+    with pytest.raises(ReplayError, match=r"\[log.columns\] .* its columns are t, l, r"):
+        read_log(path, Robot("test", VEHICLE))
+
+
+def test_a_stream_that_is_not_there_is_noted(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "run.csv", RUN), tracks=SPEEDS, imu={"angular_velocity": ["gz"]})
+    assert log.imu is None
+    assert "columns t, gz for imu are not all in one table" in log.notes[0]
+
+
+def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "run.csv", "\ufeff# t, l, r\n1.5, 0.1, 0.2\n"), tracks=SPEEDS)
+    np.testing.assert_array_equal(log.tracks.speeds, [[0.1, 0.2]])
+
+
+@pytest.mark.parametrize(
+    ("columns", "part"),
+    [
+        ({"tracks": {"left": ["l"], "rigth": ["r"]}}, "did you mean 'right'"),
+        ({"tracks": SPEEDS | {"unit": "furlongs"}}, "furlongs"),
+        ({"tracks": SPEEDS | {"unit": "counts"}}, "counts_per_turn"),
+        ({"tracks": SPEEDS | {"wrap": 9.0}}, "wrap is for what adds up"),
+        ({"imu": {"angular_velocity": ["x", "y"]}}, "three columns"),
+        ({"fixes": {"x": "x", "latitude": "y"}}, "or else latitude and longitude"),
+        ({"truth": {"latitude": "a", "longitude": "b"}}, "truth must name"),
+    ],
+)
+def test_a_wrong_column_map(columns: dict[str, object], part: str) -> None:
+    with pytest.raises(ReplayError, match=part):
+        topic_map(robot_with(**columns), "test.toml")

@@ -1,0 +1,179 @@
+"""Track speeds of joints that count, of other types of message, and with definitions of one's own."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from test_bags import JOINTS, STORE, T, header, robot_with, write_bag
+
+from icreckon.estimator.log.log import Log
+from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.mapping.field_paths import field_getter
+from icreckon.replay.reading.read_log import read_log
+
+SECOND = 10**9
+KIND = "our_msgs/msg/Drive"
+DEFINITION = "std_msgs/Header header\nour_msgs/Wheel[2] wheels\nint32[] ticks\nstring who\n"
+WHEEL = "float32 rate\n"
+
+
+def joints(stamp: int, positions, names=("l", "r")):
+    nothing = np.empty(0)
+    return T["sensor_msgs/msg/JointState"](
+        header(stamp), list(names), np.array(positions, dtype=float), nothing, nothing
+    )
+
+
+def drive_bag(path: Path, messages, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
+    """A bag of Drive messages, (stamp, left and right rate, ticks)."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(
+        get_types_from_msg(WHEEL, "our_msgs/msg/Wheel") | get_types_from_msg(DEFINITION, KIND)
+    )
+    types = store.types
+    with Writer(path, version=9, storage_plugin=plugin) as bag:
+        at = bag.add_connection("/drive", KIND, typestore=store)
+        for stamp, rates, ticks in messages:
+            wheels = [types["our_msgs/msg/Wheel"](rate) for rate in rates]
+            message = types[KIND](header(stamp), wheels, np.array(ticks, dtype=np.int32), "me")
+            bag.write(at, stamp, store.serialize_cdr(message, KIND))
+    return path
+
+
+DRIVES = [(k * SECOND, (1.0, 2.0), (10 * k, 20 * k)) for k in (1, 2, 3)]
+
+
+def read(path: Path, **tracks: object) -> Log:
+    return read_log(path, robot_with(tracks={"topic": "/drive", **tracks}))
+
+
+def test_fields_of_a_type_of_ones_own(tmp_path: Path) -> None:
+    path = drive_bag(tmp_path / "bag", DRIVES)
+    log = read(path, left=["wheels[0].rate"], right=["wheels[1].rate"])
+    np.testing.assert_allclose(log.tracks.speeds, [[0.5, 1.0]] * 3)
+    np.testing.assert_array_equal(log.tracks.stamps, [SECOND, 2 * SECOND, 3 * SECOND])
+
+
+def test_counts_of_a_type_of_ones_own(tmp_path: Path) -> None:
+    path = drive_bag(tmp_path / "bag", DRIVES)
+    counts = {"unit": "counts", "counts_per_turn": 100.0}
+    log = read(path, left=["ticks[0]"], right=["ticks[1]"], **counts)
+    turn = 2.0 * np.pi * 0.5
+    np.testing.assert_allclose(log.tracks.speeds, [[0.1 * turn, 0.2 * turn]] * 2)
+
+
+def test_an_array_that_is_too_short_is_counted(tmp_path: Path) -> None:
+    path = drive_bag(tmp_path / "bag", [*DRIVES, (4 * SECOND, (1.0, 2.0), (1,))])
+    log = read(path, left=["ticks[0]"], right=["ticks[1]"], unit="rad/s")
+    assert len(log.tracks.stamps) == 3
+    assert log.dropped == {"tracks: cannot be decoded": 1}
+
+
+@pytest.mark.parametrize(
+    ("left", "part"),
+    [
+        ("wheel[0].rate", r"no field 'wheel' of .* our_msgs/msg/Drive has header, wheels, ticks"),
+        ("wheels[0].speed", r"no field 'speed' .* our_msgs/msg/Wheel has rate"),
+        ("header", r"'header' is no number; std_msgs/msg/Header has stamp, frame_id"),
+        ("who", "'who' is no number; it is of type str"),
+        ("wheels[0]..rate", "no path of a field"),
+        ("[x]", "no path of a field"),
+    ],
+)
+def test_fields_that_are_not_there(tmp_path: Path, left: str, part: str) -> None:
+    path = drive_bag(tmp_path / "bag", DRIVES)
+    with pytest.raises(ReplayError, match=part) as caught:
+        read(path, left=[left], right=["wheels[1].rate"])
+    assert "\n" not in str(caught.value)
+
+
+def test_paths() -> None:
+    twist = T["geometry_msgs/msg/Twist"](
+        T["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0), T["geometry_msgs/msg/Vector3"](4.0, 5.0, 6.0)
+    )
+    assert field_getter("linear.y")(twist) == 2.0
+    assert field_getter("angular.z")(twist) == 6.0
+
+
+def test_messages_without_a_header_go_by_the_time_of_recording(tmp_path: Path) -> None:
+    kind = "std_msgs/msg/Float64MultiArray"
+    layout = T["std_msgs/msg/MultiArrayLayout"]([], 0)
+    path = tmp_path / "bag"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        at = bag.add_connection("/drive", kind, typestore=STORE)
+        for k in (1, 2):
+            message = T[kind](layout, np.array([1.0 * k, 2.0 * k]))
+            bag.write(at, k * SECOND, STORE.serialize_cdr(message, kind))
+    log = read(path, left=["data[0]"], right=["data[1]"], unit="m/s")
+    np.testing.assert_array_equal(log.tracks.speeds, [[1.0, 2.0], [2.0, 4.0]])
+    np.testing.assert_array_equal(log.tracks.stamps, [SECOND, 2 * SECOND])
+    assert log.notes == ("tracks by the time of recording: the messages have no header",)
+    with pytest.raises(ReplayError, match='no header; set time = "recording"'):
+        read(path, left=["data[0]"], right=["data[1]"], time="header")
+
+
+def definition_files(folder: Path) -> list[Path]:
+    files = [folder / "our_msgs" / "msg" / "Drive.msg", folder / "our_msgs" / "msg" / "Wheel.msg"]
+    files[0].parent.mkdir(parents=True)
+    for file, text in zip(files, (DEFINITION, WHEEL), strict=True):
+        file.write_text(text, encoding="utf-8")
+    return files
+
+
+def test_definitions_that_the_bag_lacks(tmp_path: Path) -> None:
+    # sqlite3 bags of older versions of rosbag2 hold no definitions.
+    path = drive_bag(tmp_path / "bag", DRIVES, StoragePlugin.SQLITE3)
+    with sqlite3.connect(path / "bag.db3") as database:
+        database.execute("DELETE FROM message_definitions")
+    database.close()
+    sides = {"left": ["wheels[0].rate"], "right": ["wheels[1].rate"]}
+    with pytest.raises(ReplayError, match=r"holds no definition of this type; give .* --msg"):
+        read(path, **sides)
+    definitions = read_definitions(definition_files(tmp_path))
+    assert [name for name, _ in definitions] == [KIND, "our_msgs/msg/Wheel"]
+    robot = robot_with(tracks={"topic": "/drive", **sides})
+    log = read_log(path, robot, definitions=definitions)
+    np.testing.assert_allclose(log.tracks.speeds, [[0.5, 1.0]] * 3)
+    with pytest.raises(ReplayError, match="Wheel"):
+        read_log(path, robot, definitions=definitions[:1])
+
+
+def test_files_that_are_no_definitions(tmp_path: Path) -> None:
+    wrong = tmp_path / "Wrong.msg"
+    wrong.write_text("%%%", encoding="utf-8")
+    for file, part in ((wrong, "not a message definition"), (tmp_path / "A.msg", "cannot be read")):
+        with pytest.raises(ReplayError, match=part) as caught:
+            read_definitions([file])
+        assert "\n" not in str(caught.value)
+
+
+def test_joints_that_count(tmp_path: Path) -> None:
+    messages = [
+        ("/js", joints(k * SECOND // 10, angles))
+        for k, angles in enumerate([(0.0, 6.2), (0.1, 0.1), (0.2, 0.2)], start=1)
+    ]
+    mapped = JOINTS | {"unit": "rad", "wrap": 2.0 * np.pi}
+    log = read_log(write_bag(tmp_path / "bag", messages), robot_with(tracks=mapped))
+    np.testing.assert_allclose(
+        log.tracks.speeds, [[0.5, (2.0 * np.pi - 6.1) * 5.0], [0.5, 0.5]], atol=1e-9
+    )
+    np.testing.assert_array_equal(log.tracks.stamps, [3 * SECOND // 20, SECOND // 4])
+
+
+def test_joints_without_positions(tmp_path: Path) -> None:
+    messages = [("/js", joints(k * SECOND, ())) for k in (1, 2)]
+    path = write_bag(tmp_path / "bag", messages)
+    with pytest.raises(ReplayError, match=r"2 x cannot be decoded; wanted are the positions"):
+        read_log(path, robot_with(tracks=JOINTS | {"unit": "rad"}))
+
+
+def test_four_wheels_that_wrap_are_refused(tmp_path: Path) -> None:
+    mapped = {"topic": "/js", "left": ["a", "b"], "right": ["c", "d"], "unit": "rad", "wrap": 6.28}
+    with pytest.raises(ReplayError, match="one counter a side"):
+        read_log(tmp_path, robot_with(tracks=mapped))

@@ -1,0 +1,403 @@
+import subprocess
+import sys
+from typing import get_type_hints
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.drives import aggressive, arcs, figure_eight, spin
+from icreckon.simulation.drives.recorded import Recorded, read_recording, recorded_command
+from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_length
+from icreckon.simulation.drives.trajectories import (
+    RECORDED,
+    TRAJECTORIES,
+    check_trajectory,
+    make_trajectory,
+    trajectory_names,
+    trajectory_options,
+)
+
+ALPHA = load_robot("auriga-alpha")
+
+
+def robot_with_top_speed(top):
+    vehicle = msgspec.structs.replace(ALPHA.vehicle, max_track_speed=top)
+    return msgspec.structs.replace(ALPHA, vehicle=vehicle)
+
+
+def keeps_its_limits(command, duration, top):
+    step = 0.005
+    times = np.arange(0.0, duration, step)
+    speeds = command(times)
+    assert speeds.shape == (len(times), 2)
+    assert np.abs(speeds).max() <= top * (1.0 + 1e-9)
+    assert (speeds[times <= STANDSTILL] == 0.0).all()
+    rates = np.diff(speeds, axis=0) / step
+    if len(rates):
+        assert np.abs(rates).max() <= ACCELERATION * (1.0 + 1e-9)
+    if len(rates) > 1:
+        # Acceleration is continuous: a quintic blend has |jerk| <= 5.78 change / length², and no
+        # blend is shorter than 0.2 s.
+        assert np.abs(np.diff(rates, axis=0)).max() <= 20.0 * step
+
+
+@settings(deadline=None, max_examples=80)
+@given(
+    name=st.sampled_from(sorted(TRAJECTORIES)),
+    seed=st.integers(0, 2**32),
+    top=st.floats(0.2, 4.0),
+    duration=st.floats(0.5, 120.0),
+)
+def test_every_trajectory_keeps_its_limits(name, seed, top, duration):
+    robot = robot_with_top_speed(top)
+    command = make_trajectory(name, duration, robot, np.random.default_rng(seed))
+    keeps_its_limits(command, duration, top)
+
+
+def option_values(name):
+    """Values for some of the options of a trajectory, within what their types allow."""
+    hints = get_type_hints(TRAJECTORIES[name], include_extras=True)
+    values = {}
+    for option in trajectory_options(name):
+        text = str(hints[option])
+        low = 0.01 if "gt=0" in text else -1.0 if "ge=-1" in text else 0.0
+        # Slaloms of more than 5 Hz have more jerk than `keeps_its_limits` allows for.
+        high = 1.0 if "le=1" in text else 5.0 if option in {"lowest", "highest"} else 20.0
+        values[option] = st.floats(low, high)
+    return st.fixed_dictionaries({}, optional=values)
+
+
+def contradictory(name, options):
+    both = trajectory_options(name) | options
+    return (
+        (name == "arcs" and both["tightest"] > both["widest"])
+        or (name == "slalom" and both["lowest"] > both["highest"])
+        or (name == "random" and both["reverse"] + both["stop"] > 1.0)
+        or (name == "figure-eight" and both["turn"] == 0.0)
+    )
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.data())
+def test_whatever_the_options_limits_are_kept_or_the_trajectory_is_refused(data):
+    name = data.draw(st.sampled_from(sorted(TRAJECTORIES)))
+    options = data.draw(option_values(name))
+    duration = data.draw(st.floats(0.5, 60.0))
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    command, refusal = None, ""
+    try:
+        command = make_trajectory(name, duration, ALPHA, rng, options)
+    except SimulationError as error:
+        refusal = str(error)
+    if contradictory(name, options):
+        assert command is None
+    elif command is None:
+        assert "more than max_track_speed = 1.0 m/s of 'auriga-alpha'" in refusal
+        assert abs(options.get("speed", 0.6)) + abs(options.get("turn", 0.3)) > 1.0
+    else:
+        keeps_its_limits(command, duration, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "top"),
+    [
+        ("slalom", {"lowest": 2.0, "highest": 2.0}, 1.0),
+        ("slalom", {"speed": -0.7, "turn": -0.3}, 1.0),
+        ("figure-eight", {"speed": -0.7, "turn": -0.3}, 4.0),
+        ("stop-and-go", {"speed": -0.8, "turn": 0.2, "drive": 0.0, "rest": 0.0}, 1.0),
+        ("arcs", {"speed": -1.0, "tightest": 0.01, "widest": 0.02, "hold": 0.0}, 2.0),
+        ("random", {"hold": 0.0, "reverse": 0.5, "stop": 0.5}, 1.0),
+    ],
+)
+def test_extreme_options_keep_the_limits(name, options, top):
+    robot = robot_with_top_speed(top)
+    command = make_trajectory(name, 60.0, robot, np.random.default_rng(0), options)
+    keeps_its_limits(command, 60.0, top)
+
+
+@pytest.mark.parametrize("name", sorted(TRAJECTORIES))
+def test_every_trajectory_drives_and_does_not_depend_on_sampling(name):
+    command = make_trajectory(name, 60.0, ALPHA, np.random.default_rng(3))
+    coarse, fine = np.arange(0.0, 60.0, 0.5), np.arange(0.0, 60.0, 0.125)
+    assert np.array_equal(command(coarse), command(fine)[::4])
+    assert np.abs(command(fine)).max() > 0.3
+
+
+@pytest.mark.parametrize("name", ["arcs", "random", "aggressive"])
+def test_random_trajectories_follow_their_seed(name):
+    times = np.arange(0.0, 60.0, 0.1)
+
+    def speeds(seed, duration=60.0):
+        return make_trajectory(name, duration, ALPHA, np.random.default_rng(seed))(times)
+
+    assert np.array_equal(speeds(1), speeds(1))
+    assert not np.array_equal(speeds(1), speeds(2))
+    assert np.array_equal(speeds(1), speeds(1, duration=200.0))
+
+
+def test_random_is_forward_mostly_and_aggressive_is_everywhere():
+    times = np.arange(STANDSTILL, 2000.0, 0.1)
+    everyday = make_trajectory("random", 2000.0, ALPHA, np.random.default_rng(5))(times)
+    assert (everyday.mean(axis=1) > 0.05).mean() > 0.75
+    assert (everyday.mean(axis=1) < -0.05).any()
+    wild = aggressive(2000.0, ALPHA, np.random.default_rng(5))(times)
+    assert (wild.min(axis=0) < -0.95).all()
+    assert (wild.max(axis=0) > 0.95).all()
+    assert (np.abs(wild.mean(axis=0)) < 0.1).all()
+
+
+def test_spin_has_the_on_spot_ratio():
+    rng = np.random.default_rng(0)
+    left, right = spin(20.0, ALPHA, rng)(np.array([15.0]))[0]
+    assert left / right == pytest.approx(-ALPHA.indices.H)
+    left, right = spin(20.0, ALPHA, rng, ratio=2.0)(np.array([15.0]))[0]
+    assert left / right == pytest.approx(-2.0)
+    assert left == pytest.approx(-0.6 * ALPHA.vehicle.max_track_speed)
+
+
+def test_figure_eight_turns_full_circles_for_constant_indices():
+    command = figure_eight(200.0, ALPHA, np.random.default_rng(0))
+    times = np.arange(0.0, 200.0, 0.001)
+    left, right = command(times).T
+    effective_gauge = ALPHA.vehicle.track_gauge * ALPHA.indices.eta0
+    heading = np.cumsum(right - left) * 0.001 / effective_gauge
+    turns = np.flatnonzero(np.diff(np.sign(right - left)[times > 5.0])) + np.sum(times <= 5.0)
+    lobes = np.diff(heading[turns])
+    assert len(lobes) >= 4
+    assert np.abs(lobes) == pytest.approx(2.0 * np.pi, rel=1e-3)
+    assert (np.sign(lobes[1:]) == -np.sign(lobes[:-1])).all()
+
+
+def test_a_negative_turn_mirrors_the_figure_eight():
+    times = np.arange(0.0, 100.0, 0.1)
+    rng = np.random.default_rng(0)
+    left = figure_eight(100.0, ALPHA, rng, turn=0.2)(times)
+    right = figure_eight(100.0, ALPHA, rng, turn=-0.2)(times)
+    assert np.array_equal(right, left[:, ::-1])
+    assert (left[(times > 5.0) & (times < 10.0)] @ [-1.0, 1.0] > 0.0).all()
+
+
+def radius(speeds):
+    """Radius of the centre's path for constant indices [m], left positive."""
+    left, right = speeds.T
+    gauge = ALPHA.vehicle.track_gauge * ALPHA.indices.eta0
+    return 0.5 * (left + right) * gauge / (right - left)
+
+
+def test_arcs_have_radii_of_their_range_to_both_sides():
+    command = arcs(3000.0, ALPHA, np.random.default_rng(1), tightest=0.5, widest=5.0)
+    radii = radius(command.targets)
+    assert (np.abs(radii) >= 0.5 - 1e-9).all()
+    assert (np.abs(radii) <= 5.0 + 1e-9).all()
+    # Evenly in the logarithm, and to either side.
+    count = len(radii)
+    assert abs((radii > 0.0).mean() - 0.5) < 5.0 * np.sqrt(0.25 / count)
+    middle = np.sqrt(0.5 * 5.0)
+    assert abs((np.abs(radii) < middle).mean() - 0.5) < 5.0 * np.sqrt(0.25 / count)
+    # 4 s in the mean, between ramps.
+    held = np.diff(command.starts) - command.lengths[:-1]
+    assert abs(held.mean() - 4.0) < 5.0 * 4.0 / np.sqrt(count)
+    # As fast as asked, or as the outer track can.
+    mean, outer = command.targets.mean(axis=1), command.targets.max(axis=1)
+    assert ((np.abs(mean - 0.6) < 1e-9) | (np.abs(outer - 1.0) < 1e-9)).all()
+
+
+def test_backward_and_to_the_right():
+    at, rng = np.array([55.0]), np.random.default_rng(0)
+
+    def speeds(name, **options):
+        return make_trajectory(name, 60.0, ALPHA, rng, options)(at)[0]
+
+    assert speeds("straight", speed=-0.4) == pytest.approx([-0.4, -0.4])
+    assert speeds("circle", turn=-0.2) == pytest.approx([0.7, 0.3])
+    left, right = speeds("spin", speed=-0.5)
+    assert left == pytest.approx(0.5 * ALPHA.indices.H / max(1.0, ALPHA.indices.H))
+    assert right < 0.0 < left
+
+
+def test_slalom_swings_ever_faster():
+    command = make_trajectory(
+        "slalom", 120.0, ALPHA, np.random.default_rng(0), {"lowest": 0.1, "highest": 0.4}
+    )
+    times = np.arange(STANDSTILL + 0.1, 120.0, 0.001)
+    left, right = command(times).T
+    crossings = times[1:][np.diff(np.sign(right - left)) != 0.0]
+    frequency = 0.5 / np.diff(crossings)
+    middle = 0.5 * (crossings[1:] + crossings[:-1])
+    share = (middle - STANDSTILL) / (120.0 - STANDSTILL)
+    assert frequency == pytest.approx(0.1 + share * (0.4 - 0.1), rel=2e-3)
+
+
+def test_options_are_those_of_the_maker():
+    assert trajectory_options("spin") == {"speed": 0.6, "ratio": None}
+    assert trajectory_options("recorded") == {"factor": 1.0}
+    assert set(trajectory_names()) == {*TRAJECTORIES, "recorded"}
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("figure-eigth", {}, "no trajectory named 'figure-eigth'; did you mean 'figure-eight'"),
+        ("record", {}, "did you mean 'recorded'"),
+        ("slalom", {"hihgest": 1.0}, "'slalom' has no option 'hihgest'; did you mean 'highest'"),
+        ("spin", {"turn": 0.1}, "'spin' has no option 'turn'; "),
+        ("circle", {"speed": 1.5}, "option 'speed' of trajectory 'circle' cannot be 1.5: "),
+        ("figure-eight", {"turn": 0.0}, "'figure-eight' cannot be 0.0: no circle"),
+        ("arcs", {"tightest": 5.0, "widest": 2.0}, "tightest = 5.0 is more than widest = 2.0"),
+        ("slalom", {"highest": 0.01}, "lowest = 0.05 is more than highest = 0.01; give both"),
+        ("random", {"reverse": 0.7, "stop": 0.4}, "together at most 1, found 0.7 and 0.4"),
+        ("random", {"hold": -1.0}, "cannot be -1.0: Expected `float` >= 0.0"),
+        ("random", {"hold": float("inf")}, "'hold' of trajectory 'random' must be finite"),
+        ("aggressive", {"hold": float("nan")}, "'hold' of trajectory 'aggressive'"),
+        ("stop-and-go", {"rest": "long"}, "cannot be 'long': Expected `float`, got `str`"),
+        ("recorded", {"factor": 0.0}, "option 'factor' of trajectory 'recorded' cannot be 0.0"),
+    ],
+)
+def test_bad_options_are_refused_in_one_line(name, options, message):
+    with pytest.raises(SimulationError) as caught:
+        check_trajectory(name, options)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_too_fast_is_refused_with_what_to_lower():
+    with pytest.raises(SimulationError, match=r"'circle' reaches 1.2 m/s.*; lower speed or turn"):
+        make_trajectory("circle", 10.0, ALPHA, None, {"speed": 0.8, "turn": 0.4})
+
+
+def series(times, speeds):
+    stamps = 1_700_000_000_000_000_000 + np.rint(np.asarray(times) * 1e9).astype(np.int64)
+    return TrackSpeedSeries(stamps, np.asarray(speeds, dtype=float))
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    steps=st.lists(st.floats(0.005, 2.0), min_size=1, max_size=30),
+    data=st.data(),
+)
+def test_a_recording_is_driven_through_its_samples_without_a_jump(steps, data):
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    values = st.lists(st.floats(-1.0, 1.0), min_size=2 * len(times), max_size=2 * len(times))
+    speeds = np.reshape(data.draw(values), (-1, 2))
+    command = make_trajectory(RECORDED, 60.0, ALPHA, None, {}, series(times, speeds))
+    start = STANDSTILL + blend_length(np.abs(speeds[0]).max())
+    assert np.allclose(command(start + times), speeds, atol=1e-6)
+    fine = np.linspace(0.0, start + times[-1] + 10.0, 4001)
+    driven = command(fine)
+    assert (driven[fine <= STANDSTILL] == 0.0).all()
+    assert (driven[-1] == 0.0).all()
+    # Monotone: between two samples no speed leaves their range.
+    for before, after, low, high in zip(
+        start + times[:-1],
+        start + times[1:],
+        np.minimum(speeds[:-1], speeds[1:]),
+        np.maximum(speeds[:-1], speeds[1:]),
+        strict=True,
+    ):
+        inside = command(np.linspace(before, after, 17))
+        assert (inside >= low - 1e-6).all()
+        assert (inside <= high + 1e-6).all()
+
+
+def test_a_recording_has_no_jump_in_acceleration_not_even_at_its_ends():
+    times = np.arange(0.0, 5.0, 0.25)
+    speeds = np.stack([0.5 + 0.3 * np.sin(times), 0.4 * np.cos(times)], axis=-1)
+    command = recorded_command(series(times, speeds), 1.0)
+    step = 1e-4
+    fine = np.arange(0.0, 12.0, step)
+    jerk = np.diff(command(fine), n=2, axis=0) / step**2
+    # A cubic of 0.25 s between speeds that change by 0.12 m/s has at most 6 x 0.12 x 2 / 0.25² = 23 m/s³;
+    # a jump in acceleration of 0.1 m/s² would show as 1000.
+    assert np.abs(jerk).max() < 25.0
+
+
+def test_a_recorded_curve_is_level_beyond_its_ends():
+    curve = Recorded(np.array([1.0, 2.0, 3.0]), np.array([[0.1, 0.2], [0.3, 0.5], [0.9, 0.6]]))
+    assert np.allclose(curve(np.array([0.0, 9.0])), [[0.1, 0.2], [0.9, 0.6]])
+
+
+def test_the_factor_of_a_recording_scales_it():
+    drive = series([0.0, 1.0, 2.0], [[1.0, 2.0], [1.5, 2.0], [0.0, 0.0]])
+    with pytest.raises(SimulationError, match=r"reaches 2 m/s, more than .* lower factor"):
+        make_trajectory(RECORDED, 10.0, ALPHA, None, {}, drive)
+    command = make_trajectory(RECORDED, 10.0, ALPHA, None, {"factor": 0.5}, drive)
+    start = STANDSTILL + blend_length(1.0)
+    assert np.allclose(command(np.array([start, start + 1.0])), [[0.5, 1.0], [0.75, 1.0]])
+
+
+def test_a_recording_is_read_from_csv(tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text("\ufefft, note, right,left\n5.0,a,0.2,0.1\n5.5,b,0.4,0.3\n\n7.0,c,0,-0.1\n")
+    read = read_recording(path)
+    assert read.stamps.tolist() == [0, 500_000_000, 2_000_000_000]
+    assert np.array_equal(read.speeds, [[0.1, 0.2], [0.3, 0.4], [-0.1, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; it needs the columns t, left, right"),
+        ("time,left,right\n0,0,0\n", "no column 't' in its first line; found 'time', 'left'"),
+        ("t;left;right\n0;0;0\n", "has semicolons between its columns; write commas"),
+        ("t,left,left,right\n0,0,0,0\n", "has 2 columns 'left'; keep one"),
+        ("t,left,rigth\n0,0,0\n", "no column 'right'"),
+        ("t,left,right\n", "needs at least 2 samples, found 0"),
+        ("t,left,right\n0,0,0\n", "needs at least 2 samples, found 1"),
+        ("t,left,right\n0,0,0\n1,0\n", "row 2 has 2 cells, fewer than the first line"),
+        ("t,left,right\n0,0,0\n1,0,fast\n", "row 2: could not convert string to float: 'fast'"),
+        ("t,left,right\n0,0,0\n1,nan,0\n", "a number of row 2 is not finite"),
+        ("t,left,right\n0,0,0\ninf,0,0\n", "a number of row 2 is not finite"),
+        (
+            "t,left,right\n1700000000000000000,0,0\n1700000100000000000,0,0\n",
+            "t spans 1e+11 s, 1.16e+06 days; is it in seconds?",
+        ),
+        ("t,left,right\n0,0,0\n1,0,0\n1,0,0\n", "found 1 s and then 1 s in row 3; sort"),
+        ("t,left,right\n0,0,0\n2,0,0\n1,0,0\n", "t must rise from row to row, found 2 s"),
+    ],
+)
+def test_bad_recordings_are_refused_in_one_line(text, message, tmp_path):
+    path = tmp_path / "drive.csv"
+    path.write_text(text)
+    with pytest.raises(SimulationError) as caught:
+        read_recording(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_recordings_that_are_no_text_or_not_there(tmp_path):
+    path = tmp_path / "drive.csv"
+    with pytest.raises(SimulationError, match="no such file"):
+        read_recording(path)
+    path.write_bytes(b"t,left,right\n\xff\xfe,0,0\n")
+    with pytest.raises(SimulationError, match="cannot be read as CSV"):
+        read_recording(path)
+    with pytest.raises(SimulationError, match="is a folder; give the CSV file itself"):
+        read_recording(tmp_path)
+
+
+def test_bad_recordings_in_memory_and_in_the_wrong_place():
+    backward = series([0.0, 2.0, 1.0], np.zeros((3, 2)))
+    with pytest.raises(SimulationError, match="the recorded track speeds: t must rise"):
+        make_trajectory(RECORDED, 10.0, ALPHA, None, {}, backward)
+    with pytest.raises(SimulationError, match="'recorded' needs trajectory_file"):
+        make_trajectory(RECORDED, 10.0, ALPHA, None)
+    with pytest.raises(SimulationError, match="set trajectory = 'recorded'"):
+        make_trajectory("circle", 10.0, ALPHA, None, {}, series([0.0, 1.0], np.zeros((2, 2))))
+
+
+def test_made_trajectories_load_no_heavy_library():
+    code = (
+        "import sys, numpy, icreckon.simulation.drives.trajectories as t; "
+        "from icreckon.estimator.robot.robot_file import load_robot; "
+        "t.make_trajectory('arcs', 10.0, load_robot('husky'), numpy.random.default_rng(0)); "
+        "print([m for m in ('scipy', 'matplotlib', 'rosbags') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,161 @@
+"""The dynamic map: figures of the design's identification, and fits on motions that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.motion.contact import Body, Contact, Soil, equally_spaced
+from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.estimator.motion.index_model import VehicleConstants, solve
+from icreckon.estimator.motion.steady_state import SteadyMotion, solve_steady, track_speed_grid
+from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, load_robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.paper.dynamic_map import (
+    DynamicMap,
+    constant_twist,
+    dynamic_map,
+    fit_parameters,
+    inertia_based_twist,
+    map_of,
+    mean_icrs,
+    on_spot_line,
+    rmse,
+    velocity_errors,
+)
+
+AURIGA = Contact(
+    Soil(friction=0.9, rolling_resistance=0.074),
+    equally_spaced(0.42, half_length=0.39, count=5),
+    Body(258.0, -0.015, 0.04, 0.79),
+)
+VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04)
+
+
+@pytest.fixture(scope="module")
+def mapped() -> DynamicMap:
+    return dynamic_map(AURIGA)
+
+
+def made(twist: PaperTwist, V_l: np.ndarray, V_r: np.ndarray) -> DynamicMap:
+    """The map of motions that come from a model instead of from friction."""
+    zero = np.zeros_like(V_l)
+    motion = SteadyMotion(V_l, V_r, twist, zero, zero == 0.0, zero != 0.0)
+    return map_of(motion, VEHICLE)
+
+
+def test_mean_icrs_of_the_identified_soil(mapped):
+    assert tuple(getattr(mean_icrs(mapped), name) for name in ("x_ICRl", "x_ICRr", "y_ICR")) == (
+        pytest.approx((-0.455, 0.657, 0.0481), rel=5e-3)
+    )
+
+
+def test_parameters_of_the_identified_soil(mapped):
+    # The identification's friction and height are known to two digits: half a unit of the last one
+    # moves eta2 by 3 %, epsilon1 and eta1 by 2 %, the others by less than 1 %.
+    fitted = fit_parameters(mapped)
+    assert fitted.zeta0 == pytest.approx(0.0481, rel=5e-3)
+    assert fitted.zeta1 == pytest.approx(2.39e-4, rel=5e-3)
+    assert fitted.epsilon0 == pytest.approx(0.086, rel=5e-3)
+    assert fitted.epsilon1 == pytest.approx(8.5e-4, rel=0.02)
+    assert fitted.eta0 == pytest.approx(2.49, rel=5e-3)
+    assert fitted.eta1 == pytest.approx(1.77e-3, rel=0.025)
+    assert fitted.eta2 == pytest.approx(2.4e-5, rel=0.05)
+
+
+def test_errors_of_the_identified_soil(mapped):
+    errors = velocity_errors(mapped)
+    assert errors.inertia_based == pytest.approx((0.0034, 0.046, 0.051), rel=0.02)
+    assert errors.constant == pytest.approx((0.017, 0.077, 0.110), rel=0.02)
+
+
+def test_largest_steering_efficiency_is_that_of_figure_7(mapped):
+    assert np.nanmax(mapped.indices.eta) == pytest.approx(4.15, rel=0.02)
+
+
+def test_straight_motions_have_inertia_but_no_icrs(mapped):
+    straight = mapped.motion.V_l == mapped.motion.V_r
+    assert (straight == ~mapped.turning).all()
+    assert np.isnan(mapped.icrs.x_ICRl[straight]).all()
+    assert np.isfinite(mapped.indices.eta[mapped.turning]).all()
+    assert np.isfinite(mapped.magnitude).all()
+    np.testing.assert_allclose(mapped.magnitude[straight], 0.0, atol=1e-9)
+    assert mapped.magnitude.shape == (21, 21)
+
+
+def test_the_line_of_least_inertia_goes_through_on_spot_turns(mapped):
+    H = on_spot_line(mapped)
+    V_r = np.array([-0.9, -0.4, 0.3, 1.0])
+    on, off = (solve_steady(-ratio * V_r, V_r, AURIGA).twist for ratio in (H, H + 0.1))
+    forward_on, forward_off = (np.abs(t.v_y + VEHICLE.x_CM * t.w) for t in (on, off))
+    assert (forward_on < 0.25 * forward_off).all()
+
+
+def test_the_fit_recovers_the_parameters_of_its_own_model():
+    known = load_robot("auriga-alpha").indices
+    V_l, V_r = track_speed_grid()
+    twist = solve(V_l, V_r, known.as_array(), VEHICLE, form="literal").twist
+    fitted = fit_parameters(made(twist, V_l, V_r), H=known.H)
+    np.testing.assert_allclose(fitted.as_array(), known.as_array(), rtol=1e-7)
+
+
+def test_the_published_model_explains_itself():
+    known = load_robot("auriga-alpha").indices
+    V_l, V_r = track_speed_grid()
+    twist = solve(V_l, V_r, known.as_array(), VEHICLE, form="literal").twist
+    mapped = made(twist, V_l, V_r)
+    assert max(rmse(inertia_based_twist(mapped, known), twist)) < 1e-12
+    assert max(rmse(inertia_based_twist(mapped, known, "literal"), twist)) < 1e-12
+    icrs = ConstantIcr(-0.458, 0.630, 0.0482)
+    errors = velocity_errors(mapped, known, icrs)
+    assert max(errors.inertia_based) < 1e-12
+    assert min(errors.constant) > 0.005
+
+
+def test_constant_icrs_come_back_from_constant_icrs():
+    icrs = ConstantIcr(-0.458, 0.630, 0.0482)
+    V_l, V_r = track_speed_grid()
+    zero = np.zeros_like(V_l)
+    mapped = made(constant_twist(made(PaperTwist(zero, zero, zero), V_l, V_r), icrs), V_l, V_r)
+    found = mean_icrs(mapped)
+    assert (found.x_ICRl, found.x_ICRr, found.y_ICR) == pytest.approx((-0.458, 0.630, 0.0482))
+    # With constant ICRs the centre of mass stands where H = -(x_ICRl - x_CM) / (x_ICRr - x_CM).
+    assert on_spot_line(mapped) == pytest.approx(0.443 / 0.645, rel=1e-9)
+    assert max(rmse(constant_twist(mapped, icrs), mapped.motion.twist)) < 1e-15
+
+
+def test_a_mask_chooses_what_enters(mapped):
+    gentle = np.abs(mapped.motion.V_l - mapped.motion.V_r) < 0.55
+    assert mean_icrs(mapped, gentle) != mean_icrs(mapped)
+    assert fit_parameters(mapped, include=gentle) != fit_parameters(mapped)
+    with pytest.raises(SimulationError, match="none of the motions turns"):
+        mean_icrs(mapped, ~mapped.turning)
+    one = np.zeros((21, 21), dtype=bool)
+    one[3, 8] = True
+    with pytest.raises(SimulationError, match="do not show all parameters"):
+        fit_parameters(mapped, H=0.7, include=one)
+
+
+def test_what_cannot_be_derived_is_said():
+    motion = solve_steady(np.array([0.5, 0.6]), np.array([0.3, 0.9]), AURIGA)
+    with pytest.raises(SimulationError, match="needs a grid"):
+        on_spot_line(map_of(motion, VEHICLE))
+    V_l, V_r = np.meshgrid([0.5, 0.6], [0.3, 0.9], indexing="ij")
+    with pytest.raises(SimulationError, match="no on-spot turning"):
+        on_spot_line(map_of(solve_steady(V_l, V_r, AURIGA), VEHICLE))
+    V_l, V_r = track_speed_grid()
+    loose = PaperTwist(0.0 * V_l, 0.5 * (V_l + V_r), (V_r - V_l) / 0.2)
+    with pytest.raises(SimulationError, match="eta0"):
+        fit_parameters(made(loose, V_l, V_r))
+    backward = PaperTwist(0.0 * V_l, 0.5 * (V_l + V_r), (V_l - V_r) / 0.5)
+    with pytest.raises(SimulationError, match="mean ICRs"):
+        mean_icrs(made(backward, V_l, V_r))
+
+
+def test_parameters_can_be_given(mapped):
+    fitted, icrs = fit_parameters(mapped), mean_icrs(mapped)
+    assert velocity_errors(mapped, fitted, icrs) == velocity_errors(mapped)
+    worse = velocity_errors(mapped, Indices(H=0.7, eta0=2.0), icrs)
+    assert worse.inertia_based.w > velocity_errors(mapped).inertia_based.w
+    implied = velocity_errors(mapped, inertia="literal").inertia_based
+    assert implied.w > velocity_errors(mapped).inertia_based.w

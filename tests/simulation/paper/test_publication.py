@@ -1,0 +1,90 @@
+"""The published numbers: values, digits, and what rounds to them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.paper.published import (
+    AURIGA_ALPHA,
+    PUBLISHED,
+    READ_OFF,
+    PublishedNumber,
+    published,
+    published_errors,
+    published_mean_icrs,
+    published_parameters,
+)
+
+
+def test_there_are_seventeen_printed_numbers_and_one_that_is_read_off() -> None:
+    assert len(PUBLISHED) == 17
+    assert not any(number.read_off for number in PUBLISHED)
+    assert [number.name for number in READ_OFF] == ["largest_eta"]
+    assert all(number.read_off for number in READ_OFF)
+    names = [number.name for number in (*PUBLISHED, *READ_OFF)]
+    assert len(set(names)) == len(names)
+    assert all(number.where for number in PUBLISHED)
+
+
+def test_they_are_those_of_the_robot_file() -> None:
+    robot = load_robot("auriga-alpha")
+    assert published_parameters() == robot.indices
+    assert published_mean_icrs() == robot.constant_icr
+    x_CM, y_CM = robot.centre_of_mass_paper
+    vehicle = robot.vehicle
+    table_1 = (vehicle.track_gauge, vehicle.mass, x_CM, y_CM)
+    assert tuple(AURIGA_ALPHA) == pytest.approx(table_1)
+
+
+def test_table_2() -> None:
+    assert published_errors("inertia") == (0.0044424, 0.0383464, 0.0637394)
+    assert published_errors("constant") == (0.015962, 0.0821718, 0.143285)
+
+
+@pytest.mark.parametrize(
+    ("name", "decimals", "digits"),
+    [
+        ("mean_x_ICRl", 3, 3),
+        ("mean_x_ICRr", 3, 3),
+        ("mean_y_ICR", 4, 3),
+        ("H", 5, 5),
+        ("zeta1", 7, 4),
+        ("eta2", 5, 1),
+        ("rmse_inertia_w", 7, 6),
+    ],
+)
+def test_published_digits(name: str, decimals: int, digits: int) -> None:
+    assert published(name).decimals == decimals
+    assert published(name).significant_digits == digits
+
+
+@pytest.mark.parametrize(
+    ("name", "inside", "outside"),
+    [
+        ("mean_x_ICRl", (-0.4584, -0.4576, -0.458, -0.4585), (-0.4586, -0.4574, 0.458)),
+        ("mean_x_ICRr", (0.6304, 0.6296), (0.6306, 0.6294, math.nan)),
+        ("eta2", (0.5e-5, 1.4e-5), (0.4e-5, 1.6e-5, math.inf)),
+        ("zeta0", (0.0475, 0.0484), (0.0486, 0.04749)),
+    ],
+)
+def test_what_rounds_to_the_published_digits(
+    name: str, inside: tuple[float, ...], outside: tuple[float, ...]
+) -> None:
+    assert all(published(name).rounds_from(value) for value in inside)
+    assert not any(published(name).rounds_from(value) for value in outside)
+
+
+def test_differences_are_shares_of_the_size() -> None:
+    left = published("mean_x_ICRl")
+    assert left.difference_percent(-0.458) == 0.0
+    assert left.difference_percent(-0.5038) == pytest.approx(-10.0)
+    assert published("eta0").difference_percent(2.882) == pytest.approx(10.0)
+
+
+def test_whole_numbers_and_unknown_names() -> None:
+    assert PublishedNumber("x", "", "12", "").decimals == 0
+    with pytest.raises(KeyError):
+        published("eta3")

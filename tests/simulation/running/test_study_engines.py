@@ -1,0 +1,198 @@
+"""Engines of studies give the same statistics of the same runs."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from conftest import REPOSITORY
+from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.engine.front_end import FrontEnd, front_settings
+from icreckon.estimator.robot.settings import Settings
+from icreckon.simulation.running import (
+    batch_engine as study_batch,
+)
+from icreckon.simulation.running import (
+    single_precision as study_single,
+)
+from icreckon.simulation.running import (
+    streaming_engine as study_streaming,
+)
+from icreckon.simulation.running.engines import choose_engine
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
+from icreckon.simulation.study.cells import Plan, expand
+from icreckon.simulation.study.plan import Study
+from icreckon.simulation.study.statistics import statistics
+
+VARIANTS = ("constant-online", "inertia-online")
+
+
+def plan_of(variants=VARIANTS, **changes: object) -> Plan:
+    given = {
+        "duration": 40.0,
+        "truth_rate": 10.0,
+        "outages": ((15.0, 38.0),),
+        "noise": "industrial",
+    }
+    scenario = Scenario(**{**given, **changes})  # type: ignore[arg-type]
+    return expand(
+        Study(name="engines", scenario=scenario, variants=variants, runs=11, truths=3, seed=4)
+    )
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"fix_rate": 0.0, "outages": ()},
+        {"fixes": {"heading_sigma": 0.02, "outlier_share": 0.2}, "fix_rate": 3.0},
+        {"encoders": {"resolution": 0.002, "dropouts_per_hour": 300.0}, "trajectory": "aggressive"},
+    ],
+    ids=["outage", "no fixes", "between samples", "poor encoders"],
+)
+def test_side_by_side_and_one_after_the_other_come_to_the_same(changes: dict[str, object]) -> None:
+    kinds = {"fixes": FixSpec, "encoders": EncoderSpec}
+    made = {
+        key: msgspec.convert(value, kinds[key]) if key in kinds else value
+        for key, value in changes.items()
+    }
+    cell = plan_of(**made).cells[0]
+    # The last of eleven runs, and some of the others, are in a group that is not full.
+    side_by_side = study_batch.block(cell, cell.filters, 0, 11)
+    streamed = study_streaming.block(cell, cell.filters, 9, 2)
+    for label, (rows, _) in streamed.items():
+        found = side_by_side[label].values[9:11]
+        assert np.array_equal(np.isnan(found), np.isnan(rows))
+        # A hole of the encoders at standstill leaves few digits to agree in.
+        assert np.allclose(found, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+
+
+def test_a_block_does_not_depend_on_the_one_it_is_cut_from() -> None:
+    cell = plan_of().cells[0]
+    whole = study_batch.block(cell, cell.filters, 0, 11)
+    part = study_batch.block(cell, cell.filters, 3, 4)
+    for label, (rows, _) in part.items():
+        assert np.array_equal(rows, whole[label].values[3:7], equal_nan=True)
+
+
+def test_single_precision_comes_near() -> None:
+    cell = plan_of().cells[0]
+    names = [one.name for one in statistics(cell.horizons)]
+    double = study_batch.block(cell, cell.filters, 0, 4)
+    single = study_single.block(cell, cell.filters, 0, 4)
+    for label, (rows, _) in double.items():
+        found = dict(zip(names, single[label].values.T, strict=True))
+        for name, values in zip(names, rows.T, strict=True):
+            assert np.allclose(found[name], values, rtol=0.01, atol=1e-4, equal_nan=True), name
+
+
+def test_friction_variants_take_part_one_after_the_other() -> None:
+    plan = plan_of(("constant-online", "friction-online"), duration=20.0, outages=((5.0, 18.0),))
+    cell = plan.cells[0]
+    found = study_batch.block(cell, cell.filters, 0, 1)
+    streamed = study_streaming.block(cell, cell.filters, 0, 1)
+    rows, alone = found["friction-online"].values, streamed["friction-online"].values
+    assert np.array_equal(rows, alone, equal_nan=True)
+    assert not study_batch.in_threads(plan)
+    assert study_batch.in_threads(plan_of())
+
+
+@pytest.mark.parametrize(
+    ("changes", "engine"),
+    [
+        ({}, "batch"),
+        ({"fix_rate": 3.0}, "batch"),
+        ({"truth_rate": 7.0}, "batch"),
+        ({"encoders": EncoderSpec(dropouts_per_hour=9.0), "track_rate": 200.0}, "streaming"),
+        ({"variants": ("friction-online",)}, "streaming"),
+    ],
+)
+def test_auto_takes_the_fastest_that_can(changes: dict[str, object], engine: str) -> None:
+    assert choose_engine(plan_of(**changes)).name == engine  # type: ignore[arg-type]
+
+
+def test_a_group_whose_runs_all_miss_a_sample_is_told_so() -> None:
+    """One run alone is in all lanes: where its encoders drop out, no lane has a sample."""
+    poor = EncoderSpec(dropouts_per_hour=600.0, dropout_duration=0.5)
+    cell = plan_of(encoders=poor).cells[0]
+    found = study_batch.block(cell, cell.filters, 10, 1)
+    for label, (rows, _) in study_streaming.block(cell, cell.filters, 10, 1).items():
+        assert np.allclose(found[label].values, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+
+
+def test_measurements_of_other_stamps_are_refused() -> None:
+    cell = plan_of().cells[0]
+    schedule = study_batch._schedule(cell)
+    log = study_batch._log(cell, 0)
+    short = study_batch._measured([log] * 8, cell.filters[:1], schedule.track_stamps)[0]
+    tracks = short.tracks[:, :-5]
+    with pytest.raises(BatchError, match="other stamps"):
+        FrontEnd(
+            short._replace(tracks=tracks), schedule.steps, front_settings(cell.robot, Settings())
+        )
+
+
+@pytest.mark.parametrize(
+    "rates",
+    [
+        {"truth_rate": 20.0},
+        {"truth_rate": 37.0, "imu_rate": 37.0},
+        {"track_rate": 3.0},
+        {"imu_rate": 60.0, "fix_rate": 0.7},
+    ],
+    ids=str,
+)
+def test_both_are_scored_at_the_same_times_whatever_the_rates_are(rates: dict[str, float]) -> None:
+    cell = plan_of(**rates).cells[0]
+    found = study_batch.block(cell, cell.filters, 2, 1)
+    for label, (rows, _) in study_streaming.block(cell, cell.filters, 2, 1).items():
+        assert np.allclose(found[label].values, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+
+
+def test_readings_that_are_refused_beforehand_are_refused_by_both() -> None:
+    cell = plan_of(encoders=EncoderSpec(speed_noise_density=1.0)).cells[0]
+    found = study_batch.block(cell, cell.filters, 0, 2)
+    for label, (rows, _) in study_streaming.block(cell, cell.filters, 0, 2).items():
+        assert np.array_equal(found[label].values, rows, equal_nan=True)
+
+
+def test_threads_that_compile_at_the_same_time_come_to_what_one_does(tmp_path: Path) -> None:
+    """Nothing is compiled yet in this process, and nothing is kept from another."""
+    script = (
+        "import sys; sys.path.insert(0, 'tests/simulation/running')\n"
+        "from concurrent.futures import ThreadPoolExecutor\n"
+        "from test_study_engines import plan_of\n"
+        "from icreckon.simulation.running import batch_engine as study_batch\n"
+        "cell = plan_of(duration=20.0, outages=((5.0, 18.0),)).cells[0]\n"
+        "work = lambda first: study_batch.block(cell, cell.filters, first, 2)\n"
+        "with ThreadPoolExecutor(4) as pool:\n"
+        "    found = list(pool.map(work, range(0, 8, 2)))\n"
+        "again = [work(first) for first in range(0, 8, 2)]\n"
+        "for one, other in zip(found, again, strict=True):\n"
+        "    for label, rows in one.items():\n"
+        "        assert rows.values.tobytes() == other[label].values.tobytes(), label\n"
+        "print(found[0]['inertia-online'].values.tolist())\n"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=environment,
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    cell = plan_of(duration=20.0, outages=((5.0, 18.0),)).cells[0]
+    here = study_batch.block(cell, cell.filters, 0, 2)["inertia-online"].values
+    assert np.array_equal(
+        np.array(ast.literal_eval(done.stdout.replace("nan", "None")), dtype=float),
+        here,
+        equal_nan=True,
+    )

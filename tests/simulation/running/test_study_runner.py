@@ -1,0 +1,297 @@
+"""A study comes to the same, bit by bit, however it is worked out and whatever interrupts it."""
+
+import json
+import os
+import shutil
+import time
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+
+import msgspec
+import numpy as np
+import pytest
+
+import study_stub
+from icreckon.report.study.folder import run_study
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.running import engines as study_engines
+from icreckon.simulation.running import runner
+from icreckon.simulation.running.engines import Engine
+from icreckon.simulation.running.runner import MOST_TRIES
+from icreckon.simulation.running.store import jobs_of
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.study.cells import expand
+from icreckon.simulation.study.plan import Study, Sweep
+
+STUDY = Study(
+    name="tiny",
+    scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
+    variants=("constant-online", "friction-online"),
+    sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
+    runs=10,
+    truths=5,
+    horizons=(5.0,),
+    engine="stub",
+)
+REAL = msgspec.structs.replace(STUDY, runs=4, truths=2, engine="streaming")
+
+
+@pytest.fixture(autouse=True)
+def _stub(monkeypatch):
+    add_stubs(monkeypatch)
+
+
+def add_stubs(monkeypatch):
+    for name, threads in (("stub", True), ("stub-processes", False)):
+        engine = Engine(name, "study_stub", block_runs=4, threads=threads)
+        monkeypatch.setitem(study_engines.ENGINES, name, engine)
+
+
+def contents(folder):
+    """What a study leaves, but for its blocks."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """The folder of a study that nothing has interrupted."""
+    folder = tmp_path_factory.mktemp("kept") / "undisturbed"
+    with pytest.MonkeyPatch.context() as patch:
+        add_stubs(patch)
+        run_study(STUDY, folder, workers=1)
+    return folder
+
+
+@pytest.fixture
+def undisturbed(tmp_path, kept):
+    """What is in such a folder, of which a copy is in tmp_path / "undisturbed"."""
+    shutil.copytree(kept, tmp_path / "undisturbed")
+    return contents(kept)
+
+
+class Failing(ThreadPoolExecutor):
+    """Some blocks are worked out, and then something happens."""
+
+    def __init__(self, good, problem):
+        super().__init__(1)
+        self._good, self._problem = good, problem
+
+    def submit(self, *work):
+        if self._good == 0:
+            raise self._problem
+        self._good -= 1
+        return super().submit(*work)
+
+
+def test_blocks_cover_all_runs_once_whoever_works():
+    plan = expand(STUDY)
+    jobs = jobs_of(plan, 4)
+    assert [job.count for job in jobs] == [4, 4, 4, 4, 2, 2]
+    covered = sorted(
+        (job.cell, run) for job in jobs for run in range(job.first_run, job.first_run + job.count)
+    )
+    assert covered == [(cell, run) for cell in range(2) for run in range(10)]
+
+
+def test_it_leaves_what_it_promises(undisturbed):
+    assert set(undisturbed) == {
+        "manifest.json",
+        "results.json",
+        "results.parquet",
+        "runs.parquet",
+        "report.html",
+        "consistency.png",
+        "drift-gyro-factor.png",
+        "final-error-gyro-factor.png",
+        "final-error-distribution.png",
+    }
+    manifest = json.loads(undisturbed["manifest.json"])
+    assert manifest["configuration"]["scenario"]["duration"] == 10.0
+    assert manifest["seeds"]["study"] == 1
+    assert {"icreckon", "numpy", "scipy", "numba", "pyarrow"} <= set(manifest["versions"])
+    assert manifest["cells"] == [{"gyro.factor": 1.0}, {"gyro.factor": 10.0}]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 7])
+def test_any_number_of_threads_comes_to_the_same(tmp_path, undisturbed, workers):
+    run_study(STUDY, tmp_path / "b", workers=workers)
+    assert contents(tmp_path / "b") == undisturbed
+
+
+def test_the_filter_comes_to_the_same_in_one_or_two_threads_and_in_processes(tmp_path):
+    for workers in (1, 2):
+        with ThreadPoolExecutor(workers) as threads:
+            run_study(REAL, tmp_path / f"{workers}", executor=threads, workers=workers)
+    run_study(REAL, tmp_path / "processes", workers=2)
+    expected = contents(tmp_path / "1")
+    assert contents(tmp_path / "2") == expected
+    assert contents(tmp_path / "processes") == expected
+    results = json.loads(expected["results.json"])
+    assert results["drift"] == "drift_percent_5s"
+    assert results["overall"]["friction-online"]["drift_percent_5s"]["n"] == 4
+
+
+@pytest.mark.parametrize("good", [0, 1, 4])
+def test_after_an_interruption_it_goes_on_where_it_stopped(tmp_path, undisturbed, good):
+    with pytest.raises(KeyboardInterrupt), Failing(good, KeyboardInterrupt()) as executor:
+        run_study(STUDY, tmp_path / "a", executor=executor, workers=1)
+    assert "results.json" not in contents(tmp_path / "a")
+    told = []
+    run_study(STUDY, tmp_path / "a", workers=2, report=told.append)
+    assert contents(tmp_path / "a") == undisturbed
+    # What was handed out but not yet taken back may be lost.
+    assert max(0, good - 2) <= told[0].found_blocks <= good
+    assert told[-1].blocks == told[-1].all_blocks == 6
+    assert told[0].runs_left == told[-1].runs
+    assert told[-1].runs_left == 0
+
+
+def test_a_finished_study_is_not_worked_out_again(tmp_path, undisturbed):
+    folder = tmp_path / "undisturbed"
+    told = []
+    run_study(STUDY, folder, executor=Failing(0, AssertionError()), report=told.append)
+    assert told[0].found_blocks == told[0].all_blocks
+    assert contents(folder) == undisturbed
+
+
+@pytest.mark.parametrize("damage", ["cut", "empty", "turned", "other", "shape"])
+def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
+    folder = tmp_path / "undisturbed"
+    block = sorted((folder / "blocks").iterdir())[1]
+    whole = block.read_bytes()
+    if damage == "cut":
+        block.write_bytes(whole[: len(whole) // 2])
+    elif damage == "empty":
+        block.write_bytes(b"")
+    elif damage == "turned":
+        middle = len(whole) // 3
+        block.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
+    elif damage == "other":
+        with np.load(block) as data:
+            np.savez(block, **{**data, "digest": np.array("sha256:other")})
+    else:
+        with np.load(block) as data:
+            np.savez(block, **{**data, "values": data["values"][:, :1]})
+    told = []
+    run_study(STUDY, folder, workers=1, report=told.append)
+    assert told[0].found_blocks == 5
+    assert contents(folder) == undisturbed
+
+
+def test_half_written_files_are_tidied_away(tmp_path, undisturbed):
+    folder = tmp_path / "undisturbed"
+    left, written_now = (folder / "blocks" / f"00000-0000000.npz.{name}.tmp" for name in "ab")
+    for path in (left, written_now):
+        path.write_bytes(b"half")
+    hours_ago = time.time() - 2.0 * 3600.0
+    os.utime(left, (hours_ago, hours_ago))
+    run_study(STUDY, folder, workers=1)
+    assert not left.exists()
+    # Another command may be at it.
+    assert written_now.exists()
+    written_now.unlink()
+    assert contents(folder) == undisturbed
+
+
+@pytest.mark.usefixtures("undisturbed")
+def test_more_runs_are_added_to_those_that_are_there(tmp_path):
+    more = msgspec.structs.replace(STUDY, runs=16)
+    told = []
+    run_study(more, tmp_path / "undisturbed", workers=1, report=told.append)
+    run_study(more, tmp_path / "fresh", workers=1)
+    # The blocks that were not full are worked out anew.
+    assert told[0].found_blocks == 4
+    assert contents(tmp_path / "undisturbed") == contents(tmp_path / "fresh")
+
+
+def test_another_study_in_the_folder_is_refused_unless_it_may_be_thrown_away(tmp_path, undisturbed):
+    folder = tmp_path / "undisturbed"
+    other = msgspec.structs.replace(STUDY, seed=2)
+    with pytest.raises(SimulationError, match=r"configuration\.seed: there 1, here 2.*--overwrite"):
+        run_study(other, folder)
+    assert contents(folder) == undisturbed
+    told = []
+    run_study(other, folder, workers=1, overwrite=True, report=told.append)
+    assert told[0].found_blocks == 0
+    # The same command again, with the same options, goes on.
+    run_study(other, folder, executor=Failing(0, AssertionError()), overwrite=True)
+
+
+def test_a_changed_robot_file_makes_another_study(tmp_path):
+    robot = tmp_path / "mine.toml"
+    text = 'name = "mine"\n[vehicle]\nmass = 80.0\ntrack_gauge = 0.6\nsprocket_radius = 0.1\n'
+    robot.write_text(text, encoding="utf-8")
+    study = msgspec.structs.replace(STUDY, robot=str(robot), variants=("differential",))
+    run_study(study, tmp_path / "a", workers=1)
+    robot.write_text(text.replace("80.0", "81.0"), encoding="utf-8")
+    with pytest.raises(SimulationError, match="content of the robot or recording"):
+        run_study(study, tmp_path / "a", workers=1)
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_is_no_study_is_left_alone(tmp_path, overwrite):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "thesis.txt").write_text("all of it", encoding="utf-8")
+    with pytest.raises(SimulationError, match="holds no study"):
+        run_study(STUDY, tmp_path / "a", overwrite=overwrite)
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["thesis.txt"]
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(SimulationError, match=r"file"):
+        run_study(STUDY, tmp_path / "file", overwrite=overwrite)
+
+
+def test_a_worker_that_dies_is_replaced(tmp_path, undisturbed, monkeypatch):
+    deadly = tmp_path / "deadly"
+    deadly.touch()
+    monkeypatch.setenv(study_stub.DEADLY, str(deadly))
+    processes = msgspec.structs.replace(STUDY, engine="stub-processes")
+    run_study(processes, tmp_path / "a", workers=2)
+    assert not deadly.exists()
+    name = "results.parquet"
+    assert contents(tmp_path / "a")[name] == undisturbed[name]
+
+
+class Dying(ThreadPoolExecutor):
+    """Every worker dies of its block."""
+
+    def submit(self, *_work):
+        future = Future()
+        future.set_exception(BrokenExecutor("gone"))
+        return future
+
+
+def test_a_block_that_kills_all_its_workers_is_given_up(tmp_path):
+    with pytest.raises(SimulationError, match=f"its worker died {MOST_TRIES} times.*gone"):
+        run_study(STUDY, tmp_path / "a", executor=Dying(1), workers=1)
+
+
+def test_workers_with_other_versions_are_refused(tmp_path, monkeypatch):
+
+    made = runner.work
+
+    def work(*arguments):
+        return *made(*arguments)[:2], {"numpy": "0.1"}
+
+    monkeypatch.setattr(runner, "work", work)
+    with pytest.raises(SimulationError, match="give all workers the same versions"):
+        run_study(STUDY, tmp_path / "a", workers=1)
+
+
+def test_an_executor_and_a_cluster_are_one_too_many(tmp_path):
+    with ProcessPoolExecutor(1) as pool, pytest.raises(SimulationError, match="give one of them"):
+        run_study(STUDY, tmp_path / "a", executor=pool, cluster="tcp://127.0.0.1:1")
+
+
+def test_engines_may_refuse_a_study(monkeypatch):
+    plan = expand(STUDY)
+    monkeypatch.setattr(study_stub, "why_not", lambda _plan: "it is Monday", raising=False)
+    with pytest.raises(SimulationError, match="'stub' cannot work out this study: it is Monday"):
+        study_engines.choose_engine(plan)
+    assert study_engines.choose_engine(plan, "auto").name not in {"stub", "stub-processes"}
+
+
+def test_engines_say_of_a_study_whether_it_runs_in_threads(monkeypatch):
+    plan = expand(STUDY)
+    assert study_engines.ENGINES["stub"].in_threads(plan)
+    assert not study_engines.ENGINES["streaming"].in_threads(plan)
+    monkeypatch.setattr(study_stub, "in_threads", lambda _plan: False, raising=False)
+    assert not study_engines.ENGINES["stub"].in_threads(plan)

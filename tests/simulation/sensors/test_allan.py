@@ -1,0 +1,136 @@
+"""The Allan deviation of what gyro and accelerometer read at rest, against their specification."""
+
+import allantools
+import numpy as np
+import pytest
+
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.base.sampling import sample_times
+from icreckon.simulation.sensors.imu import (
+    INSTABILITY_FLOOR,
+    MARKOV_PEAK,
+    MARKOV_PEAK_AT,
+    InertialErrors,
+    read_imu,
+)
+from icreckon.simulation.sensors.specs import (
+    InertialSpec,
+    accelerometer_errors,
+    gyro_errors,
+    noise_preset,
+)
+from icreckon.simulation.truth.true_motion import TrueMotion
+
+ALPHA = load_robot("auriga-alpha")
+SILENT = InertialErrors()
+SENSORS = ("gyro", "accelerometer")
+# Exponents of the noises' spectra, for their degrees of freedom.
+WHITE, RANDOM_WALK = 0, -2
+
+
+def at_rest(sensor: str, errors: InertialErrors, duration: float, rate: float) -> np.ndarray:
+    """What a sensor's three axes (n, 3) read while the robot stands."""
+    still = np.zeros((int(duration) + 2, 3))
+    motion = TrueMotion(1.0, still, still, still[:, :2], still[:, :2], None, "rest")
+    gyro, accelerometer = (errors if name == sensor else SILENT for name in SENSORS)
+    rngs = [np.random.default_rng(seed) for seed in (11, 12)]
+    times = sample_times(duration, rate)
+    series = read_imu(motion, times, rate, ALPHA, gyro, accelerometer, *rngs).series
+    return series.angular_velocity if sensor == "gyro" else series.linear_acceleration
+
+
+def deviations(readings: np.ndarray, rate: float, taus: np.ndarray) -> np.ndarray:
+    """Overlapping Allan deviations (k,) at taus (k,) [s], from the mean variance of the three axes."""
+    each = []
+    for axis in readings.T:
+        found, deviation, _, _ = allantools.oadev(axis, rate=rate, data_type="freq", taus=taus)
+        assert np.allclose(found, taus)
+        each.append(deviation)
+    return np.sqrt(np.mean(np.square(each), axis=0))
+
+
+def sigma_of_deviation(alpha: int, taus: np.ndarray, rate: float, count: int) -> np.ndarray:
+    """Relative standard deviation (k,) of the Allan deviation of three axes (Greenhall and Riley)."""
+    degrees = [
+        allantools.edf_greenhall(alpha, 2, round(tau * rate), count + 1, overlapping=True)
+        for tau in taus
+    ]
+    return 1.0 / np.sqrt(2.0 * 3.0 * np.array(degrees))
+
+
+def markov_deviation(taus: np.ndarray, instability: float, time: float) -> np.ndarray:
+    """Allan deviation of the process that stands for bias instability (simulation/sensors/imu.py)."""
+    x = taus / time
+    variance = 2.0 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))
+    return INSTABILITY_FLOOR / MARKOV_PEAK * instability * np.sqrt(variance)
+
+
+def slope(taus: np.ndarray, deviation: np.ndarray) -> float:
+    return float(np.polyfit(np.log(taus), np.log(deviation), 1)[0])
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_white_noise_is_its_density(sensor: str) -> None:
+    density, rate = 1.2e-4, 100.0
+    readings = at_rest(sensor, InertialErrors(noise_density=density), 2000.0, rate)
+    taus = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0])
+    measured = deviations(readings, rate, taus)
+    sigma = sigma_of_deviation(WHITE, taus, rate, len(readings))
+    assert (np.abs(measured * np.sqrt(taus) / density - 1.0) < 4.0 * sigma).all()
+    # The worst tau's error over the decades that it is away from the best one bounds the slope's.
+    assert slope(taus, measured) == pytest.approx(-0.5, abs=4.0 * sigma.max() / np.log(100.0))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_random_walk_of_the_bias_is_its_walk(sensor: str) -> None:
+    walk, rate = 2e-5, 10.0
+    readings = at_rest(sensor, InertialErrors(bias_walk=walk), 20_000.0, rate)
+    taus = np.array([2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0])
+    measured = deviations(readings, rate, taus)
+    sigma = sigma_of_deviation(RANDOM_WALK, taus, rate, len(readings))
+    # Steps at the sampling interval make the deviation of 20 samples 0.06 % larger than a smooth walk's.
+    allowed = 4.0 * sigma + 1e-3
+    assert (np.abs(measured / (walk * np.sqrt(taus / 3.0)) - 1.0) < allowed).all()
+    assert slope(taus, measured) == pytest.approx(0.5, abs=4.0 * sigma.max() / np.log(100.0))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_floor_of_bias_instability_is_that_of_the_data_sheet(sensor: str) -> None:
+    instability, time, rate, duration = 5e-5, 10.0, 10.0, 40_000.0
+    errors = InertialErrors(bias_instability=instability, bias_instability_time=time)
+    readings = at_rest(sensor, errors, duration, rate)
+    taus = np.array([1.0, 2.0, 5.0, 10.0, MARKOV_PEAK_AT * time, 50.0, 100.0, 200.0]).round(1)
+    measured = deviations(readings, rate, taus)
+    # At least half of the stretches as long as tau, or as the correlation time, are independent.
+    sigma = np.sqrt(np.maximum(taus, time) / (3.0 * duration))
+    expected = markov_deviation(taus, instability, time)
+    assert (np.abs(measured / expected - 1.0) < 4.0 * sigma).all()
+    peak = measured[4]
+    assert peak == pytest.approx(0.664 * instability, rel=4.0 * sigma[4])
+    assert (measured <= peak * (1.0 + 2.0 * sigma)).all()
+
+
+def test_the_peak_of_the_markov_process_is_where_the_derivation_says() -> None:
+    x = np.linspace(0.5, 5.0, 100_001)
+    curve = markov_deviation(x, 1.0, 1.0) * MARKOV_PEAK / INSTABILITY_FLOOR
+    assert curve.max() == pytest.approx(MARKOV_PEAK, abs=1e-6)
+    assert x[curve.argmax()] == pytest.approx(MARKOV_PEAK_AT, abs=1e-3)
+    assert pytest.approx(0.664, abs=1e-3) == INSTABILITY_FLOOR
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("grade", ["consumer", "industrial", "tactical"])
+def test_a_whole_data_sheet(grade: str, sensor: str) -> None:
+    make = gyro_errors if sensor == "gyro" else accelerometer_errors
+    errors = make(ALPHA, InertialSpec(), noise_preset(grade))
+    rate, duration = 10.0, 20_000.0
+    readings = at_rest(sensor, errors, duration, rate)
+    taus = np.array([0.1, 1.0, 10.0, 100.0, 500.0])
+    expected = np.sqrt(
+        errors.noise_density**2 / taus
+        + markov_deviation(taus, errors.bias_instability, errors.bias_instability_time) ** 2
+        + errors.bias_walk**2 * taus / 3.0
+    )
+    sigma = np.sqrt(taus / (3.0 * duration))
+    ratio = deviations(readings, rate, taus) / expected
+    assert (np.abs(ratio - 1.0) < 4.0 * sigma + 1e-3).all()

@@ -1,0 +1,581 @@
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
+from icreckon.simulation.drives.trajectories import make_trajectory
+from icreckon.simulation.sensors.encoders import (
+    DROPOUT_READINGS,
+    STANDING,
+    EncoderErrors,
+    read_tracks,
+)
+from icreckon.simulation.sensors.fixes import FixErrors, read_fixes
+from icreckon.simulation.sensors.imu import InertialErrors, read_imu, specific_forces
+from icreckon.simulation.sensors.specs import (
+    NOISE_PRESETS,
+    EncoderSpec,
+    FixSpec,
+    InertialSpec,
+    accelerometer_errors,
+    encoder_errors,
+    fix_errors,
+    gyro_errors,
+    noise_preset,
+)
+from icreckon.simulation.truth.kinematic import KinematicTruth
+from icreckon.simulation.truth.true_motion import TrueMotion
+
+ALPHA = load_robot("auriga-alpha")
+IDEAL = msgspec.structs.replace(ALPHA, indices=Indices())
+EXACT = KinematicTruth(spread=0.0, slip=Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+SILENT = InertialErrors()
+NOMINAL = noise_preset("nominal")
+
+
+OUTAGES = ((100.0, 200.0), (300.0, 310.5))
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def circle(duration=10.0, left=0.3, right=0.6, robot=IDEAL):
+    def command(times):
+        return np.tile([left, right], (len(times), 1)).astype(float)
+
+    return EXACT.run(command, duration, robot, rng(), rate=200.0)
+
+
+def imu(motion, robot, duration=10.0, rate=100.0, gyro=SILENT, accelerometer=SILENT, seed=0):
+    times = sample_times(duration, rate)
+    return read_imu(motion, times, rate, robot, gyro, accelerometer, rng(seed), rng(seed + 1))
+
+
+def mounted(**values):
+    return msgspec.structs.replace(IDEAL, imu=msgspec.structs.replace(IDEAL.imu, **values))
+
+
+def sample_band(count, sigmas=5.0):
+    """Band of a sample variance over the true one: chi-square of so many, as a normal."""
+    return sigmas * np.sqrt(2.0 / count)
+
+
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_track_noise_follows_its_density(rate):
+    motion = circle(600.0)
+    times = sample_times(600.0, rate)
+    series = read_tracks(motion, times, rate, EncoderErrors(speed_noise_density=2e-3), rng(1))
+    errors = series.speeds - [0.3, 0.6]
+    variance = errors.var() / (2e-3**2 * rate)
+    assert abs(variance - 1.0) < sample_band(errors.size)
+    # What the errors add up to in a second does not depend on the rate.
+    per_second = errors[1:].reshape(600, int(rate), 2).mean(axis=1)
+    assert abs(per_second.var() / 2e-3**2 - 1.0) < sample_band(per_second.size)
+    assert abs(np.corrcoef(errors.T)[0, 1]) < 5.0 / np.sqrt(len(errors))
+
+
+def test_track_speeds_are_averages_over_the_interval_before():
+    command = make_trajectory("aggressive", 30.0, ALPHA, rng(4))
+    motion = EXACT.run(command, 30.0, ALPHA, rng(), rate=1000.0)
+    series = read_tracks(motion, sample_times(30.0, 10.0), 10.0, EncoderErrors(), rng())
+    fine = command(np.arange(0.0005, 30.0, 0.001)).reshape(300, 100, 2).mean(axis=1)
+    fine = np.where(np.abs(fine) > STANDING, fine, 0.0)
+    assert np.allclose(series.speeds[1:], fine, atol=1e-6)
+
+
+def test_a_standing_track_reads_exactly_zero():
+    command = make_trajectory("stop-and-go", 60.0, ALPHA, rng())
+    motion = EXACT.run(command, 60.0, ALPHA, rng(), rate=200.0)
+    times = sample_times(60.0, 50.0)
+    series = read_tracks(motion, times, 50.0, EncoderErrors(speed_noise_density=1e-2), rng())
+    standing = np.abs(motion.mean_track_speeds(times)) <= STANDING
+    assert standing.sum() > 300
+    assert (series.speeds[standing] == 0.0).all()
+    assert (series.speeds[~standing] != 0.0).all()
+
+
+def test_track_scale_is_drawn_once_for_both_tracks():
+    motion = circle()
+    speeds = read_tracks(
+        motion, sample_times(10.0, 50.0), 50.0, EncoderErrors(scale_sigma=0.05), rng(3)
+    ).speeds
+    scales = np.array([0.3, 0.6]) / speeds
+    assert np.ptp(scales) < 1e-12
+    assert 0.0 < abs(scales[0, 0] - 1.0) < 0.25
+
+
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_inertial_noise_follows_its_density(rate):
+    motion = circle(600.0)
+    noise = InertialErrors(noise_density=5e-3)
+    series = imu(motion, IDEAL, 600.0, rate, noise, InertialErrors(noise_density=3e-2)).series
+    clean = imu(motion, IDEAL, 600.0, rate).series
+    for errors, density in (
+        (series.angular_velocity - clean.angular_velocity, 5e-3),
+        (series.linear_acceleration - clean.linear_acceleration, 3e-2),
+    ):
+        assert abs(errors.var() / (density**2 * rate) - 1.0) < sample_band(errors.size)
+        per_second = errors[1:].reshape(600, int(rate), 3).mean(axis=1)
+        assert abs(per_second.var() / density**2 - 1.0) < sample_band(per_second.size)
+
+
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_bias_and_its_walk(rate):
+    motion = circle(20.0)
+    noise = InertialErrors(bias_sigma=0.01, bias_walk=2e-3)
+    runs = [imu(motion, IDEAL, 20.0, rate, noise, seed=2 * seed) for seed in range(200)]
+    biases = np.array([run.gyro_bias for run in runs])
+    assert abs(biases[:, 0].var() / 0.01**2 - 1.0) < sample_band(600)
+    walked = biases[:, -1] - biases[:, 0]
+    assert abs(walked.var() / (2e-3**2 * 20.0) - 1.0) < sample_band(600)
+    clean = imu(motion, IDEAL, 20.0, rate).series.angular_velocity
+    assert np.allclose(runs[0].series.angular_velocity - clean, biases[0], atol=1e-15)
+
+
+def test_upside_down_mounting():
+    motion = circle()
+    w = 0.3 / 0.42
+    series = imu(motion, mounted(rotation_rpy_deg=(180.0, 0.0, 0.0))).series
+    assert np.allclose(series.angular_velocity, [0.0, 0.0, -w])
+    # Centripetal acceleration is to the left, which is the IMU's right.
+    assert np.allclose(series.linear_acceleration, [0.0, -0.45 * w, -GRAVITY])
+
+
+def test_sideways_mounting_is_undone_by_the_rotation_of_the_robot_file():
+    motion = circle()
+    robot = mounted(rotation_rpy_deg=(90.0, 10.0, -30.0), position=(0.2, -0.1, 0.4))
+    tilted = imu(motion, robot).series
+    level = imu(motion, mounted(position=(0.2, -0.1, 0.4))).series
+    for a, b in (
+        (tilted.angular_velocity, level.angular_velocity),
+        (tilted.linear_acceleration, level.linear_acceleration),
+    ):
+        assert np.allclose(a @ robot.imu_rotation.T, b)
+
+
+def test_accelerometer_in_circular_motion():
+    motion = circle()
+    w, v = 0.3 / 0.42, 0.45
+    at_origin = specific_forces(motion, np.array([5.0]), 0.01, (0.0, 0.0, 0.0))[0]
+    assert at_origin == pytest.approx([0.0, w * v, GRAVITY])
+    away = specific_forces(motion, np.array([5.0]), 0.01, (0.3, -0.2, 0.5))[0]
+    assert away == pytest.approx([-(w**2) * 0.3, w * v + w**2 * 0.2, GRAVITY])
+
+
+def test_accelerometer_feels_angular_acceleration_at_its_place():
+    # Spinning up about the origin: V_r = -V_l = t / 10.
+    motion = EXACT.run(
+        lambda times: np.stack([-times / 10.0, times / 10.0], axis=-1),
+        5.0,
+        IDEAL,
+        rng(),
+        rate=200.0,
+    )
+    rate, w = 0.2 / 0.42, 0.2 * 3.0 / 0.42
+    forces = specific_forces(motion, np.array([3.0]), 0.01, (0.3, -0.2, 0.0))[0]
+    expected = [rate * 0.2 - w**2 * 0.3, rate * 0.3 + w**2 * 0.2, GRAVITY]
+    assert forces == pytest.approx(expected)
+
+
+def test_forces_are_the_second_derivative_of_the_imu_s_path():
+    command = make_trajectory("slalom", 20.0, ALPHA, rng())
+    motion = EXACT.run(command, 20.0, ALPHA, rng(), rate=1000.0)
+    place, step = np.array([0.3, -0.2]), 0.01
+    times = np.arange(4.0, 19.0, 0.25)
+
+    def path(at):
+        x, y, yaw = motion.poses_at(at).T
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return np.stack(
+            [x + cos * place[0] - sin * place[1], y + sin * place[0] + cos * place[1]], axis=-1
+        )
+
+    in_odom = (path(times + step) - 2.0 * path(times) + path(times - step)) / step**2
+    yaw = motion.poses_at(times)[:, 2]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    expected = np.stack(
+        [cos * in_odom[:, 0] + sin * in_odom[:, 1], cos * in_odom[:, 1] - sin * in_odom[:, 0]],
+        axis=-1,
+    )
+    forces = specific_forces(motion, times, 0.01, (0.3, -0.2, 0.0))
+    assert np.allclose(forces[:, :2], expected, atol=1e-3)
+
+
+def test_gyro_scale_and_missing_axes():
+    motion = circle()
+    w = 0.3 / 0.42
+    robot = mounted(gyro_scale=1.02, gyro_axes="z", rotation_rpy_deg=(0.0, 10.0, 0.0))
+    rates = imu(motion, robot, gyro=SILENT).series.angular_velocity
+    assert np.allclose(rates, [0.0, 0.0, 1.02 * w * np.cos(np.radians(10.0))])
+
+
+def test_fixes_noise_heading_and_outages():
+    motion = circle(2000.0)
+    times = sample_times(2000.0, 1.0)
+    series = read_fixes(motion, times, FixErrors(heading_sigma=0.02), OUTAGES, rng(5))
+    seconds = (series.stamps - EPOCH) * 1e-9
+    assert len(series.stamps) == 2001 - 101 - 11
+    assert not ((seconds >= 100.0) & (seconds <= 200.0)).any()
+    errors = series.poses - motion.poses_at(seconds)
+    assert abs(errors[:, :2].var() / 0.05**2 - 1.0) < sample_band(2 * len(errors))
+    assert abs(errors[:, 2].var() / 0.02**2 - 1.0) < sample_band(len(errors))
+    assert np.allclose(series.variances, [0.05**2, 0.02**2])
+    # An outage takes fixes away and changes no other; neither does heading.
+    whole = read_fixes(motion, times, FixErrors(), (), rng(5))
+    assert np.isnan(whole.poses[:, 2]).all()
+    kept = np.isin(whole.stamps, series.stamps)
+    assert np.array_equal(whole.poses[kept, :2], series.poses[:, :2])
+
+
+def test_perfect_fixes_state_a_variance_that_a_log_accepts():
+    motion = circle()
+    series = read_fixes(motion, sample_times(10.0, 1.0), FixErrors(sigma=0.0), (), rng())
+    assert np.allclose(series.poses[:, :2], motion.poses_at(sample_times(10.0, 1.0))[:, :2])
+    assert (series.variances > 0.0).all()
+
+
+def test_times_and_stamps():
+    assert sample_times(1.0, 50.0)[-1] == pytest.approx(1.0)
+    assert len(sample_times(0.3, 10.0)) == 4
+    stamps = to_stamps(sample_times(1000.0, 30.0))
+    assert stamps[0] == EPOCH
+    assert stamps.dtype == np.int64
+    assert (np.diff(stamps) > 33_333_000).all()
+
+
+def test_a_figure_left_out_is_the_preset_s_and_then_the_robot_file_s():
+    nothing = EncoderSpec()
+    assert encoder_errors(ALPHA, nothing, NOMINAL) == EncoderErrors(
+        speed_noise_density=ALPHA.tracks.speed_noise_density
+    )
+    assert gyro_errors(ALPHA, InertialSpec(), NOMINAL) == InertialErrors(
+        noise_density=5e-4, bias_sigma=0.01, bias_walk=2e-5
+    )
+    assert accelerometer_errors(ALPHA, InertialSpec(), NOMINAL) == InertialErrors(
+        noise_density=0.01, bias_sigma=0.1, bias_walk=5e-4
+    )
+    unsure = mounted(gyro_scale_sigma=0.02)
+    assert gyro_errors(unsure, InertialSpec(), NOMINAL).scale_sigma == 0.02
+    consumer = noise_preset("consumer")
+    errors = gyro_errors(unsure, InertialSpec(bias_walk=1.0), consumer)
+    assert (errors.scale_sigma, errors.bias_walk) == (0.01, 1.0)
+    assert errors.noise_density == consumer.gyro.noise_density
+    assert fix_errors(FixSpec(latency=0.1), NOMINAL) == FixErrors(latency=0.1)
+
+
+def test_perfect_sensors_have_no_error_but_those_that_are_asked_for():
+    perfect = noise_preset("perfect")
+    unsure = msgspec.structs.replace(
+        mounted(gyro_scale_sigma=0.02),
+        tracks=msgspec.structs.replace(ALPHA.tracks, scale_sigma=0.1),
+    )
+    assert encoder_errors(unsure, EncoderSpec(), perfect) == EncoderErrors()
+    assert gyro_errors(unsure, InertialSpec(), perfect) == InertialErrors()
+    assert accelerometer_errors(unsure, InertialSpec(), perfect) == InertialErrors()
+    assert fix_errors(FixSpec(), perfect) == FixErrors(sigma=0.0)
+    counting = EncoderSpec(resolution=1e-3)
+    assert encoder_errors(unsure, counting, perfect) == EncoderErrors(resolution=1e-3)
+
+
+def test_better_grades_have_smaller_errors():
+    grades = [NOISE_PRESETS[name] for name in ("consumer", "industrial", "tactical")]
+    for sensor in ("gyro", "accelerometer"):
+        for field in set(InertialSpec.__struct_fields__) - {"factor", "range"}:
+            values = [getattr(getattr(grade, sensor), field) for grade in grades]
+            if field != "bias_instability_time":
+                assert values == sorted(values, reverse=True), (sensor, field)
+                assert values[-1] > 0.0
+
+
+def test_the_factor_is_on_errors_and_not_on_times_and_shares():
+    twice = {"factor": 2.0}
+    encoders = EncoderSpec(resolution=1e-3, dropouts_per_hour=3.0, dropout_duration=2.0, **twice)
+    assert encoder_errors(ALPHA, encoders, NOMINAL) == EncoderErrors(
+        speed_noise_density=2.0 * ALPHA.tracks.speed_noise_density,
+        resolution=2e-3,
+        dropouts_per_hour=3.0,
+        dropout_duration=2.0,
+    )
+    industrial = noise_preset("industrial")
+    plain = gyro_errors(ALPHA, InertialSpec(), industrial)
+    doubled = gyro_errors(ALPHA, InertialSpec(**twice), industrial)
+    for name in InertialErrors.__struct_fields__:
+        expected = 1.0 if name in {"range", "bias_instability_time"} else 2.0
+        assert getattr(doubled, name) == pytest.approx(expected * getattr(plain, name)), name
+    fixes = fix_errors(FixSpec(heading_sigma=0.1, outlier_share=0.2, latency=0.3, **twice), NOMINAL)
+    assert fixes == FixErrors(sigma=0.1, heading_sigma=0.2, outlier_share=0.2, latency=0.3)
+
+
+@pytest.mark.parametrize(
+    ("spec", "errors"),
+    [(EncoderSpec, EncoderErrors), (InertialSpec, InertialErrors), (FixSpec, FixErrors)],
+)
+def test_a_data_sheet_has_every_error(spec, errors):
+    assert set(spec.__struct_fields__) == {*errors.__struct_fields__, "factor"}
+    assert not [value for value in msgspec.structs.astuple(spec()) if value is not None]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: noise_preset("industral"), "did you mean 'industrial'"),
+        (lambda: InertialSpec(factor=-1.0), "factor must be zero or a positive number, found -1"),
+        (lambda: InertialSpec(range=0.0), "range must be a positive number, found 0.0"),
+        (lambda: InertialSpec(bias_instability_time=0.0), "bias_instability_time must be a pos"),
+        (lambda: InertialSpec(bias_instability=float("inf")), "bias_instability must be zero or"),
+        (lambda: EncoderSpec(speed_noise_density=float("nan")), "speed_noise_density must be"),
+        (lambda: EncoderSpec(resolution=-1e-3), "resolution must be zero or a positive number"),
+        (lambda: EncoderSpec(dropouts_per_hour=1e9), "dropouts_per_hour must be at most 36000"),
+        (lambda: EncoderSpec(dropout_duration=0.0), "dropout_duration must be a positive number"),
+        (lambda: EncoderSpec(dropout_reads="zeros"), "cannot be 'zeros'; did you mean 'zero'"),
+        (lambda: FixSpec(outlier_share=1.5), "outlier_share must be at most 1, found 1.5"),
+        (lambda: FixSpec(latency=-0.1), "latency must be zero or a positive number, found -0.1"),
+    ],
+)
+def test_bad_figures_are_refused(make, message):
+    with pytest.raises(SimulationError, match=message):
+        make()
+
+
+# Encoders that count, differ, and drop out.
+
+
+def driven(name="aggressive", duration=60.0, seed=4):
+    command = make_trajectory(name, duration, ALPHA, rng(seed))
+    return EXACT.run(command, duration, ALPHA, rng(), rate=200.0)
+
+
+DRIVEN = driven()
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    resolution=st.floats(1e-6, 0.1),
+    density=st.sampled_from([0.0, 1e-3]),
+    rate=st.sampled_from([7.0, 50.0, 130.0]),
+    seed=st.integers(0, 2**32),
+)
+def test_counting_never_adds_up_to_more_than_a_count(resolution, density, rate, seed):
+    times = sample_times(60.0, rate)
+    exact = EncoderErrors(speed_noise_density=density, scale_sigma=0.05)
+    counting = msgspec.structs.replace(exact, resolution=resolution)
+    without = read_tracks(DRIVEN, times, rate, exact, rng(seed)).speeds
+    counted = read_tracks(DRIVEN, times, rate, counting, rng(seed)).speeds
+    travel = np.cumsum(counted - without, axis=0) / rate
+    assert np.abs(travel).max() < resolution * (1.0 + 1e-6)
+    counts = counted / rate / resolution
+    assert np.allclose(counts, np.rint(counts), atol=1e-6)
+
+
+def test_a_count_begins_anywhere_so_that_counting_errs_by_nothing_in_the_mean():
+    resolution, rate = 2e-4, 50.0
+    times = sample_times(60.0, rate)
+    remainders = []
+    for seed in range(50):
+        errors = EncoderErrors(resolution=resolution)
+        counted = read_tracks(DRIVEN, times, rate, errors, rng(seed)).speeds
+        lag = np.cumsum(counted, axis=0)[-1] / rate - DRIVEN.distances[-1]
+        remainders.extend(lag / resolution)
+    remainders = np.array(remainders)
+    # Of a travel of n + f counts, n + 1 are counted with probability f: mean zero, variance f (1 - f).
+    assert abs(remainders.mean()) < 5.0 * 0.5 / np.sqrt(len(remainders))
+    assert (np.abs(remainders) < 1.0).all()
+    assert (remainders < 0.0).any()
+    assert (remainders > 0.0).any()
+
+
+def test_a_counting_track_that_stands_reads_exactly_zero():
+    motion = driven("stop-and-go")
+    times = sample_times(60.0, 50.0)
+    errors = EncoderErrors(resolution=1e-3, speed_noise_density=1e-2, scale_sigma=0.1)
+    speeds = read_tracks(motion, times, 50.0, errors, rng()).speeds
+    standing = np.abs(motion.mean_track_speeds(times)) <= STANDING
+    assert standing.sum() > 300
+    assert (speeds[standing] == 0.0).all()
+
+
+def test_a_track_that_settles_exponentially_stands_in_the_end():
+    times = np.arange(0.0, 10.0, 0.005)
+    speeds = np.repeat(np.exp(-times / 0.3)[:, None], 2, axis=1)
+    none = np.zeros((len(times), 3))
+    distances = np.cumsum(speeds, axis=0) * 0.005
+    motion = TrueMotion(200.0, none, none, speeds, distances, None, "settling")
+    errors = EncoderErrors(speed_noise_density=1e-2)
+    read = read_tracks(motion, sample_times(9.9, 50.0), 50.0, errors, rng()).speeds
+    # exp(-t / 0.3) falls below 0.1 mm/s after 2.76 s.
+    assert (read[int(2.9 * 50) :] == 0.0).all()
+    assert (read[: int(2.7 * 50)] != 0.0).all()
+
+
+def test_the_difference_of_scales_is_left_less_right_and_keeps_the_mean():
+    differences = []
+    for seed in range(300):
+        errors = EncoderErrors(scale_sigma=0.01, scale_difference_sigma=0.004)
+        common = EncoderErrors(scale_sigma=0.01)
+        times = sample_times(0.1, 50.0)
+        one, other = (
+            [0.3, 0.6] / read_tracks(circle(0.1), times, 50.0, which, rng(seed)).speeds[0]
+            for which in (errors, common)
+        )
+        assert one.mean() == pytest.approx(other.mean(), abs=1e-12)
+        differences.append(one[0] - one[1])
+    variance = np.var(differences) / 0.004**2
+    assert abs(variance - 1.0) < sample_band(300)
+    assert abs(np.mean(differences)) < 5.0 * 0.004 / np.sqrt(300)
+
+
+def dropped(reads, duration=7200.0, **values):
+    motion = circle(duration)
+    values = {"dropouts_per_hour": 120.0, "dropout_duration": 2.0} | values
+    times = sample_times(duration, 10.0)
+    errors = EncoderErrors(speed_noise_density=1e-3, dropout_reads=reads, **values)
+    return read_tracks(motion, times, 10.0, errors, rng(2))
+
+
+def test_dropouts_have_their_rate_and_duration_and_change_nothing_else():
+    whole = dropped("zero", dropouts_per_hour=0.0).speeds
+    zero = dropped("zero").speeds
+    lost = (zero == 0.0).all(axis=1)
+    assert np.array_equal(zero[~lost], whole[~lost])
+    starts = np.count_nonzero(np.diff(lost.astype(int)) == 1)
+    # 120 an hour of time without: 240 / (1 + 120 * 2 / 3600) in two hours, less those of two that
+    # merge or fall between samples (some 7 %); five standard deviations of a Poisson count.
+    expected = 240.0 / (1.0 + 120.0 * 2.0 / 3600.0)
+    assert abs(starts - expected) < 5.0 * np.sqrt(expected)
+    share = 120.0 * 2.0 / 3600.0 / (1.0 + 120.0 * 2.0 / 3600.0)
+    assert abs(lost.mean() - share) < 5.0 * share * np.sqrt(2.0 / expected)
+
+
+def test_what_samples_read_in_a_dropout():
+    assert DROPOUT_READINGS == ("nothing", "last", "zero")
+    whole, zero = dropped("zero", dropouts_per_hour=0.0), dropped("zero")
+    lost = (zero.speeds == 0.0).all(axis=1)
+    nothing = dropped("nothing")
+    assert np.array_equal(nothing.stamps, whole.stamps[~lost])
+    assert np.array_equal(nothing.speeds, whole.speeds[~lost])
+    last = dropped("last").speeds
+    assert np.array_equal(last[~lost], whole.speeds[~lost])
+    stuck = np.flatnonzero(lost)
+    assert np.array_equal(last[stuck], last[stuck - 1])
+    assert not lost[0]
+
+
+# Scale, alignment, range and instability of gyro and accelerometer.
+
+
+def test_scale_and_misalignment_are_drawn_once_for_each_axis():
+    motion = circle(1.0)
+    rates = np.array([0.0, 0.0, 0.3 / 0.42])
+    found = []
+    for seed in range(300):
+        errors = InertialErrors(scale_sigma=0.02, misalignment_sigma=0.005)
+        gyro = imu(motion, IDEAL, 1.0, gyro=errors, seed=seed).series.angular_velocity
+        assert np.ptp(gyro, axis=0) == pytest.approx(0.0, abs=1e-12)
+        found.append((gyro[0] - rates) / rates[2])
+    found = np.array(found)
+    assert abs(found[:, 2].var() / 0.02**2 - 1.0) < sample_band(300)
+    assert abs(found[:, :2].var() / 0.005**2 - 1.0) < sample_band(600)
+    assert np.abs(found.mean(axis=0)).max() < 5.0 * 0.02 / np.sqrt(300)
+
+
+def test_misalignment_shows_gravity_in_the_level_axes():
+    errors = InertialErrors(misalignment_sigma=1e-3)
+    forces = [
+        imu(circle(0.1, 0.0, 0.0), IDEAL, 0.1, accelerometer=errors, seed=seed)
+        .series.linear_acceleration[0, :2]
+        .copy()
+        for seed in range(300)
+    ]
+    assert abs(np.var(forces) / (1e-3 * GRAVITY) ** 2 - 1.0) < sample_band(600)
+
+
+def test_a_sensor_saturates_at_its_range_in_its_own_axes():
+    errors = InertialErrors(range=0.5, noise_density=0.05)
+    gyro = imu(circle(), IDEAL, gyro=errors).series.angular_velocity
+    plain = imu(circle(), IDEAL, gyro=InertialErrors(noise_density=0.05)).series.angular_velocity
+    assert (np.abs(plain) > 0.5).any()
+    assert np.array_equal(gyro, np.clip(plain, -0.5, 0.5))
+    upside_down = mounted(rotation_rpy_deg=(180.0, 0.0, 0.0))
+    forces = imu(circle(), upside_down, accelerometer=InertialErrors(range=5.0)).series
+    assert forces.linear_acceleration[:, 2] == pytest.approx(-5.0)
+
+
+@pytest.mark.parametrize(
+    "figure",
+    ["noise_density", "bias_sigma", "bias_instability", "bias_walk", "scale_sigma"],
+)
+def test_one_figure_changes_its_own_error_and_no_other(figure):
+    motion = circle(20.0)
+    every = dict.fromkeys(
+        ["noise_density", "bias_sigma", "bias_instability", "bias_walk", "scale_sigma"], 1e-3
+    )
+
+    def read(**values):
+        errors = InertialErrors(**values)
+        return imu(motion, IDEAL, 20.0, gyro=errors, seed=3).series.angular_velocity
+
+    clean = read()
+    with_it, without_it = read(**every), read(**(every | {figure: 0.0}))
+    alone = read(**{figure: 1e-3})
+    assert np.abs(alone - clean).max() > 1e-5
+    assert np.allclose(with_it - without_it, alone - clean, atol=1e-12)
+
+
+def test_a_longer_run_begins_as_the_shorter():
+    for duration in (30.0, 60.0):
+        times = sample_times(duration, 50.0)
+        errors = EncoderErrors(
+            speed_noise_density=1e-3,
+            scale_sigma=0.01,
+            scale_difference_sigma=0.01,
+            resolution=1e-3,
+            dropouts_per_hour=600.0,
+            dropout_reads="zero",
+        )
+        tracks = read_tracks(DRIVEN, times, 50.0, errors, rng(7)).speeds
+        industrial = gyro_errors(ALPHA, InertialSpec(), noise_preset("industrial"))
+        gyro = imu(DRIVEN, ALPHA, duration, 50.0, gyro=industrial).series.angular_velocity
+        fixing = FixErrors(outlier_share=0.3, latency=0.1)
+        fixes = read_fixes(DRIVEN, sample_times(duration, 1.0), fixing, (), rng(8)).poses[:, :2]
+        if duration == 30.0:
+            shorter = tracks, gyro, fixes
+    for short, long in zip(shorter, (tracks, gyro, fixes), strict=True):
+        # An average over the last interval of a motion is another one where the motion goes on.
+        assert np.allclose(short, long[: len(short)], atol=1e-9)
+
+
+# Fixes that are late or wrong.
+
+
+def test_a_late_fix_shows_the_pose_of_before():
+    times = sample_times(60.0, 1.0)
+    errors = FixErrors(sigma=0.0, heading_sigma=0.0, latency=0.35)
+    series = read_fixes(DRIVEN, times, errors, (), rng())
+    assert np.array_equal(series.stamps, to_stamps(times))
+    expected = DRIVEN.poses_at(np.maximum(times - 0.35, 0.0))
+    assert np.allclose(series.poses, expected, atol=1e-12)
+    assert np.abs(series.poses - DRIVEN.poses_at(times)).max() > 0.05
+
+
+def test_outliers_have_their_share_and_size_and_do_not_say_so():
+    motion = circle(5000.0)
+    times = sample_times(5000.0, 1.0)
+    plain = read_fixes(motion, times, FixErrors(heading_sigma=0.02), (), rng(5))
+    errors = FixErrors(heading_sigma=0.02, outlier_share=0.1, outlier_sigma=3.0)
+    series = read_fixes(motion, times, errors, (), rng(5))
+    excess = series.poses - plain.poses
+    outlying = (excess[:, :2] != 0.0).any(axis=1)
+    assert abs(outlying.sum() - 500.1) < 5.0 * np.sqrt(5001 * 0.1 * 0.9)
+    assert abs(excess[outlying, :2].var() / 9.0 - 1.0) < sample_band(2 * outlying.sum())
+    assert not excess[:, 2].any()
+    assert np.array_equal(series.variances, plain.variances)
+    # More outliers keep the old ones.
+    more = msgspec.structs.replace(errors, outlier_share=0.3)
+    again = read_fixes(motion, times, more, (), rng(5)).poses
+    assert np.array_equal(again[outlying], series.poses[outlying])

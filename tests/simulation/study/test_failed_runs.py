@@ -1,0 +1,309 @@
+"""A study whose runs fail says so, and failed runs enter no sum, table, figure or page."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import typer
+from pyarrow import parquet
+
+import study_stub
+from icreckon.cli.study import run_study_command
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.batch.scoring import Scores
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.streaming.lost import LostFilter
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
+from icreckon.estimator.streaming.run import run
+from icreckon.report.study.folder import run_study
+from icreckon.report.study.text import failures, headline, summary_tables
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.running import (
+    engines as study_engines,
+)
+from icreckon.simulation.running import (
+    streaming_engine as study_streaming,
+)
+from icreckon.simulation.running.engines import Engine
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.study.cells import Cell, Filter
+from icreckon.simulation.study.failures import RunScores, checked
+from icreckon.simulation.study.plan import Study, Sweep
+from icreckon.simulation.study.statistics import statistics
+
+STUDY = Study(
+    name="tiny",
+    scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
+    variants=("constant-online", "inertia-online"),
+    sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
+    runs=4,
+    truths=2,
+    horizons=(5.0,),
+    engine="stub",
+)
+NAMES = [one.name for one in statistics(STUDY.horizons)]
+LOST = 7.0  # s
+
+
+@pytest.fixture(autouse=True)
+def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(
+        study_engines.ENGINES, "stub", Engine("stub", "study_stub", block_runs=4, threads=True)
+    )
+
+
+def spoil(monkeypatch: pytest.MonkeyPatch, cell: int, label: str, **changes: float) -> None:
+    """Let the stub return these statistics for run 2 of a cell and filter."""
+    honest = study_stub.block
+
+    def block(of: Cell, filters: list[Filter], first_run: int, count: int) -> dict[str, RunScores]:
+        found = honest(of, filters, first_run, count)
+        if of.index == cell and first_run <= 2 < first_run + count and label in found:
+            for name, value in changes.items():
+                found[label].values[2 - first_run, NAMES.index(name)] = value
+        return dict(found)
+
+    monkeypatch.setattr(study_stub, "block", block)
+
+
+def lose_in_streaming(monkeypatch: pytest.MonkeyPatch) -> None:
+    """NaN in the state of constant-online from 7 s on, in run 1."""
+    honest = study_streaming._run
+
+    class Losing(PoseEstimator):
+        def snapshot(self) -> Snapshot:
+            found = super().snapshot()
+            late = self.stamp is not None and (self.stamp - start[0]) * 1e-9 > LOST - 1e-3
+            if losing[0] and late:
+                return found._replace(state=found.state * np.nan)
+            return found
+
+    start, losing = [0], [False]
+
+    def losing_run(log: Log, one: Filter, times: Floats) -> Any:
+        start[0] = log.start
+        losing[0] = log.name.endswith("run 1") and one.variant == "constant-online"
+        return honest(log, one, times)
+
+    monkeypatch.setattr(study_streaming, "PoseEstimator", Losing)
+    monkeypatch.setattr(study_streaming, "_run", losing_run)
+
+
+def lose_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    """NaN in the pose of the first filter from 7 s on, in the lane of run 1."""
+    honest, lanes_of = Scores.add, Scores.__init__
+    made: list[Scores] = []
+
+    def begin(self: Scores, *arguments: Any) -> None:
+        made.append(self)
+        lanes_of(self, *arguments)
+
+    def add(self: Scores, tick: int, estimates: Floats) -> None:
+        late = np.arange(tick, tick + len(estimates)) >= round(LOST * 50.0)
+        if made.index(self) % 2 == 0:
+            estimates = estimates.copy()
+            estimates[late, 0, 1] = np.nan
+        honest(self, tick, estimates)
+
+    monkeypatch.setattr(Scores, "__init__", begin)
+    monkeypatch.setattr(Scores, "add", add)
+
+
+@pytest.mark.parametrize("engine", ["streaming", "batch"])
+def test_a_lost_filter_is_a_failed_run_in_every_engine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, engine: str
+) -> None:
+    lose = lose_in_streaming if engine == "streaming" else lose_side_by_side
+    lose(monkeypatch)
+    study = msgspec.structs.replace(STUDY, engine=engine, sweep=None)
+    # A thread of this process, which has the spoilt filter.
+    monkeypatch.setattr(Engine, "in_threads", lambda *_: True)
+    results = run_study(study, tmp_path / "a", workers=1)
+    assert results["failed"]["runs"] == 1
+    assert results["failed"]["of"] == 8
+    (failed,) = results["failed"]["cells"]
+    reason = "estimate is not finite from 7.0 s on"
+    assert failed["variant"] == "constant-online"
+    assert failed["reasons"] == [{"reason": reason, "runs": 1, "first_run": 1}]
+    rows = parquet.read_table(tmp_path / "a" / "runs.parquet").to_pylist()
+    lost = [row for row in rows if row["failed"]]
+    assert [(row["variant"], row["run"], row["failed"]) for row in lost] == [
+        ("constant-online", 1, reason)
+    ]
+    assert {lost[0][name] for name in NAMES} == {None}
+    overall = results["overall"]
+    for name in ("final_position_error_m", "nis_gyro_mean", "rejected_total"):
+        assert overall["constant-online"][name]["n"] == 3
+        assert overall["inertia-online"][name]["n"] == 4
+    lines = failures(results)
+    assert lines[0].startswith("ERROR: 1 of 8 runs failed")
+    assert lines[1] == f"constant-online: 1 of 4 runs failed: {reason} (run 1)"
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"nis_gyro_mean": -3e53}, "nis_gyro_mean is negative (-3e+53)"),
+        ({"nees_pose_mean": 1e40}, "nees_pose_mean is impossibly large (1e+40)"),
+        ({"final_position_error_m": np.nan}, "final_position_error_m is not finite"),
+        ({"drift_percent_5s": np.inf}, "drift_percent_5s is not finite"),
+        ({"rmse_v_x_m_s": 1e5}, "rmse_v_x_m_s is impossibly large (1e+05)"),
+    ],
+)
+def test_a_run_with_an_impossible_value_is_excluded_as_a_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, float], reason: str
+) -> None:
+    spoil(monkeypatch, 1, "constant-online", **changes)
+    results = run_study(STUDY, tmp_path / "a", workers=1)
+    (failed,) = results["failed"]["cells"]
+    assert (failed["cell"], failed["values"]) == (1, {"gyro.factor": 10.0})
+    assert failed["reasons"] == [{"reason": reason, "runs": 1, "first_run": 2}]
+    for name in set(NAMES) - {"rejected_gyro"}:
+        assert results["cells"][1]["variants"]["constant-online"][name]["n"] == 3, name
+        assert results["cells"][0]["variants"]["constant-online"][name]["n"] == 4, name
+    for one in results["overall"].values():
+        for summary in one.values():
+            assert not abs(summary["mean"]) > 1e3
+
+
+def test_statistics_that_a_run_need_not_have_are_no_failure() -> None:
+    values = np.ones((1, len(NAMES)))
+    for name in ("drift_percent_5s", "nis_position_mean", "nees_pose_end"):
+        values[0, NAMES.index(name)] = np.nan
+    assert checked(RunScores(values, ("",)), STUDY.horizons).reasons == ("",)
+
+
+def test_a_cell_without_a_result_is_an_error_and_all_others_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest = study_stub.block
+
+    def block(of: Cell, filters: list[Filter], first_run: int, count: int) -> dict[str, RunScores]:
+        if of.index == 1 and any(one.label == "inertia-online" for one in filters):
+            raise np.linalg.LinAlgError("Singular matrix")
+        return dict(honest(of, filters, first_run, count))
+
+    monkeypatch.setattr(study_stub, "block", block)
+    results = run_study(STUDY, tmp_path / "a", workers=1)
+    assert results["cells"][1]["variants"]["constant-online"]["nis_gyro_mean"]["n"] == 4
+    told = [
+        "ERROR: 4 of 16 runs failed. They are in no table and no figure.",
+        "cell 1 (gyro.factor = 10), inertia-online: no result, all 4 runs failed: "
+        "LinAlgError: Singular matrix (run 0 and 3 more)",
+    ]
+    assert failures(results) == told
+    assert headline(results).endswith("ERROR: 4 of 16 runs failed.")
+    (table,) = summary_tables(results)
+    errors = [row for row in table.rows if "ERROR" in "".join(row)]
+    error = "ERROR: LinAlgError: Singular matrix"
+    assert errors == [("", "inertia-online", error, "", "", "", "")]
+    page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+    assert page.index(told[0]) < page.index(told[1]) < page.index('class="headline"')
+    assert f'<td class="error" colspan="5">{error}</td>' in page
+
+
+def test_variants_are_compared_over_the_cells_that_both_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Drift is 1 and 2 in the easy cell, 10 and 20 in the hard one, where the better one fails."""
+    honest = study_stub.block
+    drift = NAMES.index("drift_percent_5s")
+
+    def block(of: Cell, filters: list[Filter], first_run: int, count: int) -> dict[str, RunScores]:
+        found = dict(honest(of, filters, first_run, count))
+        for label, scores in found.items():
+            better = label == "inertia-online"
+            scores.values[:, drift] = (1.0 if better else 2.0) * (10.0 if of.index else 1.0)
+            if better and of.index:
+                found[label] = scores._replace(reasons=("lost",) * count)
+        return found
+
+    monkeypatch.setattr(study_stub, "block", block)
+    results = run_study(STUDY, tmp_path / "a", workers=1)
+    summary = results["overall"]["inertia-online"]["drift_percent_5s"]
+    assert summary["ratio"] == pytest.approx(0.5, rel=1e-12)
+    assert summary["difference"] == pytest.approx(-1.0, rel=1e-12)
+
+
+def test_a_study_without_any_result_still_has_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def block(*_: object) -> dict[str, RunScores]:
+        raise SimulationError("the vehicle tips over")
+
+    monkeypatch.setattr(study_stub, "block", block)
+    results = run_study(STUDY, tmp_path / "a", workers=1)
+    assert results["failed"]["runs"] == results["failed"]["of"] == 16
+    assert headline(results).startswith(
+        "ERROR: over 2 cells of 4 runs each, constant-online has no"
+    )
+    assert "the vehicle tips over" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("fails", [True, False])
+def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    fails: bool,
+) -> None:
+    if fails:
+        spoil(monkeypatch, 0, "constant-online", nis_gyro_mean=-1.0)
+    monkeypatch.setattr("icreckon.cli.study.load_study", lambda _: STUDY)
+    out = tmp_path / "a"
+    words: dict[str, Any] = dict.fromkeys(("runs", "engine", "cluster"))
+    words |= {"study": "tiny", "out": out, "workers": 1, "list_studies": False}
+    words |= {"as_json": True, "overwrite": False}
+    if fails:
+        with pytest.raises(typer.Exit) as left:
+            run_study_command(**words)
+        assert left.value.exit_code == 1
+    else:
+        run_study_command(**words)
+    shown = capsys.readouterr()
+    told = json.loads(shown.out)
+    assert told == json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert told["failed"]["runs"] == int(fails)
+    assert ("ERROR: 1 of 16 runs failed" in shown.err) == fails
+    assert (out / "report.html").exists()
+
+
+def test_a_failed_run_stays_failed_when_the_study_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        spoil(patch, 0, "constant-online", nis_gyro_mean=-1.0)
+        first = run_study(STUDY, tmp_path / "a", workers=1)
+    again = run_study(STUDY, tmp_path / "a", workers=1)
+    assert again["failed"] == first["failed"]
+    assert again["failed"]["runs"] == 1
+
+
+class _Spoilt(PoseEstimator):
+    """A filter with a negative variance from 4 s on."""
+
+    def snapshot(self) -> Snapshot:
+        found = super().snapshot()
+        if self.health.sensors["imu" if "imu" in self.health.sensors else "gyro"].used > 300:
+            covariance = found.covariance.copy()
+            covariance[2, 2] = -1.0
+            return found._replace(covariance=covariance)
+        return found
+
+
+def test_a_run_over_a_log_that_is_lost_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    from icreckon.estimator.robot.robot_file import load_robot
+
+    robot = load_robot("auriga-alpha")
+    log = replace(simulate(Scenario(duration=6.0, seed=1), robot), truth=None)
+    monkeypatch.setattr("icreckon.estimator.streaming.run.PoseEstimator", _Spoilt)
+    with pytest.raises(
+        LostFilter, match=r"differential: estimate has negative variances from 3"
+    ) as told:
+        run(log, robot, "differential")
+    assert told.value.seconds == pytest.approx(3.0, abs=0.1)

@@ -1,0 +1,327 @@
+"""What a study file may say, what it comes to, and what is refused."""
+
+import re
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from icreckon.estimator.base.errors import EstimatorError, IcreckonError
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.report.study.folder import PAGE
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.running.engines import choose_engine
+from icreckon.simulation.running.run_study import RESULTS_PARQUET, RUNS_PARQUET
+from icreckon.simulation.running.store import MANIFEST, RESULTS
+from icreckon.simulation.running.streaming_engine import block, study_log
+from icreckon.simulation.scenario import Scenario, change_scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.study.cells import expand
+from icreckon.simulation.study.plan import (
+    FilterSpec,
+    LatinHypercube,
+    Study,
+    Sweep,
+    load_study,
+    study_names,
+)
+from icreckon.simulation.study.statistics import statistics
+from icreckon.simulation.study.summary import COLUMNS
+from readme import ROOT, code_blocks
+
+SHORT = Scenario(duration=10.0)
+
+
+def expanded(**more):
+    return expand(Study(**{"name": "a", "scenario": SHORT, "variants": ("differential",)} | more))
+
+
+def swept(**grid):
+    return expanded(sweep=Sweep(grid=grid))
+
+
+def test_a_grid_has_a_cell_for_each_combination_the_last_key_changing_fastest():
+    plan = swept(fix_rate=[0.0, 1.0], gyro={"factor": [1.0, 2.0, 40.0]})
+    assert [axis.name for axis in plan.axes] == ["fix_rate", "gyro.factor"]
+    assert [axis.scale for axis in plan.axes] == ["linear", "log"]
+    values = [tuple(cell.values.values()) for cell in plan.cells]
+    assert values == [(a, b) for a in (0.0, 1.0) for b in (1.0, 2.0, 40.0)]
+    assert [cell.scenario.gyro.factor for cell in plan.cells] == [1.0, 2.0, 40.0] * 2
+    assert {cell.scenario.seed for cell in plan.cells} == {1}
+
+
+def test_without_a_sweep_there_is_one_cell():
+    plan = expanded(seed=7)
+    assert plan.axes == ()
+    assert len(plan.cells) == 1
+    assert plan.cells[0].scenario == msgspec.structs.replace(SHORT, seed=7)
+
+
+def test_cases_change_several_keys_at_once():
+    plan = expanded(
+        sweep=Sweep(
+            cases={
+                "way": {
+                    "easy": {"trajectory": "arcs", "trajectory_options": {"speed": 0.3}},
+                    "hard": {"trajectory": "aggressive", "filter.vehicle.mass": 200.0},
+                }
+            }
+        )
+    )
+    easy, hard = plan.cells
+    assert plan.axes[0].scale == "names"
+    assert easy.scenario.trajectory_options == {"speed": 0.3}
+    assert hard.scenario.trajectory == "aggressive"
+    assert hard.filters[0].robot.vehicle.mass == 200.0
+    assert hard.robot.vehicle.mass == 258.0
+
+
+def test_terrain_is_swept_in_cases():
+    ground = {"dry": {}, "slippery": {"patches": [{"friction": 0.4}]}}
+    dry, slippery = expanded(sweep=Sweep(cases={"ground": ground})).cells
+    assert dry.scenario.patches == ()
+    assert slippery.scenario.patches[0].friction == 0.4
+
+
+def test_who_knows_of_a_changed_robot():
+    plan = swept(**{"robot.vehicle.mass": [300.0]})
+    assert plan.cells[0].robot.vehicle.mass == plan.cells[0].filters[0].robot.vehicle.mass == 300.0
+    plan = swept(**{"true_robot.vehicle.mass": [300.0]})
+    assert plan.cells[0].robot.vehicle.mass == 300.0
+    assert plan.cells[0].filters[0].robot == load_robot("auriga-alpha")
+    plan = expanded(
+        robot_changes={"vehicle": {"mass": 270.0}},
+        variants=(
+            "differential",
+            FilterSpec(variant="differential", label="b", robot={"vehicle.mass": 1.0}),
+        ),
+    )
+    told = [one.robot.vehicle.mass for one in plan.cells[0].filters]
+    assert (plan.cells[0].robot.vehicle.mass, told) == (270.0, [270.0, 1.0])
+
+
+def test_an_outage_is_at_the_end():
+    plan = swept(outage=[0.0, 4.0])
+    assert [cell.scenario.outages for cell in plan.cells] == [(), ((6.0, 10.0),)]
+
+
+def test_a_latin_hypercube_has_one_point_in_each_layer_of_each_range():
+    latin = LatinHypercube(
+        points=16, ranges={"gyro": {"noise_density": [1e-5, 1e-3, "log"]}, "fix_rate": [0.5, 2.5]}
+    )
+    plan = expanded(sweep=Sweep(latin=latin), seed=3)
+    again = expanded(sweep=Sweep(latin=latin), seed=3)
+    other = expanded(sweep=Sweep(latin=latin), seed=4)
+    assert [cell.values for cell in plan.cells] == [cell.values for cell in again.cells]
+    assert [cell.values for cell in plan.cells] != [cell.values for cell in other.cells]
+    densities = np.array([cell.scenario.gyro.noise_density for cell in plan.cells])
+    rates = np.array([cell.scenario.fix_rate for cell in plan.cells])
+    layers = np.floor(16.0 * np.log(densities / 1e-5) / np.log(100.0))
+    assert sorted(layers) == list(range(16))
+    assert sorted(np.floor(16.0 * (rates - 0.5) / 2.0)) == list(range(16))
+    assert [axis.scale for axis in plan.axes] == ["log", "linear"]
+    assert all(axis.sampled for axis in plan.axes)
+
+
+def test_true_motions_are_as_many_as_runs_but_at_most_twenty_unless_told():
+    assert expanded(runs=5).cells[0].truths == 5
+    assert expanded(runs=500).cells[0].truths == 20
+    assert expanded(runs=500, truths=50).cells[0].truths == 50
+    assert expanded(runs=5, truths=50).cells[0].truths == 5
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"runs": 0}, "runs must be a whole number of at least 1, found 0"),
+        ({"runs": -3}, "at least 1, found -3"),
+        ({"runs": 2.5}, "runs of a Study: Expected `int`"),
+        ({"truths": 0}, "truths must be"),
+        ({"seed": -1}, "seed must be"),
+        ({"name": "../a"}, "name of a study must be of letters"),
+        ({"variants": ()}, "needs variants"),
+        ({"variants": ("differential", "differential")}, "its own label"),
+        ({"variants": ("frction-online",)}, "did you mean 'friction-online'"),
+        ({"baseline": "differental"}, "did you mean 'differential'"),
+        ({"horizons": ()}, "horizons must be times"),
+        ({"horizons": (10.0, 10.0)}, "each once"),
+        ({"horizons": (0.0,)}, "at least 1 s"),
+        ({"scenario": Scenario(seed=4)}, "no seed of its own"),
+        ({"scenario": Scenario(include_truth=False)}, "leave out include_truth"),
+        ({"robot": "auriga-alfa"}, "did you mean 'auriga-alpha'"),
+        ({"robot_changes": {"vehicle": {"mas": 1.0}}}, "did you mean 'mass'"),
+        ({"robot_changes": {"vehicle": 3.0}}, "Expected `object`"),
+        ({"robot_changes": {"vehicle.mass": -1.0}}, "mass must be a positive number"),
+    ],
+)
+def test_what_a_study_may_not_say(wrong, told):
+    with pytest.raises(IcreckonError, match=told):
+        expanded(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({}, "nothing is swept"),
+        ({"grid": {"fix_rate": []}}, "needs a list of values"),
+        ({"grid": {"fix_rate": 1.0}}, "needs a list of values"),
+        ({"grid": {"fix_rate": [1.0, 1.0]}}, "a value twice"),
+        ({"grid": {"fix_rat": [1.0]}}, "did you mean 'fix_rate'"),
+        ({"grid": {"gyr.noise_density": [1.0]}}, "did you mean 'gyro'"),
+        ({"grid": {"gyro.noise_densty": [1.0]}}, "did you mean 'noise_density'"),
+        ({"grid": {"gyro.noise_density": ["a"]}}, "Expected `float"),
+        ({"grid": {"gyro.noise_density": [-1.0]}}, "zero or a positive number"),
+        ({"grid": {"noise": ["tactica"]}}, "did you mean 'tactical'"),
+        ({"grid": {"seed": [1, 2]}}, "nothing to change by 'seed'"),
+        ({"grid": {"filter": [1.0]}}, "give a key in it"),
+        ({"grid": {"filtr.vehicle.mass": [1.0]}}, "did you mean 'filter'"),
+        ({"grid": {"filter.vehicle.mas": [1.0]}}, "did you mean 'mass'"),
+        ({"grid": {"outage": [11.0]}}, "from 0 to the duration"),
+        ({"grid": {"outage": ["a"]}}, "from 0 to the duration"),
+        (
+            {"grid": {"fix_rate": [1.0], "fix_rate.a": [1.0]}},
+            "no value, elsewhere|no table, elsewhere",
+        ),
+        ({"cases": {"a": {}}}, "has no cases"),
+        ({"cases": {"a": {"x": {"noise": "nominal"}}}, "grid": {"noise": ["nominal"]}}, "twice"),
+        ({"latin": {"points": 0, "ranges": {"fix_rate": [1.0, 2.0]}}}, "at least 1"),
+        ({"latin": {"points": 3, "ranges": {}}}, "at least one key"),
+        ({"latin": {"points": 3, "ranges": {"fix_rate": [2.0, 1.0]}}}, "second is larger"),
+        ({"latin": {"points": 3, "ranges": {"fix_rate": [1.0]}}}, "lowest, highest"),
+        ({"latin": {"points": 3, "ranges": {"fix_rate": [0.0, 1.0, "log"]}}}, "above 0"),
+        ({"latin": {"points": 3, "ranges": {"fix_rate": [1.0, 2.0, "lag"]}}}, "did you mean 'log'"),
+    ],
+)
+def test_what_a_sweep_may_not_say(wrong, told):
+    with pytest.raises(IcreckonError, match=told):
+        expanded(sweep=wrong)
+
+
+def test_a_slip_of_the_pen_does_not_make_a_million_cells():
+    with pytest.raises(SimulationError, match="more than 100000"):
+        swept(fix_rate=list(range(1000)), duration=[1.0 + 1e-3 * n for n in range(1000)])
+
+
+def test_a_friction_variant_needs_a_contact_in_every_cell():
+    with pytest.raises(EstimatorError, match="no contact with the ground"):
+        expanded(
+            variants=("friction-online",),
+            sweep=Sweep(grid={"filter.vehicle.centre_of_mass": [[2.0, 0.0, 0.5]]}),
+        )
+
+
+def test_a_file_is_read_with_paths_beside_it(tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        'name = "mine"\n[vehicle]\nmass = 80.0\ntrack_gauge = 0.6\nsprocket_radius = 0.1\n'
+        "[indices]\neta0 = 1.5\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "drive.csv").write_text("t,left,right\n0,0,0\n1,0.2,0.2\n9,0.2,0.3\n", "utf-8")
+    file = tmp_path / "first.toml"
+    file.write_text(
+        'robot = "mine.toml"\nvariants = ["differential"]\n[scenario]\nduration = 8.0\n'
+        'trajectory = "recorded"\ntrajectory_file = "drive.csv"\n[sweep.grid]\ngyro.factor = [1, 2]\n',
+        encoding="utf-8",
+    )
+    study = load_study(file)
+    assert study.name == "first"
+    plan = expand(study)
+    assert plan.cells[1].robot.vehicle.mass == 80.0
+    assert len(study_log(plan.cells[0], 0).tracks.stamps) == 401
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("run = 3", "unknown key 'run'; did you mean 'runs'"),
+        ("[sweep]\ngrd = 3", r"unknown key 'grd' in \[sweep\]; did you mean 'grid'"),
+        ("[scenario]\ndurration = 3", r"in \[scenario\]; did you mean 'duration'"),
+        ('[[variants]]\nvarant = "a"', "did you mean 'variant'"),
+        ('[[variants]]\nvariant = "differential"\nsettings = {hld = 1.0}', "did you mean 'hold'"),
+        ("runs = ", "not a valid TOML file"),
+        ("runs = -1", "found -1"),
+    ],
+)
+def test_a_file_that_is_wrong_is_refused_in_one_line(tmp_path, text, told):
+    file = tmp_path / "wrong.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(SimulationError, match=told):
+        load_study(file)
+
+
+def test_a_study_that_is_not_there_is_refused_with_the_nearest():
+    with pytest.raises(SimulationError, match="did you mean 'imu-grades'"):
+        load_study("imu-grade")
+    with pytest.raises(SimulationError, match="no such file"):
+        load_study("nowhere.toml")
+
+
+def test_engines_are_chosen_by_name():
+    plan = expanded()
+    assert choose_engine(plan).name == choose_engine(plan, "auto").name
+    assert choose_engine(plan, "streaming").name == "streaming"
+    with pytest.raises(SimulationError, match="did you mean 'streaming'"):
+        choose_engine(plan, "steaming")
+
+
+def test_the_first_runs_are_those_of_simulate_and_later_ones_share_their_motion():
+    study = Study(name="a", scenario=SHORT, seed=5, runs=6, truths=2, variants=("differential",))
+    cell = expand(study).cells[0]
+    for run in (0, 1):
+        made, log = simulate(cell.scenario, cell.robot, run_index=run), study_log(cell, run)
+        assert made.name == log.name
+        for a, b in ((made.tracks, log.tracks), (made.truth.twists, log.truth.twists)):
+            assert np.array_equal(a.stamps, b.stamps)
+        assert np.array_equal(made.tracks.speeds, log.tracks.speeds)
+        assert np.array_equal(made.imu.angular_velocity, log.imu.angular_velocity)
+        assert np.array_equal(made.imu.linear_acceleration, log.imu.linear_acceleration)
+        assert np.array_equal(made.fixes.poses, log.fixes.poses, equal_nan=True)
+        assert np.array_equal(made.truth.poses.poses, log.truth.poses.poses)
+    first, third = study_log(cell, 0), study_log(cell, 2)
+    assert np.array_equal(first.truth.poses.poses, third.truth.poses.poses)
+    assert not np.array_equal(first.tracks.speeds[200:], third.tracks.speeds[200:])
+
+
+@pytest.mark.parametrize("name", study_names())
+def test_shipped_studies_load_and_their_first_block_runs(name):
+    study = load_study(name)
+    assert study.name == name
+    assert len(study.description) > 40
+    plan = expand(study)
+    cell = plan.cells[0]
+    short = change_scenario(cell.scenario, {"duration": 12.0, "outages": [[5.0, 12.0]]}, "test")
+    found = block(replace(cell, scenario=short, horizons=(5.0,)), cell.filters, 0, 1)
+    assert list(found) == list(plan.labels)
+    names = [one.name for one in statistics((5.0,))]
+    for values, reasons in found.values():
+        assert reasons == ("",)
+        assert values.shape == (1, len(names))
+        known = dict(zip(names, np.isfinite(values[0]).tolist(), strict=True))
+        assert [key for key, is_known in known.items() if not is_known] == ["yaw_drift_deg_per_m"]
+
+
+def test_there_are_the_studies_that_were_promised():
+    promised = ["driving-style", "imu-grades", "mis-calibration", "outage-length", "ten-thousand"]
+    assert study_names() == promised
+
+
+def test_the_study_file_in_the_docs_loads_and_shows_every_key(tmp_path):
+    (text,) = code_blocks("toml", "docs/study.md")
+    file = tmp_path / "study.toml"
+    file.write_text(text, encoding="utf-8")
+    plan = expand(load_study(file))
+    assert len(plan.cells) == 72
+    assert plan.labels == ("constant-online", "friction-online", "heavy")
+    for field in msgspec.structs.fields(Study):
+        assert re.search(rf"^(\[)?{field.name}( = |\]|\.)", text, re.MULTILINE), field.name
+
+
+def test_the_docs_tell_every_file_column_statistic_and_study():
+    page = (ROOT / "docs" / "study.md").read_text(encoding="utf-8")
+    names = [one.name for one in statistics((10.0,))]
+    for name in (*names, *study_names(), RESULTS_PARQUET, RUNS_PARQUET, PAGE, RESULTS, MANIFEST):
+        assert f"`{name}`" in page, name
+    for column in COLUMNS:
+        stem = column.removesuffix("_low").removesuffix("_high")
+        assert f"`{stem}`" in page, column

@@ -1,0 +1,328 @@
+"""What a study sums up, and how it says so."""
+
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import msgspec
+import numpy as np
+import pytest
+from scipy import stats
+
+import study_stub
+from icreckon.estimator.log.scores import drift, pose_nees, velocity_errors, without_fixes
+from icreckon.estimator.streaming.run import run
+from icreckon.report.study.figures import study_figures
+from icreckon.report.study.page import study_page
+from icreckon.report.study.text import headline, summary_tables
+from icreckon.simulation.running.engines import ENGINES
+from icreckon.simulation.running.manifest import as_json, manifest
+from icreckon.simulation.running.streaming_engine import study_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.study.cells import expand
+from icreckon.simulation.study.plan import LatinHypercube, Study, Sweep
+from icreckon.simulation.study.results import Runs, cell_summaries, groups_of, study_results
+from icreckon.simulation.study.statistics import run_statistics, statistics
+from icreckon.simulation.study.summary import mean_interval, over_cells, ratio_interval, summarise
+from icreckon.simulation.study.tables import results_parquet, runs_parquet
+
+STUDY = Study(
+    name="tiny",
+    description="Two <cells> & more.",
+    scenario=Scenario(duration=40.0, outages=((5.0, 40.0),)),
+    variants=("constant-online", "friction-online"),
+    sweep=Sweep(grid={"gyro.factor": [1.0, 10.0, 100.0], "noise": ["nominal", "tactical"]}),
+    runs=12,
+    truths=6,
+)
+
+
+def stubbed(study):
+    plan = expand(study)
+    blocks = [study_stub.block(cell, cell.filters, 0, study.runs) for cell in plan.cells]
+    values = np.array([[block[label].values for block in blocks] for label in plan.labels])
+    return Runs(plan, values)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return stubbed(STUDY)
+
+
+@pytest.fixture(scope="module")
+def results(runs):
+    return study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
+
+
+def test_with_a_motion_for_each_run_the_interval_is_student_s():
+    values = np.random.default_rng(1).normal(3.0, 1.0, 15)
+    mean, low, high = mean_interval(values, np.arange(15))
+    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    assert mean == pytest.approx(values.mean(), rel=1e-14)
+    assert (low, high) == pytest.approx((expected.low, expected.high), rel=1e-12)
+
+
+def test_runs_that_share_their_motion_count_as_one():
+    rng = np.random.default_rng(2)
+    of_motions = rng.normal(3.0, 1.0, 8)
+    # Ten copies of each motion tell no more than one.
+    values, motions = np.tile(of_motions, 10), np.tile(np.arange(8), 10)
+    assert mean_interval(values, motions) == pytest.approx(
+        mean_interval(of_motions, np.arange(8)), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize("runs_of_each", [1, 5])
+def test_intervals_hold_the_truth_as_often_as_they_say(runs_of_each):
+    rng = np.random.default_rng(3)
+    inside, times, motions = 0, 1500, np.tile(np.arange(12), runs_of_each)
+    inside_ratio = 0
+    for _ in range(times):
+        shared = rng.normal(0.0, 0.3, 12)[motions]
+        a = 2.0 + shared + rng.normal(0.0, 0.2, len(motions))
+        b = 4.0 + shared + rng.normal(0.0, 0.2, len(motions))
+        _, low, high = mean_interval(a, motions)
+        inside += low < 2.0 < high
+        _, low, high = ratio_interval(a, b, motions)
+        inside_ratio += low < 0.5 < high
+    # Four standard deviations of a share of 95 % over so many times.
+    assert inside / times == pytest.approx(0.95, abs=4.0 * np.sqrt(0.05 * 0.95 / times))
+    assert inside_ratio / times == pytest.approx(0.95, abs=4.0 * np.sqrt(0.05 * 0.95 / times))
+
+
+def test_a_summary_is_what_numpy_says():
+    rng = np.random.default_rng(4)
+    a, b = rng.gamma(2.0, 1.0, 20), rng.gamma(2.0, 1.0, 20)
+    a[3], b[7] = np.nan, np.nan
+    found = summarise(a, b, np.arange(20))
+    both = np.isfinite(a) & np.isfinite(b)
+    apart = stats.ttest_rel(a[both], b[both]).confidence_interval(0.95)
+    assert (found.n, found.pairs, found.true_motions) == (19, 18, 19)
+    assert found.mean == pytest.approx(np.nanmean(a), rel=1e-14)
+    assert found.median == np.nanmedian(a)
+    assert (found.p05, found.p95) == tuple(np.nanpercentile(a, (5, 95)))
+    assert found.difference == pytest.approx((a - b)[both].mean(), rel=1e-12)
+    assert (found.difference_low, found.difference_high) == pytest.approx(
+        (apart.low, apart.high), rel=1e-12
+    )
+    assert found.ratio == pytest.approx(a[both].mean() / b[both].mean(), rel=1e-14)
+
+
+def test_what_no_run_has_is_nan_and_one_motion_has_no_interval():
+    nothing = summarise(np.full(4, np.nan), np.ones(4), np.arange(4))
+    assert nothing.n == nothing.pairs == 0
+    assert np.isnan([nothing.mean, nothing.median, nothing.ratio, nothing.difference]).all()
+    one = summarise(np.array([1.0, 2.0]), np.array([0.0, 0.0]), np.zeros(2, int))
+    assert one.mean == 1.5
+    assert np.isnan([one.mean_low, one.ratio]).all()
+
+
+def test_means_over_cells_leave_out_what_is_not_known():
+    values = np.array([[[1.0, np.nan]], [[3.0, np.nan]], [[np.nan, np.nan]]])
+    assert np.array_equal(over_cells(values), [[2.0, np.nan]], equal_nan=True)
+
+
+def test_the_statistics_of_a_run_are_those_of_the_scores():
+    study = msgspec.structs.replace(STUDY, sweep=None, variants=("constant-online",))
+    cell = expand(study).cells[0]
+    log = study_log(cell, 0)
+    one = run(log, cell.filters[0].robot, "constant-online")
+    names = [one.name for one in statistics(cell.horizons)]
+    found = dict(zip(names, run_statistics(one, log, cell.horizons).tolist(), strict=True))
+    assert len(found) == len(names)
+    within = without_fixes(log.fixes.stamps, log.start, log.end, 10.0)
+    assert len(within) == 1
+    segments = drift(one.trajectory.pose_series, log.truth.poses, 10.0, within=within)
+    assert found["drift_percent_10s"] == segments.percent_mean
+    assert found["yaw_drift_deg_per_m"] > 0.0
+    assert np.isnan(found["drift_percent_60s"])
+    errors = one.trajectory.poses - log.truth.poses.poses
+    assert found["final_position_error_m"] == pytest.approx(np.hypot(*errors[-1, :2]), rel=1e-12)
+    assert found["final_yaw_error_rad"] == pytest.approx(abs(errors[-1, 2]), rel=1e-9)
+    assert found["position_rmse_m"] == pytest.approx(
+        np.sqrt((errors[:, :2] ** 2).sum(axis=1).mean()), rel=1e-12
+    )
+    velocities = velocity_errors(one.trajectory, log.truth)
+    assert found["rmse_w_rad_s"] == pytest.approx(
+        np.sqrt((velocities[:, 2] ** 2).mean()), rel=1e-12
+    )
+    nees = pose_nees(one.trajectory, log.truth.poses)
+    assert found["nees_pose_mean"] == nees.mean()
+    assert found["nees_pose_end"] == nees[-1]
+    assert 0.1 < found["nees_velocity_mean"] < 10.0
+    assert found["nis_gyro_mean"] == one.health.sensors["gyro"].nis_per_degree
+    assert found["rejected_total"] == sum(one.health.rejections().values())
+
+
+def test_without_fixes_all_of_the_run_is_scored_and_without_an_outage_none():
+    names = [one.name for one in statistics((10.0,))]
+    values = {}
+    for rate in (0.0, 1.0):
+        scenario = Scenario(duration=20.0, fix_rate=rate)
+        study = Study(name="a", scenario=scenario, variants=("differential",), horizons=(10.0,))
+        cell = expand(study).cells[0]
+        log = study_log(cell, 0)
+        one = run(log, cell.filters[0].robot, "differential")
+        values[rate] = dict(zip(names, run_statistics(one, log, (10.0,)).tolist(), strict=True))
+    assert values[0.0]["drift_percent_10s"] > 0.0
+    assert np.isnan(values[0.0]["nis_position_mean"])
+    assert np.isnan(values[1.0]["drift_percent_10s"])
+    assert values[1.0]["nis_position_mean"] > 0.0
+
+
+def test_parquet_has_a_row_for_each_cell_variant_and_statistic(runs):
+    from pyarrow import parquet
+
+    found = parquet.read_table(io.BytesIO(results_parquet(runs, cell_summaries(runs)))).to_pylist()
+    names = [one.name for one in runs.statistics]
+    assert len(found) == 6 * 2 * len(names)
+    keys = [(row["cell"], row["variant"], row["statistic"]) for row in found]
+    assert len(set(keys)) == len(keys)
+    row = found[keys.index((3, "friction-online", "drift_percent_30s"))]
+    assert row["axis:gyro.factor"] == 10.0
+    assert row["axis:noise"] == "tactical"
+    column = names.index("drift_percent_30s")
+    values, baseline = runs.values[1, 3, :, column], runs.values[0, 3, :, column]
+    assert row["n"] == 12
+    assert row["true_motions"] == 6
+    assert row["mean"] == pytest.approx(values.mean(), rel=1e-14)
+    assert row["difference"] == pytest.approx((values - baseline).mean(), rel=1e-9)
+    assert row["mean_low"] < row["mean"] < row["mean_high"]
+    assert found[keys.index((0, "constant-online", "rejected_gyro"))]["mean"] is None
+
+
+def test_parquet_has_a_row_for_each_run(runs):
+    from pyarrow import parquet
+
+    found = parquet.read_table(io.BytesIO(runs_parquet(runs))).to_pylist()
+    assert len(found) == 6 * 2 * 12
+    row = next(
+        row
+        for row in found
+        if (row["cell"], row["variant"], row["run"]) == (4, "friction-online", 7)
+    )
+    names = [one.name for one in runs.statistics]
+    assert row["true_motion"] == 1
+    assert row["nees_pose_mean"] == runs.values[1, 4, 7, names.index("nees_pose_mean")]
+
+
+def test_results_hold_every_cell_and_the_effect_of_every_axis(runs, results):
+    told = json.loads(as_json(results))
+    assert [cell["values"] for cell in told["cells"]] == [cell.values for cell in runs.plan.cells]
+    factor, noise = told["effects"]
+    assert [group["cells"] for group in factor["groups"]] == [[0, 1], [2, 3], [4, 5]]
+    assert [group["cells"] for group in noise["groups"]] == [[0, 2, 4], [1, 3, 5]]
+    names = [one.name for one in runs.statistics]
+    column = names.index("drift_percent_30s")
+    mean = noise["groups"][1]["variants"]["friction-online"]["drift_percent_30s"]["mean"]
+    assert mean == pytest.approx(runs.values[1, [1, 3, 5], :, column].mean(), rel=1e-12)
+    assert told["baseline"] == "constant-online"
+    assert told["cells"][0]["variants"]["constant-online"]["rejected_gyro"]["mean"] is None
+
+
+def test_the_distribution_of_the_final_error_is_that_of_the_runs(runs, results):
+    column = [one.name for one in runs.statistics].index("final_position_error_m")
+    kept = results["final_errors"]
+    assert [one["group"] for one in kept] == ["1", "10", "100"]
+    for one, cells in zip(kept, ([0, 1], [2, 3], [4, 5]), strict=True):
+        for number, label in enumerate(runs.plan.labels):
+            of_runs = [
+                runs.values[number, cell, run, column] for cell in cells for run in range(12)
+            ]
+            expected = np.percentile(of_runs, range(101))
+            assert one["percentiles"][label] == pytest.approx(expected, rel=1e-4)
+
+
+def test_cells_of_a_latin_hypercube_are_grouped_with_their_neighbours():
+    latin = LatinHypercube(points=12, ranges={"gyro.factor": [1.0, 100.0, "log"]})
+    plan = expand(msgspec.structs.replace(STUDY, sweep=Sweep(latin=latin)))
+    groups = groups_of(plan, plan.axes[0])
+    assert [len(group.cells) for group in groups] == [3, 3, 2, 2, 2]
+    assert sorted(cell for group in groups for cell in group.cells) == list(range(12))
+    tops = [max(plan.cells[cell].values["gyro.factor"] for cell in group.cells) for group in groups]
+    assert tops == sorted(tops)
+
+
+def test_the_headline_tells_drift_and_ratio(results):
+    sentence = headline(results)
+    assert sentence.startswith("Over 6 cells of 12 runs each, constant-online drifts ")
+    ratio = results["overall"]["friction-online"]["drift_percent_30s"]["ratio"]
+    assert f"friction-online drifts {ratio:.2f} times as much" in sentence
+
+
+class References(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open, self.found, self.text = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        for name, value in attributes:
+            if name in {"src", "href", "srcset", "action", "data", "poster", "background"}:
+                self.found.append(value)
+        if tag not in {"meta", "img", "br"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_the_page_holds_all_it_needs(results):
+    figures = study_figures(results)
+    page = study_page(results, figures)
+    reader = References()
+    reader.feed(page)
+    assert reader.open == []
+    assert len(reader.found) == len(figures) == 6
+    assert all(link.startswith("data:image/png;base64,") for link in reader.found)
+    assert not re.search(r"https?:|url\(|@import|<script|<link", page)
+    text = " ".join(reader.text)
+    assert "Two <cells> & more." in text
+    assert headline(results) in text
+    for table in summary_tables(results):
+        for row in table.rows:
+            assert all(cell in text for cell in row)
+    assert '"duration": 40.0' in text
+
+
+def test_figures_are_png_and_the_same_each_time(results):
+    first, again = study_figures(results), study_figures(results)
+    assert [figure.png for figure in first] == [figure.png for figure in again]
+    assert all(figure.png.startswith(b"\x89PNG") for figure in first)
+    assert [figure.name for figure in first] == [
+        "drift-gyro-factor",
+        "final-error-gyro-factor",
+        "drift-noise",
+        "final-error-noise",
+        "consistency",
+        "final-error-distribution",
+    ]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sweep": None},
+        {"sweep": None, "runs": 1},
+        {"variants": ("differential",)},
+        {"sweep": Sweep(latin=LatinHypercube(points=30, ranges={"fix_rate": [1.0, 2.0]}))},
+        {"sweep": Sweep(cases={"a": {"x": {}, "y": {"fix_rate": 2.0}}})},
+        {"sweep": Sweep(grid={"fix_rate": [float(n) for n in range(1, 30)]})},
+    ],
+    ids=["one cell", "one run", "one variant", "latin", "cases", "many cells"],
+)
+@pytest.mark.parametrize("known", [True, False], ids=["known", "nothing known"])
+def test_every_shape_of_study_has_tables_figures_and_a_page(changes, known):
+    runs = stubbed(msgspec.structs.replace(STUDY, **changes))
+    if not known:
+        runs.values[:] = np.nan
+    found = cell_summaries(runs)
+    results = study_results(runs, manifest(runs.plan, ENGINES["streaming"]), found)
+    study_page(results, study_figures(results))
+    assert results_parquet(runs, found)
+    again = json.loads(as_json(results))
+    assert headline(again) == headline(results)
+    assert summary_tables(again) == summary_tables(results)

@@ -1,0 +1,457 @@
+import subprocess
+import sys
+
+import msgspec
+import numpy as np
+import pytest
+
+from icreckon.estimator.log.log import screen
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.base.random_streams import random_streams
+from icreckon.simulation.base.sampling import EPOCH
+from icreckon.simulation.scenario import (
+    Scenario,
+    change_scenario,
+    grid_rate,
+    load_scenario,
+    lost_options,
+)
+from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
+from icreckon.simulation.simulate import run_scenario, simulate
+from icreckon.simulation.truth.terrain import Patch, Payload
+
+ALPHA = load_robot("auriga-alpha")
+SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))
+
+
+def streams(log):
+    return {
+        "tracks": log.tracks.speeds,
+        "gyro": log.imu.angular_velocity,
+        "accelerometer": log.imu.linear_acceleration,
+        "fixes": log.fixes.poses,
+        "poses": log.truth.poses.poses,
+        "twists": log.truth.twists.twists,
+        "true tracks": log.truth.tracks.speeds,
+    }
+
+
+def changed(log, other):
+    return {
+        name
+        for (name, a), b in zip(streams(log).items(), streams(other).values(), strict=True)
+        if not np.array_equal(a, b)
+    }
+
+
+def test_shapes_stamps_and_names():
+    log = simulate(SHORT, ALPHA)
+    assert log.tracks.speeds.shape == (1001, 2)
+    assert log.imu.angular_velocity.shape == (2001, 3)
+    assert log.fixes.poses.shape == (21, 3)
+    assert log.truth.poses.poses.shape == (1001, 3)
+    assert log.truth.source == "friction"
+    assert log.start == EPOCH == 1_700_000_000_000_000_000
+    assert log.duration == pytest.approx(20.0)
+    assert np.array_equal(log.truth.twists.stamps, log.truth.tracks.stamps)
+    assert "auriga-alpha" in log.name
+    assert len(list(log.measurements())) == 1001 + 2001 + 2 * 21
+
+
+def test_the_log_passes_the_screen():
+    log = simulate(SHORT, ALPHA)
+    assert not screen("tracks", log.tracks.stamps, log.tracks.speeds)[1]
+    assert not screen("imu", log.imu.stamps, log.imu.angular_velocity)[1]
+    assert not screen("fixes", log.fixes.stamps, log.fixes.poses, positive=log.fixes.variances)[1]
+
+
+def test_the_same_seed_gives_the_same_bits():
+    first = run_scenario(SHORT, ALPHA)
+    again = run_scenario(SHORT, ALPHA)
+    assert changed(first.log, again.log) == set()
+    assert first.true_parameters == again.true_parameters
+    assert np.array_equal(first.gyro_bias, again.gyro_bias)
+
+
+@pytest.mark.parametrize("other", [{"seed": 5}, {"run_index": 1}])
+def test_another_seed_or_run_gives_another_run(other):
+    scenario = msgspec.structs.replace(SHORT, seed=other.get("seed", SHORT.seed))
+    log = simulate(scenario, ALPHA, run_index=other.get("run_index", 0))
+    assert changed(simulate(SHORT, ALPHA), log) == set(streams(log))
+
+
+@pytest.mark.parametrize(
+    ("sensor", "spec"),
+    [
+        ("encoders", EncoderSpec(factor=0.0)),
+        ("encoders", EncoderSpec(resolution=1e-3)),
+        ("encoders", EncoderSpec(scale_difference_sigma=0.1)),
+        ("encoders", EncoderSpec(dropouts_per_hour=3600.0, dropout_reads="zero")),
+        ("gyro", InertialSpec(factor=0.0)),
+        ("gyro", InertialSpec(bias_walk=1.0)),
+        ("gyro", InertialSpec(bias_instability=1.0)),
+        ("gyro", InertialSpec(range=0.1)),
+        ("accelerometer", InertialSpec(noise_density=0.0)),
+        ("accelerometer", InertialSpec(misalignment_sigma=0.1)),
+        ("fixes", FixSpec(sigma=0.0)),
+        ("fixes", FixSpec(outlier_share=0.5, heading_sigma=0.02)),
+        ("fixes", FixSpec(latency=0.2, heading_sigma=0.02)),
+    ],
+)
+def test_one_sensor_s_figure_changes_no_other_stream(sensor, spec):
+    scenario = msgspec.structs.replace(SHORT, **{sensor: spec})
+    stream = "tracks" if sensor == "encoders" else sensor
+    assert changed(simulate(SHORT, ALPHA), simulate(scenario, ALPHA)) == {stream}
+
+
+def test_noise_presets_leave_the_truth_alone():
+    scenario = msgspec.structs.replace(SHORT, noise="perfect")
+    perfect = run_scenario(scenario, ALPHA)
+    assert changed(simulate(SHORT, ALPHA), perfect.log) == {
+        "tracks",
+        "gyro",
+        "accelerometer",
+        "fixes",
+    }
+    assert not perfect.gyro_bias.any()
+    at = np.arange(0, 2001, 2)
+    assert np.allclose(
+        perfect.log.imu.angular_velocity[at, 2], perfect.log.truth.twists.twists[:, 2], atol=1e-12
+    )
+
+
+def test_streams_are_independent():
+    draws = [generator.standard_normal(20_000) for generator in random_streams(1, 0)]
+    draws += [generator.standard_normal(20_000) for generator in random_streams(1, 1)]
+    correlation = np.corrcoef(draws) - np.eye(len(draws))
+    assert np.abs(correlation).max() < 5.0 / np.sqrt(20_000)
+
+
+def test_rates_choose_the_samples_and_not_the_commands():
+    fast = msgspec.structs.replace(SHORT, track_rate=200.0, imu_rate=500.0, truth_rate=10.0)
+    log = simulate(fast, ALPHA)
+    assert len(log.tracks.stamps) == 4001
+    assert len(log.imu.stamps) == 10001
+    assert len(log.truth.poses.stamps) == 201
+    base = simulate(SHORT, ALPHA).truth.tracks
+    assert np.allclose(log.truth.tracks.speeds, base.speeds[::5], atol=5e-5)
+    odd = simulate(msgspec.structs.replace(SHORT, track_rate=33.3, imu_rate=130.0), ALPHA)
+    assert (np.diff(odd.tracks.stamps) > 0).all()
+
+
+def test_grid_rate_is_a_multiple_of_the_imu_rate():
+    assert [grid_rate(rate) for rate in (50.0, 100.0, 130.0, 200.0, 500.0, 800.0)] == [
+        200.0,
+        200.0,
+        260.0,
+        400.0,
+        1000.0,
+        800.0,
+    ]
+
+
+def test_without_fixes_or_truth():
+    scenario = msgspec.structs.replace(SHORT, fix_rate=0.0, include_truth=False)
+    result = run_scenario(scenario, ALPHA)
+    assert result.log.fixes is None
+    assert result.log.truth is None
+    assert result.true_parameters is None
+
+
+def test_spread_zero_is_the_robot_file():
+    drawn = msgspec.structs.replace(SHORT, truth="kinematic")
+    exact = msgspec.structs.replace(drawn, truth_spread=0.0)
+    assert run_scenario(exact, ALPHA).true_parameters == ALPHA.indices
+    assert run_scenario(drawn, ALPHA).true_parameters != ALPHA.indices
+
+
+def test_outages_take_fixes_away():
+    scenario = msgspec.structs.replace(SHORT, outages=((5.0, 9.5), (15.0, 20.0)))
+    seconds = (simulate(scenario, ALPHA).fixes.stamps - EPOCH) / 1e9
+    assert seconds.tolist() == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"trajectory": "slalon"}, "did you mean 'slalom'"),
+        ({"truth": "friktion"}, "no truth named 'friktion'"),
+        ({"noise": "nominl"}, "did you mean 'nominal'"),
+        (
+            {"trajectory_options": {"hodl": 1.0}},
+            "'random' has no option 'hodl'; did you mean 'hold'",
+        ),
+        ({"trajectory_file": "drive.csv"}, "set trajectory = 'recorded'"),
+        ({"duration": 0.0}, "duration must be a positive number, found 0.0"),
+        ({"duration": float("nan")}, "duration must be a positive number"),
+        ({"imu_rate": -1.0}, "imu_rate must be a positive number"),
+        ({"fix_rate": -0.1}, "fix_rate must be zero or a positive number"),
+        ({"fix_rate": float("inf")}, "fix_rate must be zero or a positive number"),
+        ({"truth_spread": -0.1}, "truth_spread must be"),
+        ({"truth_spread": 1.5}, "truth_spread is relative .* at most 1, found 1.5"),
+        ({"seed": -1}, "seed must be a whole number from 0"),
+        ({"seed": 2**63}, "seed must be a whole number from 0 to 9223372036854775807"),
+        ({"truth_rate": 1e6, "duration": 1.0}, "truth_rate = 1000000.0 Hz is more than any such"),
+        ({"imu_rate": 1e5, "duration": 1.0}, "imu_rate = 100000.0 Hz is more than any such"),
+        ({"track_rate": 1e4, "duration": 600.0}, "track_rate = 10000.0 Hz over 600.0 s makes 6e"),
+        (
+            {"duration": 3e4},
+            "the true motion at 200 Hz .* makes 6e[+]06 samples, more than 5e[+]06",
+        ),
+        ({"duration": "20"}, "duration of a Scenario: Expected `float`, got `str`"),
+        ({"imu_rate": "a"}, "imu_rate of a Scenario: Expected `float`, got `str`"),
+        ({"seed": 1.5}, "seed of a Scenario: Expected `int`, got `float`"),
+        ({"patches": Patch(friction=0.5)}, "patches of a Scenario: Expected `array`, got `Patch`"),
+        ({"outages": (1, 2)}, "outages of a Scenario: Expected `array`, got `int`"),
+        ({"gyro": {"range": "a"}}, "gyro of a Scenario: Expected `float | null`, got `str`"),
+        ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
+        ({"outages": ((5.0, 400.0),)}, "an outage must lie within the run of 300.0 s"),
+        ({"outages": ((-1.0, 4.0),)}, "an outage must lie within the run"),
+        ({"outages": ((float("nan"), 4.0),)}, "an outage must end after it starts"),
+    ],
+)
+def test_bad_scenarios_are_refused_in_one_line(values, message):
+    with pytest.raises(SimulationError, match=message) as caught:
+        Scenario(**values)
+    assert "\n" not in str(caught.value)
+
+
+def test_long_runs_at_usual_rates_are_allowed():
+    Scenario(duration=3600.0, imu_rate=1000.0, track_rate=1000.0)
+    Scenario(duration=6 * 3600.0)
+
+
+def test_plain_data_takes_the_types_of_its_fields(tmp_path):
+    given = Scenario(
+        trajectory="recorded",
+        trajectory_file=tmp_path / "drive.csv",
+        duration=np.int64(20),
+        seed=np.int64(7),
+        outages=[[1, np.float64(2.5)]],
+        patches=[Patch(x=np.array([0, 1]), friction=np.float32(0.5))],
+    )
+    assert given == Scenario(
+        trajectory="recorded",
+        trajectory_file=str(tmp_path / "drive.csv"),
+        duration=20.0,
+        seed=7,
+        outages=((1.0, 2.5),),
+        patches=(Patch(x=(0.0, 1.0), friction=0.5),),
+    )
+    assert change_scenario(given, {}, "test") == given
+    with pytest.raises(SimulationError, match=r"sigma of a FixSpec: Expected `float \| null`"):
+        FixSpec(sigma="a")
+
+
+def test_what_is_no_robot_or_no_run_is_refused():
+    with pytest.raises(SimulationError, match=r"load it with load_robot\('auriga-alpha'\)"):
+        simulate(SHORT, "auriga-alpha")
+    for index in (-1, 0.5, 2**63):
+        with pytest.raises(SimulationError, match="run_index must be a whole number from 0"):
+            simulate(SHORT, ALPHA, run_index=index)
+
+
+def written(tmp_path, text):
+    path = tmp_path / "run.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_scenario_is_read_from_a_file(tmp_path):
+    text = """
+    trajectory = "spin"
+    duration = 10
+    noise = "industrial"
+    outages = [[4, 5]]
+    [trajectory_options]
+    speed = 0.3
+    [encoders]
+    resolution = 0.001
+    dropout_reads = "last"
+    [gyro]
+    range = 1
+    [fixes]
+    latency = 0.2
+    """
+    assert load_scenario(written(tmp_path, text)) == Scenario(
+        trajectory="spin",
+        duration=10.0,
+        noise="industrial",
+        outages=((4.0, 5.0),),
+        trajectory_options={"speed": 0.3},
+        encoders=EncoderSpec(resolution=0.001, dropout_reads="last"),
+        gyro=InertialSpec(range=1.0),
+        fixes=FixSpec(latency=0.2),
+    )
+    assert load_scenario(written(tmp_path, "")) == Scenario()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("trajectroy = 'spin'", "unknown key 'trajectroy'; did you mean 'trajectory'?"),
+        ("[gyros]", "unknown key 'gyros'; did you mean 'gyro'?"),
+        (
+            "[gyro]\nbias_instable = 1",
+            "unknown key 'bias_instable' in [gyro]; did you mean 'bias_ins",
+        ),
+        (
+            "[gyro]\nbias_walk = -1",
+            "bias_walk must be zero or a positive number, found -1.0 - at `$.g",
+        ),
+        ("[gyro]\nbias_walk = 'x'", "Expected `float | null`, got `str` - at `$.gyro.bias_walk`"),
+        ("gyro = 3", "Expected `object`, got `int` - at `$.gyro`"),
+        ("duration = -1", "duration must be a positive number, found -1.0"),
+        ("trajectory = 'spin'\n[trajectory_options]\nsped = 1", "did you mean 'speed'?"),
+        ("[trajectory_options]\nhold = 'x'", "Expected `float`, got `str` - at `$.trajectory_opt"),
+        ("[[patches]]", "a patch changes nothing"),
+        ("[[patches]]\nuphill_deg = 90", "has uphill_deg = 90.0 but no slope_deg"),
+        ("seed = 99999999999999999999999", "seed must be a whole number from 0"),
+        ("outages = [[1, 2, 3]]", "Expected `array` of length 2"),
+        ("duration 3", "not a valid TOML file"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_line_that_names_it(text, message, tmp_path):
+    path = written(tmp_path, text)
+    with pytest.raises(SimulationError) as caught:
+        load_scenario(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(SimulationError, match="no such file"):
+        load_scenario(tmp_path / "run.toml")
+
+
+def test_changes_go_over_a_scenario_key_by_key():
+    base = Scenario(
+        trajectory="circle", trajectory_options={"turn": 0.1}, gyro=InertialSpec(range=3)
+    )
+    changes = {"duration": 5, "gyro": {"bias_walk": 1e-3}, "trajectory_options": {"speed": 0.2}}
+    assert change_scenario(base, changes, "test") == Scenario(
+        trajectory="circle",
+        trajectory_options={"turn": 0.1, "speed": 0.2},
+        duration=5.0,
+        gyro=InertialSpec(range=3.0, bias_walk=1e-3),
+    )
+    assert change_scenario(base, {}, "test") == base
+    other = change_scenario(base, {"trajectory": "random"}, "test")
+    assert other == Scenario(gyro=InertialSpec(range=3.0))
+    # Options that the other trajectory has, too, stay.
+    change = {"trajectory": "slalom", "trajectory_options": {"highest": 0.2}}
+    assert lost_options(base, change) == []
+    assert change_scenario(base, change, "test").trajectory_options == {"turn": 0.1, "highest": 0.2}
+    assert lost_options(base, {"trajectory": "random"}) == ["turn"]
+    drive = Scenario(
+        trajectory="recorded", trajectory_file="a.csv", trajectory_options={"factor": 0.5}
+    )
+    assert lost_options(drive, {"trajectory": "random"}) == ["factor", "trajectory_file"]
+    assert change_scenario(drive, {"trajectory": "random"}, "test") == Scenario()
+    with pytest.raises(SimulationError, match=r"test: unknown key 'bias' in \[gyro\]"):
+        change_scenario(base, {"gyro": {"bias": 1.0}}, "test")
+
+
+def test_options_reach_the_trajectory():
+    slow = Scenario(trajectory="straight", trajectory_options={"speed": 0.2}, duration=10.0)
+    assert simulate(slow, ALPHA).truth.tracks.speeds[-1] == pytest.approx([0.2, 0.2])
+    fast = Scenario(trajectory="circle", trajectory_options={"speed": 0.9}, duration=10.0)
+    with pytest.raises(SimulationError, match="more than max_track_speed"):
+        simulate(fast, ALPHA)
+
+
+def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_path, monkeypatch):
+    (tmp_path / "drives").mkdir()
+    (tmp_path / "drives" / "one.csv").write_text("t,left,right\n0,0.2,0.4\n5,0.4,0.4\n")
+    text = "trajectory = 'recorded'\ntrajectory_file = 'drives/one.csv'\nduration = 12\ntrack_lag = 0\n"
+    text += "[fixes]\nheading_sigma = 0.02"
+    scenario = load_scenario(written(tmp_path, text))
+    monkeypatch.chdir("/")
+    log = simulate(scenario, ALPHA)
+    # 3 s of standstill and 0.75 s of ramp to 0.4 m/s, then the first sample.
+    at = round(3.75 * scenario.truth_rate)
+    assert log.truth.tracks.speeds[at] == pytest.approx([0.2, 0.4], abs=0.01)
+    assert not log.truth.tracks.speeds[-1].any()
+    recording = TrackSpeedSeries(
+        np.array([7, 5_000_000_007], dtype=np.int64), np.array([[0.2, 0.4], [0.4, 0.4]])
+    )
+    bare = msgspec.structs.replace(scenario, trajectory_file=None)
+    assert changed(log, simulate(bare, ALPHA, recording=recording)) == set()
+    with pytest.raises(SimulationError, match="two recordings to drive"):
+        simulate(scenario, ALPHA, recording=recording)
+    with pytest.raises(SimulationError, match="set trajectory = 'recorded'"):
+        simulate(SHORT, ALPHA, recording=recording)
+    with pytest.raises(SimulationError, match="'recorded' needs trajectory_file"):
+        simulate(bare, ALPHA)
+
+
+def test_a_simulated_log_drives_the_simulator_again():
+    drive = simulate(msgspec.structs.replace(SHORT, noise="perfect"), ALPHA).tracks
+    again = Scenario(trajectory="recorded", duration=30.0, noise="perfect", track_lag=0.0)
+    # Three seconds of standstill and the shortest ramp come before; speeds are those of the middle
+    # of the interval that each sample averages.
+    shift = round((3.0 + 0.2) * 50.0)
+    driven = simulate(again, ALPHA, recording=drive).truth.tracks.speeds
+    assert np.allclose(driven[shift : shift + len(drive.stamps)], drive.speeds, atol=1e-3)
+
+
+def test_a_run_shorter_than_the_standstill_stands_still():
+    log = simulate(Scenario(trajectory="stop-and-go", duration=1.0, noise="perfect"), ALPHA)
+    assert not log.truth.poses.poses.any()
+    assert not log.tracks.speeds.any()
+
+
+def test_importing_the_simulation_loads_no_heavy_library():
+    code = (
+        "import sys, icreckon.simulation.scenario; "
+        "print([m for m in ('scipy', 'matplotlib', 'rosbags', 'filterpy', 'replay', 'icreckon') "
+        "if m in sys.modules])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
+
+
+def test_on_a_slope_gravity_is_in_what_the_accelerometer_reads():
+    hill = Patch(slope_deg=6.0, uphill_deg=0.0)
+    scenario = Scenario(trajectory="spin", duration=20.0, noise="perfect", patches=(hill,))
+    result = run_scenario(scenario, ALPHA)
+    force = result.log.imu.linear_acceleration
+    pull = GRAVITY * np.sin(np.radians(6.0))
+    # At first it stands, nose uphill: what holds it up pushes forward.
+    seconds = (result.log.imu.stamps - EPOCH) / 1e9
+    standing = (seconds > 0.1) & (seconds < 2.9)
+    assert force[standing, 0] == pytest.approx(pull, abs=1e-3)
+    assert force[standing, 2] == pytest.approx(GRAVITY * np.cos(np.radians(6.0)), abs=1e-6)
+    # Spinning, it reads the slope turned into its own axes, and little else.
+    turning = seconds > 8.0
+    yaw = result.motion.poses_at(seconds)[:, 2]
+    left = -pull * np.sin(yaw[turning])
+    assert np.corrcoef(force[turning, 1], left)[0, 1] > 0.98
+
+
+def test_a_payload_and_a_patch_change_the_motion_from_when_they_come():
+    load = Payload(time=(10.0, 15.0), mass=60.0, position=(-0.1, 0.0, 0.5))
+    mud = Patch(time=(10.0, 15.0), friction=0.5, rolling_resistance=0.2)
+    base = simulate(SHORT, ALPHA)
+    for change in ({"payloads": (load,)}, {"patches": (mud,)}):
+        log = simulate(msgspec.structs.replace(SHORT, **change), ALPHA)
+        same = base.truth.twists.twists[:480], log.truth.twists.twists[:480]
+        assert np.allclose(*same, atol=1e-4)
+        assert np.abs(base.truth.twists.twists - log.truth.twists.twists)[500:750].max() > 0.01
+
+
+def test_the_kinematic_truth_refuses_what_it_does_not_know():
+    with pytest.raises(SimulationError, match="kinematic truth knows no patches or payloads"):
+        Scenario(
+            truth="kinematic",
+            patches=(Patch(friction=0.5),),
+            payloads=(Payload(time=(0.0, 1.0), mass=1.0),),
+        )
+    with pytest.raises(SimulationError, match="kinematic truth knows no track_lag"):
+        Scenario(truth="kinematic", track_lag=0.1)

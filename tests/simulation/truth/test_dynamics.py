@@ -1,0 +1,371 @@
+"""Transient dynamics: known motions, an independent integrator, and the stationary solver as limit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from icreckon.estimator.motion.contact import (
+    Body,
+    Contact,
+    Soil,
+    equally_spaced,
+    steady_inertia,
+    track_forces,
+    vertical_loads,
+)
+from icreckon.estimator.motion.contact_forces import mass_matrix
+from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
+from icreckon.estimator.motion.steady_state import solve_steady
+from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.trajectories import make_trajectory
+from icreckon.simulation.truth.friction import (
+    FrictionTruth,
+    draw_contact,
+    drive,
+    follow,
+    gravity_in_body,
+)
+from icreckon.simulation.truth.terrain import Patch, Payload
+
+GEOMETRY = equally_spaced(0.42, 0.4, 5)
+BODY = Body(258.0, -0.015, 0.04, 0.3)
+INERTIA = 20.0
+CONTACT = Contact(Soil(0.9, rolling_resistance=0.05), GEOMETRY, BODY)
+CENTRED = Contact(Soil(0.8), GEOMETRY, Body(258.0, z_CM=0.3))
+STEP = 0.01
+
+
+def constant(left: float, right: float, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    speeds = np.tile([left, right], (round(seconds / STEP) + 1, 1)).astype(float)
+    return speeds, np.zeros_like(speeds)
+
+
+def wavy(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Track speeds and their derivatives that turn both ways, reverse, and cross zero slip."""
+    left = 0.5 * np.sin(1.1 * times) + 0.1 * np.sin(3.0 * times)
+    right = 0.6 * np.sin(0.7 * times) - 0.1 * np.sin(2.0 * times)
+    left_rate = 0.55 * np.cos(1.1 * times) + 0.3 * np.cos(3.0 * times)
+    right_rate = 0.42 * np.cos(0.7 * times) - 0.2 * np.cos(2.0 * times)
+    return np.stack([left, right], -1), np.stack([left_rate, right_rate], -1)
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        CONTACT,
+        CENTRED,
+        Contact(Soil(0.5, 0.9, 0.1), GEOMETRY, BODY),
+        Contact(Soil(0.7, rolling_resistance=0.05, shear_modulus=0.01), GEOMETRY, BODY),
+        Contact(Soil(0.9, 0.6, 0.05, 0.02, resistance_opposes="track"), GEOMETRY, BODY),
+    ],
+)
+def test_at_constant_track_speeds_the_motion_ends_where_the_stationary_solver_says(contact):
+    for left, right in [(0.3, 0.6), (0.6, 0.3), (-0.2, 0.5), (0.5, 0.5), (-0.7, -0.4), (0.0, 0.8)]:
+        driven = drive(contact, INERTIA, *constant(left, right, 20.0), STEP)
+        expected = solve_steady(left, right, contact).twist
+        np.testing.assert_allclose(driven.twists[-1], expected, atol=1e-6)
+        np.testing.assert_allclose(
+            driven.transfer[-1], steady_inertia(expected, contact.body)[:2], atol=1e-3
+        )
+
+
+def test_the_robot_of_the_paper_ends_there_too():
+    robot = load_robot("auriga-alpha")
+    for left, right in [(0.3, 0.6), (0.9, 0.2), (-0.4, 0.6), (1.0, 0.9), (-0.8, -0.1)]:
+        driven = drive(robot.contact, robot.yaw_inertia, *constant(left, right, 30.0), STEP)
+        expected = solve_steady(left, right, robot.contact).twist
+        np.testing.assert_allclose(driven.twists[-1], expected, atol=1e-6)
+
+
+def test_an_independent_integrator_gives_the_same_motion():
+    times = np.arange(0.0, 4.0 + 0.5 * STEP, STEP)
+    contact = replace(CONTACT, soil=msgspec.structs.replace(CONTACT.soil, regularising_speed=0.01))
+    inverse = np.linalg.inv(mass_matrix(BODY.mass, BODY.x_CM, BODY.y_CM, INERTIA))
+    gravity = -GRAVITY * np.sin(np.radians(8.0))
+
+    def rates(time: float, state: np.ndarray) -> np.ndarray:
+        twist = PaperTwist(*(np.array([part]) for part in state[:3]))
+        (left, right), _ = wavy(np.array(time))
+        down = np.array([gravity * np.sin(state[5]), gravity * np.cos(state[5])])
+        weight = BODY.mass * np.sqrt(GRAVITY**2 - gravity**2)
+        loads = vertical_loads(contact, state[3], state[4], weight=weight)
+        force = track_forces(twist, left, right, contact, loads)[0].values[:, 0]
+        pull = BODY.mass * down
+        moment = BODY.x_CM * pull[1] - BODY.y_CM * pull[0]
+        total = force + steady_inertia(twist, BODY)[:, 0] + np.append(pull, moment)
+        return np.concatenate([inverse @ total, (-force[:2] - state[3:5]) / LOAD_LAG, [state[2]]])
+
+    start = (0.0, 0.0, 0.0, 0.0, 0.0, 0.3)
+    reference = solve_ivp(
+        rates, (0.0, 4.0), start, method="Radau", t_eval=times, rtol=1e-8, atol=1e-9
+    )
+    driven = drive(
+        contact,
+        INERTIA,
+        *wavy(times),
+        STEP,
+        patches=(Patch(slope_deg=8.0),),
+        tolerance=1e-8,
+        start=start,
+    )
+    # The track speeds between grid points are a cubic here, and exact there.
+    np.testing.assert_allclose(driven.twists, reference.y[:3].T, atol=2e-6)
+    np.testing.assert_allclose(driven.transfer, reference.y[3:5].T, atol=2e-2)
+
+
+def test_halving_the_step_divides_the_error_as_a_fourth_order_method_does():
+    soft = Contact(Soil(0.9, regularising_speed=0.5), GEOMETRY, BODY)
+
+    def end(step: float) -> np.ndarray:
+        times = np.arange(0.0, 2.0 + 0.5 * step, step)
+        return drive(soft, INERTIA, *wavy(times), step, tolerance=1e9).twists[-1]
+
+    exact = end(0.0005)
+    errors = [np.abs(end(step) - exact).max() for step in (0.04, 0.02, 0.01)]
+    assert errors[0] / errors[1] > 11.0
+    assert errors[1] / errors[2] > 11.0
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
+def test_the_error_follows_the_tolerance(tolerance):
+    times = np.arange(0.0, 30.0, STEP)
+    found, reference = (
+        drive(CONTACT, INERTIA, *wavy(times), STEP, tolerance=t).twists
+        for t in (tolerance, 0.01 * tolerance)
+    )
+    assert np.abs(found - reference).max() < 5.0 * tolerance
+
+
+def test_the_grid_does_not_matter():
+    ends = []
+    for step in (0.02, 0.01, 0.0025):
+        times = np.arange(0.0, 20.0 + 0.5 * step, step)
+        ends.append(drive(CONTACT, INERTIA, *wavy(times), step).twists[-1])
+    np.testing.assert_allclose(ends[0], ends[2], atol=1e-4)
+    np.testing.assert_allclose(ends[1], ends[2], atol=1e-5)
+
+
+def test_locked_tracks_brake_at_mu_g():
+    driven = drive(
+        CENTRED, INERTIA, *constant(0.0, 0.0, 0.1), STEP, start=(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    )
+    times = STEP * np.arange(11)
+    np.testing.assert_allclose(driven.twists[:, 1], 1.0 - 0.8 * GRAVITY * times, atol=1e-5)
+    np.testing.assert_allclose(driven.twists[:, [0, 2]], 0.0, atol=1e-12)
+
+
+def test_a_steep_slippery_slope_lets_the_vehicle_slide():
+    angle = np.radians(30.0)
+    driven = drive(
+        CENTRED,
+        INERTIA,
+        *constant(0.0, 0.0, 1.0),
+        STEP,
+        patches=(Patch(slope_deg=30.0, uphill_deg=180.0, friction=0.2),),
+    )
+    expected = GRAVITY * (np.sin(angle) - 0.2 * np.cos(angle))
+    assert driven.twists[-1, 1] == pytest.approx(expected * 1.0, rel=1e-3)
+
+
+def test_a_vehicle_stands_on_a_gentle_slope():
+    driven = drive(
+        CONTACT, INERTIA, *constant(0.0, 0.0, 10.0), STEP, patches=(Patch(slope_deg=10.0),)
+    )
+    assert np.abs(driven.twists).max() < 1e-3 * 0.3
+    np.testing.assert_allclose(driven.slopes, [[-GRAVITY * np.sin(np.radians(10.0)), 0.0]] * 1001)
+
+
+def test_a_parked_vehicle_creeps_as_the_regularised_friction_says():
+    hill = Patch(slope_deg=10.0, uphill_deg=180.0)
+    driven = drive(CENTRED, INERTIA, *constant(0.0, 0.0, 2.0), STEP, patches=(hill,))
+    used = np.tan(np.radians(10.0)) / CENTRED.soil.friction
+    creep = CENTRED.soil.regularising_speed * used / np.sqrt(1.0 - used**2)
+    assert driven.twists[-1, 1] == pytest.approx(creep, rel=1e-3)
+
+
+def test_gravity_turns_in_body_axes():
+    slopes = np.tile([-1.0, 0.0], (3, 1))
+    found = gravity_in_body(slopes, np.array([0.0, 0.5 * np.pi, np.pi]))
+    down = -np.sqrt(GRAVITY**2 - 1.0)
+    expected = [[-1.0, 0.0, down], [0.0, 1.0, down], [1.0, 0.0, down]]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_exchanging_left_and_right_mirrors_the_motion(left, right):
+    body = Body(258.0, 0.0, 0.04, 0.3)
+    contact = Contact(CONTACT.soil, GEOMETRY, body)
+    a = drive(contact, INERTIA, *constant(left, right, 2.0), STEP).twists
+    b = drive(contact, INERTIA, *constant(right, left, 2.0), STEP).twists
+    np.testing.assert_allclose(a, b * [-1.0, 1.0, -1.0], atol=1e-9)
+
+
+def test_locked_tracks_turn_the_vehicle_toward_the_side_that_grips():
+    start = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    for sign, side in ((-1.0, (0.0, 9.0)), (1.0, (-9.0, 0.0))):
+        ice = Patch(y=side, edge=0.01, friction=0.05)
+        driven = drive(
+            CENTRED, INERTIA, *constant(0.0, 0.0, 0.1), STEP, patches=(ice,), start=start
+        )
+        moment = 0.5 * 258.0 * GRAVITY * (0.8 - 0.05) * 0.21
+        assert driven.twists[3, 2] == pytest.approx(sign * moment / INERTIA * 0.03, rel=0.2)
+
+
+def test_a_patch_in_time_is_there_in_its_time_only():
+    rougher = Patch(time=(5.0, 10.0), onset=0.5, rolling_resistance=0.3)
+    driven = drive(CONTACT, INERTIA, *constant(0.3, 0.6, 20.0), STEP, patches=(rougher,)).twists
+    without = drive(CONTACT, INERTIA, *constant(0.3, 0.6, 20.0), STEP).twists
+    np.testing.assert_array_equal(driven[:470], without[:470])
+    np.testing.assert_allclose(driven[-1], without[-1], atol=1e-6)
+    soil = msgspec.structs.replace(CONTACT.soil, rolling_resistance=0.3)
+    there = solve_steady(0.3, 0.6, replace(CONTACT, soil=soil)).twist
+    assert np.abs(driven[950] - without[950]).max() > 5e-3
+    np.testing.assert_allclose(driven[950], there, atol=1e-4)
+
+
+def test_a_payload_moves_the_centre_of_mass_while_it_is_there():
+    payload = Payload(time=(5.0, 15.0), mass=100.0, position=(-0.2, 0.05, 0.5))
+    driven = drive(CONTACT, INERTIA, *constant(0.3, 0.6, 25.0), STEP, payloads=(payload,)).twists
+    with_load = Body(
+        358.0,
+        (258.0 * -0.015 - 100.0 * 0.05) / 358.0,
+        (258.0 * 0.04 - 100.0 * 0.2) / 358.0,
+        (258.0 * 0.3 + 100.0 * 0.5) / 358.0,
+    )
+    loaded = solve_steady(0.3, 0.6, replace(CONTACT, body=with_load)).twist
+    bare = solve_steady(0.3, 0.6, CONTACT).twist
+    np.testing.assert_allclose(driven[1499], loaded, atol=1e-5)
+    np.testing.assert_allclose(driven[[499, -1]], [bare, bare], atol=1e-5)
+
+
+def test_a_payload_that_topples_the_vehicle_is_refused():
+    payload = Payload(time=(0.0, 1.0), mass=1000.0, position=(0.0, 1.0, 0.5))
+    with pytest.raises(SimulationError, match="cannot stand with its payload"):
+        drive(CONTACT, INERTIA, *constant(0.3, 0.6, 2.0), STEP, payloads=(payload,))
+
+
+def test_tracks_follow_their_commands_with_a_lag():
+    times = STEP * np.arange(501)
+    ramp = np.stack([times, np.sin(times)], axis=-1)
+    speeds, rates = follow(ramp, STEP, 0.2)
+    np.testing.assert_allclose(speeds[:, 0], times - 0.2 * -np.expm1(-times / 0.2), atol=1e-12)
+    behind = (np.sin(times) - 0.2 * np.cos(times) + 0.2 * np.exp(-times / 0.2)) / (1.0 + 0.04)
+    np.testing.assert_allclose(speeds[:, 1], behind, atol=1e-5)
+    np.testing.assert_allclose(np.gradient(speeds, STEP, axis=0)[5:-5], rates[5:-5], atol=1e-3)
+    at_once, _ = follow(ramp, STEP, 0.0)
+    np.testing.assert_array_equal(at_once, ramp)
+
+
+def run(truth: FrictionTruth, name: str = "random", seed: int = 3, duration: float = 40.0):
+    robot = load_robot("auriga-alpha")
+    command = make_trajectory(name, duration, robot, np.random.default_rng(seed))
+    return truth.run(command, duration, robot, np.random.default_rng(seed), rate=200.0)
+
+
+def test_the_truth_stands_still_at_first_and_then_drives():
+    motion = run(FrictionTruth())
+    assert motion.source == "friction"
+    assert motion.gravity is None
+    assert motion.parameters is None
+    assert not motion.twists[: 3 * 200].any()
+    assert np.hypot(*motion.poses[-1, :2]) > 2.0
+    # The body moves forward and slides sideways; it follows the mean of the tracks.
+    ahead = motion.twists[:, 0] - motion.track_speeds.mean(axis=1)
+    assert np.abs(ahead).max() < 0.3
+
+
+def test_the_truth_depends_on_its_spread_and_seed_only():
+    a, b, other = (run(FrictionTruth(), seed=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(a.poses, b.poses)
+    assert np.abs(a.poses[-1] - other.poses[-1]).max() > 0.1
+    exact = run(FrictionTruth(spread=0.0))
+    assert np.abs(a.poses[-1] - exact.poses[-1]).max() > 0.01
+
+
+def test_slip_noise_has_the_stated_size():
+    calm, noisy = (run(FrictionTruth(spread=0.0, slip_noise=k)) for k in (0.0, 1.0))
+    np.testing.assert_array_equal(calm.track_speeds, noisy.track_speeds)
+    difference = np.abs(noisy.track_speeds[:, 1] - noisy.track_speeds[:, 0])
+    slip = noisy.twists - calm.twists
+    turning = difference > 0.1
+    share = slip[turning, 0] / difference[turning]
+    assert share.std() == pytest.approx(0.01, rel=0.4)
+    assert not slip[difference == 0.0].any()
+
+
+def test_a_slope_shows_in_the_gravity_of_the_motion():
+    truth = FrictionTruth(spread=0.0, patches=(Patch(slope_deg=5.0, uphill_deg=90.0),))
+    motion = run(truth)
+    size = GRAVITY * np.sin(np.radians(5.0))
+    assert motion.gravity is not None
+    np.testing.assert_allclose(np.linalg.norm(motion.gravity, axis=1), GRAVITY, rtol=1e-12)
+    np.testing.assert_allclose(motion.gravity[:, 0], -size * np.sin(motion.poses[:, 2]), atol=1e-12)
+
+
+def test_a_vehicle_that_tips_over_is_said_so():
+    steep = FrictionTruth(spread=0.0, patches=(Patch(slope_deg=20.0, uphill_deg=90.0),))
+    with pytest.raises(SimulationError, match=r"tips over \d+\.\d+ s after the start"):
+        run(steep)
+    run(FrictionTruth(spread=0.0, patches=(Patch(slope_deg=10.0, uphill_deg=90.0),)))
+
+
+def test_on_a_slope_the_vehicle_tips_about_the_weight_that_is_left():
+    # With the whole weight the force along the slope would still point 2 mm inside the contact.
+    robot = load_robot("auriga-alpha")
+    angle, z, x = np.radians(14.8), robot.contact.body.z_CM, -robot.contact.body.x_CM
+    assert x + z * np.sin(angle) < 0.21 - 2e-3 < 0.21 + 2e-3 < x + z * np.tan(angle)
+    for slope_deg, tips in ((14.2, False), (14.8, True)):
+        hill = Patch(slope_deg=slope_deg, uphill_deg=-90.0)
+        driven = drive(robot.contact, 20.0, *constant(0.0, 0.0, 5.0), STEP, patches=(hill,))
+        assert driven.tipping.any() == tips
+
+
+def test_a_drawn_contact_differs_from_the_file_by_its_spread():
+    robot = load_robot("auriga-alpha")
+    assert draw_contact(robot, 0.0, np.random.default_rng(1)) == robot.contact
+    friction = [
+        draw_contact(robot, 0.15, np.random.default_rng(seed)).soil.friction for seed in range(200)
+    ]
+    spread = np.std(np.log(np.array(friction) / robot.contact.soil.friction))
+    assert spread == pytest.approx(0.15, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Patch(x=(1.0, 0.0)), "x of a patch must rise"),
+        (lambda: Patch(time=(2.0, 2.0)), "time of a patch must rise"),
+        (lambda: Patch(edge=-1.0), "edge of a patch must be zero or"),
+        (lambda: Patch(friction=0.0), "friction of a patch must be a positive"),
+        (lambda: Patch(rolling_resistance=float("nan")), "rolling_resistance of a patch"),
+        (lambda: Patch(slope_deg=70.0), "slope_deg of a patch must lie between 0 and 60"),
+        (lambda: Patch(slope_deg=-5.0), "slope_deg of a patch must lie between 0 and 60"),
+        (lambda: Patch(uphill_deg=90.0), "has uphill_deg = 90.0 but no slope_deg"),
+        (lambda: Patch(x=(1.0, 3.0)), "a patch changes nothing; give it friction, rolling"),
+        (lambda: Patch(x=(0, 1, 2)), "x of a Patch: Expected `array` of length 2"),
+        (lambda: Patch(friction="ice"), "friction of a Patch: Expected `float | null`, got `str`"),
+        (lambda: Payload(time=(0.0, 1.0), mass=None), "mass of a Payload: Expected `float`"),
+        (
+            lambda: Patch(slope_deg=1.0, uphill_deg=float("inf")),
+            "uphill_deg of a patch must be a finite",
+        ),
+        (lambda: Payload(time=(1.0, 0.0), mass=1.0), "time of a payload must rise"),
+        (lambda: Payload(time=(0.0, 1.0), mass=-1.0), "mass of a payload must be a positive"),
+        (
+            lambda: Payload(time=(0.0, 1.0), mass=1.0, position=(0.0, 0.0, -1.0)),
+            "not below the ground",
+        ),
+    ],
+)
+def test_nonsense_is_refused(make, message):
+    with pytest.raises(SimulationError, match=message):
+        make()

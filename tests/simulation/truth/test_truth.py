@@ -1,0 +1,240 @@
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from icreckon.estimator.base.frames import rep103_to_paper
+from icreckon.estimator.motion.icr import (
+    IndexValues,
+    PaperTwist,
+    icrs_from_indices,
+    icrs_from_twist,
+    indices_from_icrs,
+    on_spot_ratio,
+)
+from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
+from icreckon.estimator.robot.slip import slip_sigma
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.trajectories import TRAJECTORIES, make_trajectory
+from icreckon.simulation.truth.by_name import make_truth
+from icreckon.simulation.truth.kinematic import KinematicTruth, draw_parameters, has_single_motion
+from icreckon.simulation.truth.true_motion import TRUE_SLIP, gauss_markov, integrate_twists
+
+ALPHA = load_robot("auriga-alpha")
+NO_SLIP = Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+EXACT = KinematicTruth(spread=0.0, slip=NO_SLIP)
+
+
+def constant(left, right):
+    return lambda times: np.tile([left, right], (len(times), 1)).astype(float)
+
+
+def run(truth, command, duration, robot=ALPHA, seed=0, rate=200.0):
+    return truth.run(command, duration, robot, np.random.default_rng(seed), rate=rate)
+
+
+def with_indices(**values):
+    return msgspec.structs.replace(ALPHA, indices=Indices(**values))
+
+
+def test_straight_pose_is_the_integral_of_speed():
+    command = make_trajectory("straight", 30.0, ALPHA, np.random.default_rng(0))
+    # The slip residual vanishes without turning, so it may be on.
+    motion = run(KinematicTruth(), command, 30.0)
+    ramp = 1.875 * 0.6
+    distance = 0.6 * (27.0 - 0.5 * ramp)
+    assert motion.poses[-1] == pytest.approx([distance, 0.0, 0.0], abs=1e-9)
+    assert motion.distances[-1] == pytest.approx([distance, distance], abs=1e-9)
+
+
+def test_constant_twist_drives_a_circle_of_the_right_radius():
+    robot = with_indices(eta0=1.5, epsilon0=0.1, zeta0=0.05)
+    motion = run(EXACT, constant(0.3, 0.6), 40.0, robot)
+    w = 0.3 / (0.42 * 1.5)
+    v_forward, v_right = 0.45 - w * 0.1, w * 0.05
+    assert motion.twists[7] == pytest.approx([v_forward, -v_right, w])
+    # The centre of the circle is the point of the body that does not move.
+    centre = np.array([v_right / w, v_forward / w])
+    distances = np.hypot(*(motion.poses[:, :2] - centre).T)
+    assert distances == pytest.approx(np.full(len(distances), np.hypot(v_forward, v_right) / w))
+    assert motion.poses[:, 2] == pytest.approx(w * np.arange(len(motion.poses)) / 200.0)
+
+
+def test_turning_with_the_on_spot_ratio_leaves_the_centre_of_mass_in_place():
+    indices = IndexValues(ALPHA.indices.zeta0, ALPHA.indices.epsilon0, ALPHA.indices.eta0)
+    x_CM, _ = ALPHA.centre_of_mass_paper
+    H = on_spot_ratio(icrs_from_indices(indices, ALPHA.vehicle.track_gauge), x_CM)
+    motion = run(EXACT, constant(-0.5 * H, 0.5), 5.0)
+    v_x, _, w = motion.twists[-1]
+    assert w > 0.3
+    # Forward velocity of the centre of mass, and no inertia: the index values are those at rest.
+    assert v_x + x_CM * w == pytest.approx(0.0, abs=1e-12)
+    assert w == pytest.approx(0.5 * (1.0 + H) / (ALPHA.vehicle.track_gauge * indices.eta))
+
+
+def test_indices_from_true_twists_and_tracks_show_the_true_parameters():
+    command = make_trajectory("circle", 30.0, ALPHA, np.random.default_rng(0))
+    motion = run(KinematicTruth(slip=NO_SLIP), command, 30.0)
+    v_x, v_y, w = motion.twists[-1]
+    left, right = motion.track_speeds[-1]
+    twist = PaperTwist(*rep103_to_paper(v_x, v_y), w)
+    values = indices_from_icrs(icrs_from_twist(left, right, twist), ALPHA.vehicle.track_gauge)
+    signed = -ALPHA.vehicle.mass * w * (v_x + ALPHA.centre_of_mass_paper[0] * w)
+    true = motion.parameters
+    assert values.epsilon == pytest.approx(true.epsilon0 + true.epsilon1 * signed)
+    assert values.eta == pytest.approx(true.eta0 + true.eta1 * signed + true.eta2 * signed**2)
+    assert values.zeta == pytest.approx(true.zeta0 + true.zeta1 * abs(signed))
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    name=st.sampled_from(sorted(TRAJECTORIES)), seed=st.integers(0, 1000), side=st.floats(-0.1, 0.1)
+)
+def test_the_mirrored_robot_drives_the_mirrored_path(name, seed, side):
+    x_forward, _, z = ALPHA.vehicle.centre_of_mass
+
+    def robot(sign):
+        vehicle = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(x_forward, sign * side, z))
+        own = ALPHA.indices
+        indices = msgspec.structs.replace(own, epsilon0=sign * own.epsilon0, eta1=sign * own.eta1)
+        return msgspec.structs.replace(ALPHA, vehicle=vehicle, indices=indices)
+
+    command = make_trajectory(name, 40.0, ALPHA, np.random.default_rng(seed))
+    motion = run(EXACT, command, 40.0, robot(1.0))
+    mirror = run(EXACT, lambda times: command(times)[:, ::-1], 40.0, robot(-1.0))
+    assert np.allclose(mirror.poses, motion.poses * [1.0, -1.0, -1.0], atol=1e-9)
+    assert np.allclose(mirror.twists, motion.twists * [1.0, -1.0, -1.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["figure-eight", "aggressive", "random", "slalom"])
+def test_halving_the_step_does_not_move_the_end(name):
+    command = make_trajectory(name, 300.0, ALPHA, np.random.default_rng(1))
+    coarse, fine = (run(EXACT, command, 300.0, rate=rate) for rate in (200.0, 400.0))
+    assert np.abs(fine.poses[-1] - coarse.poses[-1]).max() < 1e-6
+    assert np.abs(fine.distances[-1] - coarse.distances[-1]).max() < 1e-6
+
+
+def test_with_slip_the_spread_of_end_poses_does_not_depend_on_the_step():
+    truth = KinematicTruth(spread=0.0)
+    ends = {
+        rate: np.array(
+            [
+                run(truth, constant(0.2, 0.6), 20.0, seed=seed, rate=rate).poses[-1, 2]
+                for seed in range(400)
+            ]
+        )
+        for rate in (50.0, 400.0)
+    }
+    # Yaw is the integral of the process: variance 2 s² tau (T - tau (1 - exp(-T / tau))).
+    width = ALPHA.vehicle.track_gauge * ALPHA.indices.eta0
+    variance = 2.0 * (0.02 * 0.4 / width) ** 2 * (20.0 - 1.0 + np.exp(-20.0))
+    for values in ends.values():
+        # 400 runs: the variance is known within about 7 % (1 sigma), chi-square.
+        assert 0.8 < np.var(values, ddof=1) / variance < 1.22
+    assert ends[50.0].mean() == pytest.approx(ends[400.0].mean(), abs=4.5 * variance**0.5 / 14.0)
+
+
+@pytest.mark.parametrize("step", [0.002, 0.05, 0.7, 25.0])
+def test_gauss_markov_is_exact_at_any_step(step):
+    count = 200_000
+    process = gauss_markov(count, step, 1.0, np.random.default_rng(8))
+    # Correlated samples: so many independent ones.
+    independent = count * np.tanh(min(step, 10.0))
+    band = 5.0 * np.sqrt(2.0 / independent)
+    decay = np.exp(-step)
+    innovations = (process[1:] - decay * process[:-1]) / np.sqrt(1.0 - decay**2)
+    assert np.abs(process.var(axis=0) - 1.0).max() < band
+    assert np.abs(innovations.var(axis=0) - 1.0).max() < 5.0 * np.sqrt(2.0 / count)
+    lagged = (innovations[1:] * innovations[:-1]).mean(axis=0)
+    assert np.abs(lagged).max() < 5.0 / np.sqrt(count)
+    assert np.abs(np.corrcoef(innovations.T) - np.eye(3)).max() < 5.0 / np.sqrt(count)
+
+
+def test_slip_size_is_a_share_of_motion():
+    size = slip_sigma(np.array([0.0, 0.5, -0.5]), np.array([0.0, 0.5, 0.5]), TRUE_SLIP, 1.1)
+    assert (size[:2] == 0.0).all()
+    assert size[2] == pytest.approx([0.01, 0.005, 0.02 / 1.1])
+    driving = msgspec.structs.replace(NO_SLIP, driving_x=0.1, driving_w=0.2)
+    assert slip_sigma(0.2, 0.6, driving, 1.1) == pytest.approx([0.04, 0.0, 0.08])
+
+
+def test_true_parameters_spread_about_those_of_the_robot_file():
+    rng = np.random.default_rng(2)
+    own = ALPHA.indices.as_array()
+    drawn = np.array([draw_parameters(ALPHA, 0.1, rng).as_array() for _ in range(300)])
+    assert (drawn[:, 0] == own[0]).all()
+    factors = np.log(drawn[:, 1:] / own[1:])
+    assert (np.abs(factors.std(axis=0) / 0.1 - 1.0) < 0.15).all()
+    assert (np.abs(factors.mean(axis=0)) < 0.03).all()
+    assert (np.abs(np.corrcoef(factors.T) - np.eye(7)) < 0.25).all()
+    assert draw_parameters(ALPHA, 0.0, rng) == ALPHA.indices
+
+
+def test_true_eta0_stays_at_or_above_one():
+    robot = with_indices(eta0=1.0)
+    rng = np.random.default_rng(3)
+    assert min(draw_parameters(robot, 0.5, rng).eta0 for _ in range(50)) == 1.0
+
+
+def test_parameters_with_several_motions_are_never_drawn():
+    assert has_single_motion(ALPHA.indices, ALPHA)
+    folded = msgspec.structs.replace(ALPHA.indices, epsilon1=3.0 * ALPHA.indices.epsilon1)
+    assert not has_single_motion(folded, ALPHA)
+    rng = np.random.default_rng(4)
+    assert all(has_single_motion(draw_parameters(ALPHA, 0.3, rng), ALPHA) for _ in range(20))
+    robot = msgspec.structs.replace(ALPHA, indices=folded)
+    with pytest.raises(SimulationError, match="lower truth_spread"):
+        draw_parameters(robot, 1e-3, rng)
+
+
+def test_the_motion_never_jumps():
+    for seed in range(20):
+        command = make_trajectory("aggressive", 60.0, ALPHA, np.random.default_rng(seed))
+        motion = run(KinematicTruth(slip=NO_SLIP), command, 60.0, seed=seed)
+        assert np.abs(np.diff(motion.twists, axis=0)).max() < 10.0 / 200.0
+
+
+def test_values_between_grid_points():
+    command = make_trajectory("slalom", 20.0, ALPHA, np.random.default_rng(0))
+    coarse, fine = (run(EXACT, command, 20.0, rate=rate) for rate in (100.0, 1000.0))
+    times = np.arange(0.0, 20.0, 0.013)
+    assert np.allclose(coarse.poses_at(times), fine.poses_at(times), atol=2e-6)
+    assert np.allclose(coarse.twists_at(times), fine.twists_at(times), atol=2e-4)
+    assert np.allclose(coarse.track_speeds_at(times), command(times), atol=1e-4)
+    assert np.allclose(coarse.mean_track_speeds(times), fine.mean_track_speeds(times), atol=2e-4)
+    assert np.array_equal(coarse.poses_at(np.arange(len(coarse.poses)) / 100.0), coarse.poses)
+
+
+def test_mean_track_speeds_add_up_to_the_distance():
+    command = make_trajectory("aggressive", 30.0, ALPHA, np.random.default_rng(0))
+    motion = run(KinematicTruth(), command, 30.0)
+    times = np.arange(0.0, 30.0 + 1e-9, 0.02)
+    means = motion.mean_track_speeds(times)
+    assert means[1:].sum(axis=0) * 0.02 == pytest.approx(motion.distances[-1])
+
+
+def test_twist_rates_are_the_derivative():
+    command = make_trajectory("slalom", 20.0, ALPHA, np.random.default_rng(0))
+    motion = run(EXACT, command, 20.0, rate=400.0)
+    times = np.arange(4.0, 19.0, 0.1)
+    step = 1e-2
+    expected = (motion.twists_at(times + step) - motion.twists_at(times - step)) / (2.0 * step)
+    rates = motion.twist_rates_at(times, 0.005)
+    assert np.allclose(rates, expected, atol=2e-3)
+    accelerations = motion.accelerations_at(times, 0.005)
+    v_x, v_y, w = motion.twists_at(times).T
+    assert np.allclose(accelerations[:, 0], rates[:, 0] - w * v_y)
+    assert np.allclose(accelerations[:, 1], rates[:, 1] + w * v_x)
+    assert np.isfinite(motion.twist_rates_at(np.array([0.0, 20.0]), 0.01)).all()
+
+
+def test_short_motions_integrate():
+    for count in (1, 2, 3, 4):
+        poses = integrate_twists(np.tile([1.0, 0.0, 0.0], (count, 1)), 0.1)
+        assert poses[:, 0] == pytest.approx(0.1 * np.arange(count))
+
+
+def test_unknown_truth_says_which_there_is():
+    with pytest.raises(SimulationError, match="did you mean 'kinematic'"):
+        make_truth("kinematics")
