@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
-from test_cli import fails, icreckon
 
+from command_line import fails, icreckon
 from conftest import sample_log
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.export.trajectories import read_tum

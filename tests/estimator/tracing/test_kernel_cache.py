@@ -89,7 +89,7 @@ def test_every_symbol_on_disk_is_named_by_what_its_code_depends_on(shared_cache:
         for symbol in symbols_of(path):
             if "estimator" in symbol:
                 assert digest in symbol, symbol
-                if "batch4work" in symbol:
+                if "engine4work" in symbol:
                     assert made in symbol, symbol
                     inner.add(symbol)
     assert any("take_position" in symbol for symbol in inner)

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from command_line import fails, icreckon
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.trajectories import read_tum
@@ -29,27 +30,6 @@ ALL_VARIANTS = {
     "friction-online",
 }
 TRAJECTORIES = {*ALL_VARIANTS, "ground_truth"}
-
-
-def icreckon(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", "from icreckon.cli.main import main; main()", *map(str, words)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=300,
-        check=False,
-    )
-
-
-def fails(*words: object, cwd: Path) -> str:
-    """The one line that a command fails with."""
-    done = icreckon(*words, cwd=cwd)
-    assert done.returncode == 1, done.stderr
-    assert "Traceback" not in done.stderr
-    last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("icreckon: "), done.stderr
-    return last
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_cli import fails, icreckon
-from test_log_files import halves
-from test_track_messages import DRIVES, definition_files, drive_bag
 
+from bag_messages import DRIVES, definition_files, drive_bag, halves
+from command_line import fails, icreckon
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
 from icreckon.replay.export.log_bag import write_log

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from test_cli import fails, icreckon
 
+from command_line import fails, icreckon
 from icreckon.cli.identify import run_identify
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.calibration import identify

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from test_bags import STORE, T, header
 
+from bag_messages import STORE, T, header
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot

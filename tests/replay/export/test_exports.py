@@ -15,8 +15,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Reader as Ros1Reader
-from test_cli import fails, icreckon
 
+from command_line import fails, icreckon
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.series import PoseSeries

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-from test_cli import icreckon
 
+from command_line import icreckon
 from icreckon.replay.export.trajectories import read_tum
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_bags import JOINTS, SPEEDS, STORE, T, header, robot_with, vector, write_bag
 
+from bag_messages import JOINTS, SPEEDS, STORE, T, header, robot_with, vector, write_bag
 from conftest import sample_log
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot

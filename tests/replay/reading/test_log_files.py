@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_bags import JOINTS, SPEEDS, imu, joints, odometry, robot_with, write_bag
 
+from bag_messages import JOINTS, SPEEDS, halves, imu, joints, odometry, robot_with, write_bag
 from conftest import make_log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
@@ -18,33 +17,6 @@ from icreckon.replay.reading.ordering import WINDOW, arrival_in_order
 from icreckon.replay.reading.read_log import read_log
 
 SECOND = 10**9
-
-
-def halves(log):
-    """A log cut in two; in the second half nothing but track speeds and IMU."""
-    from dataclasses import replace
-
-    first = replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[:100], log.tracks.speeds[:100]),
-        imu=ImuSeries(
-            log.imu.stamps[:200],
-            log.imu.angular_velocity[:200],
-            log.imu.linear_acceleration[:200],
-        ),
-    )
-    second = replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[100:], log.tracks.speeds[100:]),
-        imu=ImuSeries(
-            log.imu.stamps[200:],
-            log.imu.angular_velocity[200:],
-            log.imu.linear_acceleration[200:],
-        ),
-        fixes=None,
-        truth=None,
-    )
-    return first, second
 
 
 @pytest.mark.parametrize("forms", [("mcap", "mcap"), ("ros1", "ros1"), ("sqlite3", "ros1")])

@@ -8,19 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from test_bags import JOINTS, STORE, T, header, robot_with, write_bag
 
+from bag_messages import (
+    DRIVES,
+    JOINTS,
+    KIND,
+    SECOND,
+    STORE,
+    T,
+    definition_files,
+    drive_bag,
+    header,
+    robot_with,
+    write_bag,
+)
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.field_paths import field_getter
 from icreckon.replay.reading.read_log import read_log
-
-SECOND = 10**9
-KIND = "our_msgs/msg/Drive"
-DEFINITION = "std_msgs/Header header\nour_msgs/Wheel[2] wheels\nint32[] ticks\nstring who\n"
-WHEEL = "float32 rate\n"
 
 
 def joints(stamp: int, positions, names=("l", "r")):
@@ -28,25 +34,6 @@ def joints(stamp: int, positions, names=("l", "r")):
     return T["sensor_msgs/msg/JointState"](
         header(stamp), list(names), np.array(positions, dtype=float), nothing, nothing
     )
-
-
-def drive_bag(path: Path, messages, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
-    """A bag of Drive messages, (stamp, left and right rate, ticks)."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(
-        get_types_from_msg(WHEEL, "our_msgs/msg/Wheel") | get_types_from_msg(DEFINITION, KIND)
-    )
-    types = store.types
-    with Writer(path, version=9, storage_plugin=plugin) as bag:
-        at = bag.add_connection("/drive", KIND, typestore=store)
-        for stamp, rates, ticks in messages:
-            wheels = [types["our_msgs/msg/Wheel"](rate) for rate in rates]
-            message = types[KIND](header(stamp), wheels, np.array(ticks, dtype=np.int32), "me")
-            bag.write(at, stamp, store.serialize_cdr(message, KIND))
-    return path
-
-
-DRIVES = [(k * SECOND, (1.0, 2.0), (10 * k, 20 * k)) for k in (1, 2, 3)]
 
 
 def read(path: Path, **tracks: object) -> Log:
@@ -116,14 +103,6 @@ def test_messages_without_a_header_go_by_the_time_of_recording(tmp_path: Path) -
     assert log.notes == ("tracks by the time of recording: the messages have no header",)
     with pytest.raises(ReplayError, match='no header; set time = "recording"'):
         read(path, left=["data[0]"], right=["data[1]"], time="header")
-
-
-def definition_files(folder: Path) -> list[Path]:
-    files = [folder / "our_msgs" / "msg" / "Drive.msg", folder / "our_msgs" / "msg" / "Wheel.msg"]
-    files[0].parent.mkdir(parents=True)
-    for file, text in zip(files, (DEFINITION, WHEEL), strict=True):
-        file.write_text(text, encoding="utf-8")
-    return files
 
 
 def test_definitions_that_the_bag_lacks(tmp_path: Path) -> None:

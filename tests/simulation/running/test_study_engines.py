@@ -165,7 +165,7 @@ def test_readings_that_are_refused_beforehand_are_refused_by_both() -> None:
 def test_threads_that_compile_at_the_same_time_come_to_what_one_does(tmp_path: Path) -> None:
     """Nothing is compiled yet in this process, and nothing is kept from another."""
     script = (
-        "import sys; sys.path.insert(0, 'tests/simulation/running')\n"
+        "import sys; sys.path[:0] = ['tests', 'tests/simulation/running']\n"
         "from concurrent.futures import ThreadPoolExecutor\n"
         "from test_study_engines import plan_of\n"
         "from icreckon.simulation.running import batch_engine as study_batch\n"
