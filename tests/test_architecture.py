@@ -1,6 +1,7 @@
 """The walls and floors of the house: who may import whom, and what must not be loaded early."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -142,6 +143,23 @@ def test_tests_mirror_the_rooms() -> None:
         folder = test.parent.relative_to(ROOT / "tests")
         mirrored = folder.parts[1:] if folder.parts[:1] == ("icreckon",) else folder.parts
         assert any((ROOT / top / Path(*mirrored)).is_dir() for top in (".", "icreckon")), test
+
+
+def test_the_architecture_page_lists_the_rooms_in_their_order() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    listed: dict[str, list[str]] = {}
+    package = ""
+    for indent, name in re.findall(r"^    ( *)(\w+)/ ", page, flags=re.MULTILINE):
+        if indent:
+            listed[package].append(name)
+        else:
+            package = name
+            listed[package] = []
+    assert listed == {
+        package: [room for room in rooms if room] for package, rooms in FLOORS.items()
+    }
+    for file in re.findall(r"`((?:estimator|simulation|replay|icreckon|tests)/[\w/]*\.py)`", page):
+        assert (ROOT / file).exists(), file
 
 
 def test_the_links_lead_to_the_folders() -> None:
