@@ -34,6 +34,7 @@ from icreckon.estimator.streaming.save import (
     robot_constants,
     write_saved,
 )
+from icreckon.estimator.streaming.warm_up import warm_up
 
 
 class IcrPoints(NamedTuple):
@@ -69,6 +70,9 @@ class PoseEstimator:
     (at equal stamps tracks, IMU, position, heading, body velocity, pose, zero velocity), and what came
     after it is worked through again. The estimate is the same as if all had come in time; it changes at
     once when a late measurement is fed, its pose by what that says about the way since its stamp.
+
+    The constructor compiles all that `feed` calls: 15 to 30 s the first time ever, less than a second in
+    later processes (`icreckon prepare` does it ahead, for an image). `feed` never waits for the compiler.
 
     Args:
         robot: the robot, see `load_robot`.
@@ -107,6 +111,7 @@ class PoseEstimator:
         self._reckoning = Reckoning(
             robot, self.variant, self.settings, start, start_sigma, engine_of(self.settings.engine)
         )
+        warm_up(type(self._reckoning.ekf.model), robot, self.variant, self.settings)
         self._history = History(self._reckoning, self.settings.history)
         self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
         # Counts of what the filter never gets to see, and which it therefore cannot forget.

@@ -387,6 +387,18 @@ def paper(
 
 
 @app.command()
+def prepare() -> None:
+    """Compile all filters ahead, for a container image or before a robot's first drive.
+
+    What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or
+    the user's cache folder.
+    """
+    from icreckon.cli.prepare import run_prepare
+
+    run_prepare()
+
+
+@app.command()
 def study(
     study: Annotated[
         str | None,

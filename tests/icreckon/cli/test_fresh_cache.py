@@ -102,3 +102,13 @@ def test_replays_at_once_say_what_one_alone_says(
         alone = results(tmp_path / f"{variant}-alone")["variants"][variant]
         for out in (variant, "both", "turned"):
             assert results(tmp_path / out)["variants"][variant] == alone
+
+
+def test_after_prepare_nothing_is_compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cache, folder = tmp_path_factory.mktemp("prepared"), tmp_path_factory.mktemp("drive")
+    finished(icreckon(cache, folder, "prepare"))
+    kernels = set(cache.rglob("*.kernel"))
+    assert len(kernels) > 40
+    finished(icreckon(cache, folder, "demo", "--duration", "60", "--formats", "none", "--out", "d"))
+    finished(icreckon(cache, folder, "study", "imu-grades", "--runs", "2", "--out", "s"))
+    assert set(cache.rglob("*.kernel")) == kernels

@@ -1,0 +1,86 @@
+"""Compilation ahead: no measurement of a robot has to wait for the compiler.
+
+A throw-away filter takes one measurement of each kind, in motion, at rest and across a gap. Afterwards
+every kernel that a filter of this motion model calls is compiled, or loaded from disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from icreckon.estimator.filter.filter import Reckoning
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    Mark,
+    Measurement,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import Variant
+from icreckon.estimator.streaming.engines import engine_of
+
+# Time between IMU samples [ns]; track speeds come at every second one.
+INTERVAL = 10_000_000
+AT_ORIGIN = (0.0, 0.0, 0.0)
+# Classes of motion models whose kernels are compiled in this process.
+READY: set[type] = set()
+
+
+def warm_up(model: type, robot: Robot, variant: Variant, settings: Settings) -> None:
+    """Compile all kernels of a filter, once for each class of motion models and process.
+
+    This takes 15 to 30 s on a machine where nothing is compiled yet, and less than a second later.
+
+    Args:
+        model: class of the filter's motion model.
+        robot: the robot.
+        variant: the filter variant.
+        settings: settings of the filter; nothing is done if its engine is plain.
+    """
+    if settings.engine == "plain" or model in READY:
+        return
+    filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN, engine_of(settings.engine))
+    for measurement in _one_of_each_kind(settings):
+        filter_.take(measurement)
+    READY.add(model)
+
+
+def _one_of_each_kind(settings: Settings) -> Iterator[Measurement | Mark]:
+    """Yield measurements in order of their stamps."""
+    stamp = 0
+
+    def samples(count: int, left: float, right: float) -> Iterator[Measurement]:
+        nonlocal stamp
+        turning = left != right
+        for k in range(count):
+            stamp += INTERVAL
+            if k % 2 == 0:
+                yield TrackSpeeds(stamp, left, right)
+            yield ImuSample(stamp, (0.0, 0.0, 0.1 * turning), (0.0, 0.01 * turning, 9.81))
+
+    def fixes() -> Iterator[Measurement | Mark]:
+        yield PositionFix(stamp, 0.0, 0.0, 1.0)
+        yield HeadingFix(stamp, 0.0, 1.0)
+        yield BodyVelocity(stamp, 0.1, 0.0, 1.0)
+        yield PoseFix(stamp, 0.0, 0.0, 0.0, ((1.0, 0.1, 0.0), (0.1, 1.0, 0.0), (0.0, 0.0, 1.0)))
+
+    yield from samples(4, 0.1, 0.2)
+    yield from fixes()
+    yield from samples(2, 0.1, 0.2)
+    stamp += INTERVAL // 2
+    yield from fixes()
+    yield from samples(2, 0.1, 0.2)
+    yield Mark(stamp)
+    yield from samples(2, 0.1, 0.2)
+    yield from fixes()
+    yield from samples(2, 0.0, 0.0)
+    yield ZeroVelocity(stamp)
+    yield from samples(int(settings.standstill.duration * 1e9 / INTERVAL) + 4, 0.0, 0.0)
+    stamp += int(2.0 * settings.hold * 1e9)
+    yield from samples(4, 0.1, 0.2)
