@@ -88,8 +88,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How the filter works; every default is what it was tuned to.
 
     Attributes:
-        engine: "compiled" by numba (the first estimator ever takes some 20 s to make), or "plain" Python, which
-            is eight times slower; they agree to rounding.
+        engine: "compiled" by numba (making the first estimator ever takes some 20 s), or "plain"
+            Python, which is eight times slower; they agree to rounding.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs); not of `friction`.
         inertia: "tracks" (the kinematic twist's own) or "imu" (with the slip that the IMU shows); not
             of `friction`.
