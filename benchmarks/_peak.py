@@ -25,12 +25,12 @@ def peak_flops(width: int, repeat: int = 20) -> float:
             for value, other in zip(values, values[1:] + values[:1], strict=True)
         ]
     stores = [Store("lanes", chain, value) for chain, value in enumerate(values)]
-    kernel: Any = compiled_kernel(Kernel("peak", ("lanes",), (CHAINS,), stores), width)
+    kernel: Any = compiled_kernel(Kernel("peak", (CHAINS, 0, 0), stores), width)
 
     @njit
     def many(lanes: Any, count: int) -> None:
         for _ in range(count):
-            kernel(lanes)
+            kernel(lanes, lanes, lanes)
 
     lanes = aligned(CHAINS * width)
     lanes[:] = 1e-3

@@ -14,7 +14,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
-from icreckon.estimator.engine.lane import ARRAYS, FilterShape, idle_kernel
+from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.log_steps import LogSteps
 from icreckon.estimator.engine.schedule import (
@@ -26,7 +26,7 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.engine.work import ESTIMATE, Places, work_through
+from icreckon.estimator.engine.work import ESTIMATE, LaneKernels, Places, lane_worker
 from icreckon.estimator.filter.checkpoint import FilterMemory
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
@@ -40,7 +40,6 @@ from icreckon.estimator.scalar_engine.imu_kernel import SlipNumbers
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
-from icreckon.estimator.tracing.jit_kernel import entry
 
 # Numbers of so many bits, and what NumPy calls them.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
@@ -414,11 +413,10 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         headed = fix if needs.heading else None
         makers[heading] = partial(_fix_or_nothing, heading_kernel, heading, shape, headed)
     compiled = {
-        name: kernel_on_demand(name, ARRAYS, make, width, shape.bits)
-        for name, make in makers.items()
+        name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
     }
     made = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    return entry(work_through, made, compiled)
+    return lane_worker(LaneKernels(**compiled), made)
 
 
 def _step_or_nothing(name: str, shape: FilterShape, kind: StepKind | None) -> Kernel:

@@ -23,7 +23,6 @@ FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 OUTSIDE = {64: ROUNDING, 32: 1e-6}
 # A factor and a vector.
 Part = tuple[Any, Vector]
-ARRAYS = ("lanes", "inputs", "constants")
 
 
 class FilterShape(NamedTuple):
@@ -130,7 +129,7 @@ class Lane:
             for row, value in stores.items()
             if value is not self.row(row)
         ]
-        return Kernel(name, ARRAYS, array_rows(self.layout), changed, flags)
+        return Kernel(name, array_rows(self.layout), changed, flags)
 
     # --- updates ---------------------------------------------------------------------------------
 
@@ -252,14 +251,14 @@ class Lane:
             yield mine, dot(known, {i: of[i] for i in known}), bound[8]
 
 
-def array_rows(layout: Layout) -> tuple[int, ...]:
+def array_rows(layout: Layout) -> tuple[int, int, int]:
     """Number of rows of each of `ARRAYS`; of the constants, which all lanes share, of numbers."""
     return len(layout.rows), len(INPUTS), len(layout.constants)
 
 
 def idle_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make a kernel that does nothing."""
-    return Kernel(name, ARRAYS, array_rows(Layout(shape.states)), ())
+    return Kernel(name, array_rows(Layout(shape.states)), ())
 
 
 def _rest(row: Vector, parts: Iterable[Part]) -> Vector:

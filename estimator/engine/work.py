@@ -13,6 +13,7 @@ from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
 from icreckon.estimator.filter.reacquisition import laid_over
 from icreckon.estimator.tracing.emit import FLAG_BITS
+from icreckon.estimator.tracing.jit_kernel import entry, inner
 
 # What is told at a tick.
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
@@ -50,137 +51,181 @@ class Places(NamedTuple):
     constant_count: int
 
 
-def work_through(
-    lanes: Floats,
-    inputs: Floats,
-    constants: Floats,
-    table: Floats,
-    kinds: Any,
-    extras: Any,
-    ticks: Any,
-    estimates: Floats,
-    refused: Floats,
-    refused_count: Any,
-    places: Places,
-) -> None:
-    """Work through steps; see `BatchFilter.work_through`.
+class LaneKernels(NamedTuple):
+    """Kernels of one filter shape, each a function of workspace, inputs and constants.
 
-    The kernels `usual`, `full`, `update`, `move`, `position` and `heading`, and those of fixes on the way
-    and of what is told, are put in their places when this is compiled.
-
-    Raises:
-        ValueError: an array has the wrong size.
+    Attributes:
+        usual: step with an IMU sample, while no lane can be at a standstill.
+        full: step with an IMU sample and a test for standstill; the twist at its end is computed.
+        update: IMU sample at the stamp of the filter, without propagation.
+        move: propagation without an IMU sample.
+        move_told: propagation, with the twist at its end.
+        position: position fix at the end of a step; returns lanes that are lost, and that used it.
+        position_told: position fix, with the twist after it.
+        position_ahead: position fix between two steps.
+        position_ahead_told: position fix between two steps, with the twist after it.
+        heading: heading fix at the end of a step.
+        heading_told: heading fix, with the twist after it.
+        heading_ahead: heading fix between two steps.
+        heading_ahead_told: heading fix between two steps, with the twist after it.
     """
-    width, told_lanes, steps = lanes.shape[1], estimates.shape[2], len(kinds)
-    sizes_fit = len(lanes) == places.row_count and len(constants) == places.constant_count
-    sizes_fit &= len(inputs) >= steps and inputs.shape[1] == ROWS and inputs.shape[2] == width
-    sizes_fit &= len(table) >= steps and table.shape[1] == PER_STEP + 1
-    sizes_fit &= len(extras) == steps and len(ticks) == steps
-    sizes_fit &= estimates.shape[1] >= len(places.estimate) and told_lanes <= width
-    sizes_fit &= len(refused) == width and refused.shape[2] == 5 and len(refused_count) == width
-    if not sizes_fit:
-        raise ValueError(WRONG_SIZE)
-    for k in range(steps):
-        if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
-            raise ValueError(WRONG_SIZE)
-    for k in range(len(kinds)):
-        for c in range(PER_STEP):
-            constants[c] = table[k, c]
-        constants[places.interval] = table[k, PER_STEP]
-        told = inputs[k]
-        tells = extras[k] & TICK
-        if kinds[k] == AHEAD:
-            how = TOLD_ON_THE_WAY if tells else ON_THE_WAY
-        else:
-            how = AT_TICK if tells else AT_STEP
-            if kinds[k] == MOVE:
-                if tells:
-                    move_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-                else:
-                    move(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-            elif kinds[k] == UPDATE:
-                update(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-            else:
-                quiet = False
-                for lane in range(width):
-                    quiet |= told[QUIET, lane] == told[QUIET, lane]
-                if quiet or tells:
-                    full(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-                else:
-                    usual(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-        if extras[k] & POSITION:
-            take_position(lanes, told, constants, refused, refused_count, places, how)
-        if extras[k] & HEADING:
-            take_heading(lanes, told, constants, how)
-        if tells:
-            for row in range(len(places.estimate)):
-                for lane in range(told_lanes):
-                    estimates[ticks[k], row, lane] = lanes[places.estimate[row], lane]
+
+    usual: Any
+    full: Any
+    update: Any
+    move: Any
+    move_told: Any
+    position: Any
+    position_told: Any
+    position_ahead: Any
+    position_ahead_told: Any
+    heading: Any
+    heading_told: Any
+    heading_ahead: Any
+    heading_ahead_told: Any
 
 
-def take_position(
-    lanes: Floats,
-    told: Floats,
-    constants: Floats,
-    refused: Floats,
-    refused_count: Any,
-    places: Places,
-    when: int,
-) -> None:
-    """A position fix; where a filter is lost, see `Reckoning._take_position`."""
-    width = lanes.shape[1]
-    flags = position_of(lanes, told, constants, when)
-    lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
-    for lane in range(width):
-        count = refused_count[lane]
-        if count >= refused.shape[1]:
-            raise ValueError(WRONG_SIZE)
-        refused[lane, count, 0] = told[FIX_X, lane]
-        refused[lane, count, 1] = told[FIX_Y, lane]
-        refused[lane, count, 2] = told[FIX_VARIANCE, lane]
-        refused[lane, count, 3] = lanes[places.believed_x, lane]
-        refused[lane, count, 4] = lanes[places.believed_y, lane]
-        refused_count[lane] = count + 1
-    if lost:
-        before = told[HOW].copy()
-        for lane in range(width):
-            told[HOW, lane] = NOT_AT_ALL
-            if (lost >> lane) & 1:
-                if move_pose(lanes, lane, refused[lane], refused_count[lane], places):
-                    used |= 1 << lane
-                else:
-                    told[HOW, lane] = AS_TRUE
+def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
+    """Compile the loop over the steps of filters of one shape; see `BatchFilter.work_through`.
+
+    Args:
+        kernels: of that shape.
+        shape_digest: tells the machine code of this shape from that of others.
+    """
+    usual, full, update, move, move_told, *of_fixes = kernels
+    position, position_told, position_ahead, position_ahead_told = of_fixes[:4]
+    heading, heading_told, heading_ahead, heading_ahead_told = of_fixes[4:]
+
+    @inner(shape_digest)
+    def position_of(lanes: Floats, told: Floats, constants: Floats, when: int) -> Any:
+        """Take a position fix; at a tick, tell the body velocity after it."""
+        if when == TOLD_ON_THE_WAY:
+            return position_ahead_told(lanes, told, constants)
+        if when == ON_THE_WAY:
+            return position_ahead(lanes, told, constants)
+        if when == AT_TICK:
+            return position_told(lanes, told, constants)
+        return position(lanes, told, constants)
+
+    @inner(shape_digest)
+    def take_position(
+        lanes: Floats,
+        told: Floats,
+        constants: Floats,
+        refused: Floats,
+        refused_count: Any,
+        places: Places,
+        when: int,
+    ) -> None:
+        """A position fix; where a filter is lost, see `Reckoning._take_position`."""
+        width = lanes.shape[1]
         flags = position_of(lanes, told, constants, when)
-        used |= flags >> FLAG_BITS
-        told[HOW] = before
-    for lane in range(width):
-        if (used >> lane) & 1:
-            refused_count[lane] = 0
-        elif told[HOW, lane] == NOT_AT_ALL:
-            refused_count[lane] -= 1
+        lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
+        for lane in range(width):
+            count = refused_count[lane]
+            if count >= refused.shape[1]:
+                raise ValueError(WRONG_SIZE)
+            refused[lane, count, 0] = told[FIX_X, lane]
+            refused[lane, count, 1] = told[FIX_Y, lane]
+            refused[lane, count, 2] = told[FIX_VARIANCE, lane]
+            refused[lane, count, 3] = lanes[places.believed_x, lane]
+            refused[lane, count, 4] = lanes[places.believed_y, lane]
+            refused_count[lane] = count + 1
+        if lost:
+            before = told[HOW].copy()
+            for lane in range(width):
+                told[HOW, lane] = NOT_AT_ALL
+                if (lost >> lane) & 1:
+                    if move_pose(lanes, lane, refused[lane], refused_count[lane], places):
+                        used |= 1 << lane
+                    else:
+                        told[HOW, lane] = AS_TRUE
+            flags = position_of(lanes, told, constants, when)
+            used |= flags >> FLAG_BITS
+            told[HOW] = before
+        for lane in range(width):
+            if (used >> lane) & 1:
+                refused_count[lane] = 0
+            elif told[HOW, lane] == NOT_AT_ALL:
+                refused_count[lane] -= 1
 
+    @inner(shape_digest)
+    def take_heading(lanes: Floats, told: Floats, constants: Floats, when: int) -> None:
+        """Take a heading fix, likewise."""
+        if when == TOLD_ON_THE_WAY:
+            heading_ahead_told(lanes, told, constants)
+        elif when == ON_THE_WAY:
+            heading_ahead(lanes, told, constants)
+        elif when == AT_TICK:
+            heading_told(lanes, told, constants)
+        else:
+            heading(lanes, told, constants)
 
-def position_of(lanes: Floats, told: Floats, constants: Floats, when: int) -> Any:
-    """Take a position fix; at a tick, tell the body velocity after it."""
-    if when == TOLD_ON_THE_WAY:
-        return position_ahead_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-    if when == ON_THE_WAY:
-        return position_ahead(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-    if when == AT_TICK:
-        return position_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-    return position(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+    def work_through(
+        lanes: Floats,
+        inputs: Floats,
+        constants: Floats,
+        table: Floats,
+        kinds: Any,
+        extras: Any,
+        ticks: Any,
+        estimates: Floats,
+        refused: Floats,
+        refused_count: Any,
+        places: Places,
+    ) -> None:
+        """Work through steps; see `BatchFilter.work_through`.
 
+        Raises:
+            ValueError: an array has the wrong size.
+        """
+        width, told_lanes, steps = lanes.shape[1], estimates.shape[2], len(kinds)
+        sizes_fit = len(lanes) == places.row_count and len(constants) == places.constant_count
+        sizes_fit &= len(inputs) >= steps and inputs.shape[1] == ROWS and inputs.shape[2] == width
+        sizes_fit &= len(table) >= steps and table.shape[1] == PER_STEP + 1
+        sizes_fit &= len(extras) == steps and len(ticks) == steps
+        sizes_fit &= estimates.shape[1] >= len(places.estimate) and told_lanes <= width
+        sizes_fit &= len(refused) == width and refused.shape[2] == 5 and len(refused_count) == width
+        if not sizes_fit:
+            raise ValueError(WRONG_SIZE)
+        for k in range(steps):
+            if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
+                raise ValueError(WRONG_SIZE)
+        for k in range(len(kinds)):
+            for c in range(PER_STEP):
+                constants[c] = table[k, c]
+            constants[places.interval] = table[k, PER_STEP]
+            told = inputs[k]
+            tells = extras[k] & TICK
+            if kinds[k] == AHEAD:
+                how = TOLD_ON_THE_WAY if tells else ON_THE_WAY
+            else:
+                how = AT_TICK if tells else AT_STEP
+                if kinds[k] == MOVE:
+                    if tells:
+                        move_told(lanes, told, constants)
+                    else:
+                        move(lanes, told, constants)
+                elif kinds[k] == UPDATE:
+                    update(lanes, told, constants)
+                else:
+                    quiet = False
+                    for lane in range(width):
+                        quiet |= told[QUIET, lane] == told[QUIET, lane]
+                    if quiet or tells:
+                        full(lanes, told, constants)
+                    else:
+                        usual(lanes, told, constants)
+            if extras[k] & POSITION:
+                take_position(lanes, told, constants, refused, refused_count, places, how)
+            if extras[k] & HEADING:
+                take_heading(lanes, told, constants, how)
+            if tells:
+                for row in range(len(places.estimate)):
+                    for lane in range(told_lanes):
+                        estimates[ticks[k], row, lane] = lanes[places.estimate[row], lane]
 
-def take_heading(lanes: Floats, told: Floats, constants: Floats, when: int) -> None:
-    """Take a heading fix, likewise."""
-    if when == TOLD_ON_THE_WAY:
-        heading_ahead_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-    elif when == ON_THE_WAY:
-        heading_ahead(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-    elif when == AT_TICK:
-        heading_told(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
-    else:
-        heading(lanes, told, constants)  # type: ignore[name-defined]  # noqa: F821
+    return entry(work_through, shape_digest)
 
 
 def move_pose(lanes: Floats, lane: int, refused: Floats, count: int, places: Places) -> bool:

@@ -17,6 +17,8 @@ from numba.extending import intrinsic
 
 from icreckon.estimator.tracing.trace import TRACING, Traced
 
+# Arrays of every kernel: what the lanes hold, the inputs of a step, and what all lanes share.
+ARRAYS = ("lanes", "inputs", "constants")
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 # Products may be added without rounding in between; nothing else is loosened.
 LOOSE = ("contract",)
@@ -50,39 +52,34 @@ class Kernel(NamedTuple):
 
     Attributes:
         name: of the kernel.
-        arrays: names of its arrays, in the order of its arguments.
-        rows: how many rows each of them has; of an array that all lanes share, how many numbers.
+        rows: number of rows of each of `ARRAYS`; of the constants, which all lanes share, of numbers.
         stores: what is written.
         flags: truth values, of which the kernel returns the lanes where they hold: a bit for each
             lane, `FLAG_BITS` for each of them.
     """
 
     name: str
-    arrays: tuple[str, ...]
-    rows: tuple[int, ...]
+    rows: tuple[int, int, int]
     stores: Sequence[Store]
     flags: Sequence[Traced] = ()
 
 
 def compiled_kernel(kernel: Kernel, width: int, bits: int = 64) -> Any:
-    """A function of the kernel's arrays, for numba to call; its result are the flags.
+    """Make a function of `ARRAYS` for numba to call; it returns the flags.
 
     Args:
         kernel: what is to be done.
         width: how many lanes there are.
         bits: of each number, 64 or 32.
     """
-    return kernel_on_demand(kernel.name, kernel.arrays, lambda: kernel, width, bits)
+    return kernel_on_demand(kernel.name, lambda: kernel, width, bits)
 
 
-def kernel_on_demand(
-    kernel_name: str, arrays: tuple[str, ...], make: Callable[[], Kernel], width: int, bits: int
-) -> Any:
-    """The same of a kernel that is made when it is compiled, and not where that was done before.
+def kernel_on_demand(kernel_name: str, make: Callable[[], Kernel], width: int, bits: int) -> Any:
+    """Make a function of a kernel that is traced when it is compiled, not if its code is on disk.
 
     Args:
         kernel_name: its name.
-        arrays: names of its arrays.
         make: makes it.
         width: how many lanes there are.
         bits: of each number, 64 or 32.
@@ -105,16 +102,11 @@ def kernel_on_demand(
         ]
         return builder.call(function, pointers)
 
-    return _intrinsic_of(len(arrays), code)
+    @intrinsic
+    def kernel(_typing_context: Any, lanes: Any, inputs: Any, constants: Any) -> Any:
+        return types.int64(lanes, inputs, constants), code
 
-
-def _intrinsic_of(count: int, code: Callable[..., Any]) -> Any:
-    """An intrinsic of so many arrays; numba wants to see each of its arguments by name."""
-    names = ", ".join(f"array_{k}" for k in range(count))
-    text = f"def kernel(typing_context, {names}): return signature({names}), code"
-    scope: dict[str, Any] = {"code": code, "signature": types.int64}
-    exec(text, scope)  # noqa: S102 - our own text
-    return intrinsic(scope["kernel"])
+    return kernel
 
 
 class _Emitter:
@@ -126,8 +118,8 @@ class _Emitter:
         self.vector = ir.VectorType(number, width)
         self.truths = ir.VectorType(BOOL, width)
         self.builder = ir.IRBuilder(function.append_basic_block("begin"))
-        self.pointers = dict(zip(kernel.arrays, function.args, strict=True))
-        self.rows = dict(zip(kernel.arrays, kernel.rows, strict=True))
+        self.pointers = dict(zip(ARRAYS, function.args, strict=True))
+        self.rows = dict(zip(ARRAYS, kernel.rows, strict=True))
         self.values: dict[Traced, Any] = {}
         self.written: set[tuple[str, int]] = set()
         self.done = 0

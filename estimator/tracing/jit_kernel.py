@@ -43,29 +43,36 @@ def compiled(function: Function) -> Function:
 def jit(function: Callable[..., Any]) -> Any:
     """Compile a function for other compiled ones to call."""
     if function not in COMPILED:
-        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function, {}, ""))
+        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function, ""))
     return COMPILED[function]
 
 
-def entry(
-    function: Callable[..., Any], made: str = "", callees: dict[str, Any] | None = None
-) -> Any:
+def inner(made: str) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function that is defined anew for each shape, for other compiled ones to call.
+
+    Args:
+        made: digest of the shape.
+    """
+    return lambda function: njit(**INNER)(_with_compiled_callees(function, made))
+
+
+def entry(function: Callable[..., Any], made: str = "") -> Any:
     """Compile a function and all that it calls for Python to call; keep its machine code on disk.
 
     The machine code lets go of the interpreter while it works.
 
     Args:
         function: the function.
-        made: digest that tells apart those that are made of one function with different `callees`.
-        callees: name -> what takes its place in the function, and in those that it calls.
+        made: digest of the shape, of a function that is defined anew for each.
 
     Raises:
-        ValueError: there are `callees`, and `made` does not tell them apart.
+        ValueError: the function has variables of an enclosing function, and no digest of them.
     """
-    if callees and not made:
-        raise ValueError(f"{function.__qualname__} with callees of its own needs a digest of them")
-    twin = _with_compiled_callees(function, callees or {}, made)
-    return _kept(twin, {"error_model": "numpy", "nogil": True})
+    if function.__code__.co_freevars and not made:
+        raise ValueError(
+            f"{function.__qualname__} uses variables of the function around it and needs a digest of them"
+        )
+    return _kept(_with_compiled_callees(function, made), {"error_model": "numpy", "nogil": True})
 
 
 def _kept(function: FunctionType, options: dict[str, Any]) -> Any:
@@ -75,15 +82,12 @@ def _kept(function: FunctionType, options: dict[str, Any]) -> Any:
     return dispatcher
 
 
-def _with_compiled_callees(function: Any, callees: dict[str, Any], made: str) -> FunctionType:
-    names = dict(function.__globals__) | callees
+def _with_compiled_callees(function: Any, made: str) -> FunctionType:
+    names = dict(function.__globals__)
     for name in function.__code__.co_names:
         callee = names.get(name)
         if isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
-            if callees:
-                names[name] = njit(**INNER)(_with_compiled_callees(callee, callees, made))
-            else:
-                names[name] = jit(callee)
+            names[name] = jit(callee)
     return _renamed(function, names, made)
 
 
@@ -94,7 +98,8 @@ def _renamed(function: Any, names: dict[str, Any], made: str) -> FunctionType:
     )
     digest = environment_digest(function.__module__.split(".")[1])
     twin.__module__ = function.__module__
-    twin.__qualname__ = ".".join(filter(None, (function.__qualname__, made, digest)))
+    name = function.__qualname__.replace("<locals>.", "")
+    twin.__qualname__ = ".".join(filter(None, (name, made, digest)))
     return twin
 
 

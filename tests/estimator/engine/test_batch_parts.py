@@ -48,11 +48,11 @@ def in_lanes(function, *columns):
         Store("lanes", len(columns) + row, trace.lift(value)) for row, value in enumerate(values)
     ]
     rows = len(columns) + len(values)
-    kernel = compiled_kernel(Kernel("tested", ("lanes",), (rows,), stores), WIDTH)
+    kernel = compiled_kernel(Kernel("tested", (rows, 0, 0), stores), WIDTH)
 
     @njit
     def call(lanes):
-        return kernel(lanes)
+        return kernel(lanes, lanes, lanes)
 
     lanes = aligned((len(columns) + len(values)) * WIDTH).reshape(-1, WIDTH)
     lanes[: len(columns)] = columns

@@ -89,7 +89,7 @@ def test_every_symbol_on_disk_is_named_by_what_its_code_depends_on(shared_cache:
         for symbol in symbols_of(path):
             if "estimator" in symbol:
                 assert digest in symbol, symbol
-                if "engine4work" in symbol:
+                if "lane_worker" in symbol:
                     assert made in symbol, symbol
                     inner.add(symbol)
     assert any("take_position" in symbol for symbol in inner)
@@ -121,9 +121,10 @@ def elf_symbols(data: bytes) -> Iterator[str]:
                 yield data[begin : data.index(b"\0", begin)].decode()
 
 
-def test_functions_with_callees_of_their_own_need_a_digest_of_them() -> None:
+def test_functions_made_anew_for_each_shape_need_a_digest_of_it() -> None:
+    factor = 2.0
     with pytest.raises(ValueError, match="needs a digest"):
-        entry(lambda x: x, callees={"y": 1})
+        entry(lambda x: factor * x)
 
 
 def test_the_cache_is_where_the_user_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -235,12 +236,12 @@ def test_other_sources_have_another_folder(
 def test_a_kernel_cannot_address_rows_that_its_arrays_lack() -> None:
     start()
     stores = [Store("lanes", 1, lane_input("lanes", 0))]
-    kernel = compiled_kernel(Kernel("beyond", ("lanes",), (1,), stores), lanes_of_machine(64))
+    kernel = compiled_kernel(Kernel("beyond", (1, 0, 0), stores), lanes_of_machine(64))
     from numba import njit
 
     @njit
     def call(lanes):
-        return kernel(lanes)
+        return kernel(lanes, lanes, lanes)
 
     with pytest.raises(ValueError, match="'beyond' addresses row 1 of 'lanes', which has 1"):
         call(np.zeros((4, lanes_of_machine(64))))
