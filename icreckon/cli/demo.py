@@ -38,7 +38,7 @@ def run_demo(
     overwrite: bool,
     workers: int | None,
 ) -> None:
-    """See `icreckon demo --help`."""
+    """Run `icreckon demo`; arguments as in its help."""
     if trajectory not in TRAJECTORIES:
         raise SimulationError(
             f"no trajectory of a demo: {trajectory!r}{nearest_hint(trajectory, list(TRAJECTORIES))}"
@@ -65,7 +65,7 @@ def run_demo(
 
 
 def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
-    """The demo's scenario: fixes for the first third of the run, then none."""
+    """Scenario of the demo: fixes for the first third of the run, then none."""
     return Scenario(
         trajectory=trajectory,
         duration=duration,

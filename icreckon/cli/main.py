@@ -1,4 +1,4 @@
-"""The command line: options and help; the work is done elsewhere, and imported when it is asked for."""
+"""Command line: options and help; bodies are imported when called."""
 
 from __future__ import annotations
 
@@ -345,7 +345,7 @@ def identify(
 ) -> None:
     """Calibrate a robot from logs with a ground truth.
 
-    Says what the logs show and what they do not, and which model they support.
+    Reports which parameters the logs determine, and which model they support.
     """
     from icreckon.cli.identify import run_identify
 
@@ -370,7 +370,7 @@ def paper(
         typer.Option(
             "--identify",
             help="Search for the contact and soil that come closest to the published numbers "
-            "(minutes), instead of the best that is known.",
+            "(minutes), instead of using the best known.",
         ),
     ] = False,
     seed: Annotated[
@@ -395,8 +395,8 @@ def study(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for blocks and results (default: icreckon-study/ and the study's name). What "
-            "was begun there goes on."
+            help="Folder for blocks and results (default: icreckon-study/ and the study's name). A study "
+            "begun there is continued."
         ),
     ] = None,
     runs: Annotated[
@@ -408,7 +408,7 @@ def study(
     ] = None,
     engine: Annotated[
         str | None,
-        typer.Option(help="What works out the runs: auto, or an engine (docs/study.md)."),
+        typer.Option(help="Engine of the runs: auto, or one of docs/study.md."),
     ] = None,
     cluster: Annotated[
         str | None,
@@ -416,15 +416,15 @@ def study(
     ] = None,
     json: Json = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Throw away another study that is at --out.")
+        bool, typer.Option("--overwrite", help="Replace another study that is at --out.")
     ] = False,
     list_studies: Annotated[
         bool, typer.Option("--list", help="List the studies that ship with icreckon.")
     ] = False,
 ) -> None:
-    """Simulate many runs over a sweep of parameters, and sum them up.
+    """Simulate many runs over a sweep of parameters, and summarise them.
 
-    The same command goes on where an earlier one was interrupted.
+    The same command continues an interrupted study.
     """
     from icreckon.cli.study import run_study_command
 
@@ -442,7 +442,7 @@ def study(
 
 
 def main() -> None:
-    """Entry point: errors are one line and a non-zero exit, a traceback only with --debug."""
+    """Entry point; errors are one line and a non-zero exit, tracebacks by --debug."""
     debug = DEBUG in sys.argv
     sys.argv = [word for word in sys.argv if word != DEBUG]
     try:

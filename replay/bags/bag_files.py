@@ -1,4 +1,4 @@
-"""Bag reader: channels and raw messages by the index, or recovered if it is broken.
+"""Bag reader: channels and raw messages, recovered if the index is broken.
 
 `over_bag` hides the difference. The content decides the format: ROS 1 bag, ROS 2 folder, bare MCAP
 or SQLite file.
@@ -242,7 +242,7 @@ def _unread_sqlite_journals(files: list[Path]) -> list[str]:
 
 
 def _reason(problem: Exception) -> str:
-    """One-line message of an error of rosbags, or its type if the message is of no use."""
+    """One-line message of an error of rosbags, or its type if the message is unclear."""
     text = " ".join(str(problem).split()).rstrip(".")
     if isinstance(problem, (rosbag1.ReaderError, rosbag2.ReaderError)) and text:
         return text

@@ -32,7 +32,7 @@ Numbers = NDArray[Any] | Callable[[slice], NDArray[Any]]
 
 
 class Place(NamedTuple):
-    """Offset of a number in a message, its numpy type, and its length if it is an array."""
+    """Offset and numpy type of a number in a message, and its length if an array."""
 
     offset: int
     dtype: np.dtype[Any]

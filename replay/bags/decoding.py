@@ -22,7 +22,7 @@ IDL_RULE = "=" * 80 + "\n"
 
 
 def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Callable[[bytes], Any]:
-    """Build a decoder of a channel: from the bytes of a message to an object with its fields.
+    """Build a decoder of a channel, from bytes to a message object with fields.
 
     The decoder raises the errors of rosbags if the bytes are not such a message.
 
@@ -83,7 +83,7 @@ class Header(NamedTuple):
 
 
 def header_reader(channel: Channel) -> Callable[[bytes], Header] | None:
-    """Build a reader of only the header of a channel's messages; None if they have none.
+    """Build a reader of only the headers of a channel; None if there are none.
 
     The reader raises struct.error or UnicodeDecodeError if the bytes are not such a message.
     """

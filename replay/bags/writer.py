@@ -1,4 +1,4 @@
-"""Bag writer: messages of several topics in the order of their stamps, in any format."""
+"""Bag writer: messages of several topics in the order of their stamps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lowest room of replay: errors, output files, units of columns, colours, lag search.
+"""Lowest room of replay: errors, output files, units, colours, lag search.
 
 Below: `estimator`.
 """

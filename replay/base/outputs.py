@@ -1,4 +1,4 @@
-"""Atomic outputs: write beside the target, then move; never overwrite unless requested."""
+"""Atomic outputs: write beside the target, then move; overwrite only on request."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def check_replaceable(
     marker: str = "metadata.yaml",
     starts: tuple[bytes, ...] | None = None,
 ) -> None:
-    """Refuse to replace a foreign output; arguments and errors as for `written_beside`."""
+    """Refuse to replace a foreign output; arguments and errors as `written_beside`."""
     if not path.exists():
         return
     if not overwrite:

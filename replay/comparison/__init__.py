@@ -1,4 +1,4 @@
-"""Comparison of filter variants over one log: runs, truth alignment, scores, intervals.
+"""Comparison of filter variants over one log: runs, scores, intervals.
 
 In: a `Log`. Out: a `Comparison`, and the results for tables and pages. Below: `base`, `estimator`.
 """

@@ -88,7 +88,7 @@ class PairedDrift:
         return Estimate(value, (min(low, value), max(high, value)))
 
     def _sums(self, values: Floats, starts: NDArray[np.int64]) -> Floats:
-        """Sums (replicates,) over the blocks with these starts, wrapping around at the end."""
+        """Sums (replicates,) over the blocks with these starts, circular at the end."""
         summed = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values]))])
         return np.asarray((summed[starts + self.block] - summed[starts]).sum(axis=1))
 
@@ -105,7 +105,7 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     """Pair the drifts of one horizon on the common segments in which the robot moved.
 
     Args:
-        drifts: by name of the variant, against the same truth.
+        drifts: drift by name of the variant, against the same truth.
     """
     common = None
     for one in drifts.values():

@@ -48,8 +48,8 @@ class Comparison:
 
     Attributes:
         log: the log, with the fixes that were used and the truth that was scored against.
-        runs: by name of the variant, in the order requested; then the smoothed ones, if requested, as
-            "inertia-online-smoothed".
+        runs: runs by name of the variant, in the order requested; then the smoothed ones, if requested,
+            as "inertia-online-smoothed".
         alignment: lag and lever arm removed from a logged truth; None for a simulated truth or none.
         failed: failures by name of the variant; never all of them.
     """

@@ -1,4 +1,4 @@
-"""Selection of the fixes of a replay: a part of the logged ones, or some from the truth."""
+"""Selection of the fixes of a replay: logged ones in a part, or from the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Initial pose of a run whose log has fixes but no truth, in the frame of the fixes."""
+"""Initial pose of a run from fixes, for a log without a truth."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
 
 
 def _has_gone(log: Log, distance: float) -> int:
-    """Stamp [ns] at which the track distance since the first fix is reached, or the last one."""
+    """Stamp [ns] at a track distance [m] after the first fix, or the last stamp."""
     stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
     gone = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
     before = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, gone))

@@ -31,7 +31,7 @@ Results = dict[str, Any]
 
 
 def series_of(comparison: Comparison) -> Results:
-    """Decimate the time series: most share their times; parameters and innovations do not."""
+    """Decimate the time series; parameters and innovations have their own times."""
     log = comparison.log
     first = next(iter(comparison.runs.values()))
     stamps = first.stamps[_picks(len(first.stamps), SERIES_POINTS)]

@@ -1,4 +1,4 @@
-"""Scores of each variant over a log, against its truth or else against another variant."""
+"""Scores of each variant over a log, against the truth or else another variant."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ Results = dict[str, Any]
 
 
 def scored_intervals(log: Log) -> list[tuple[int, int]]:
-    """Intervals in which drift is scored: a whole log without fixes, else its long outages."""
+    """Intervals of scored drift: a whole log without fixes, else its long outages."""
     if log.fixes is None or len(log.fixes.stamps) == 0:
         return [(log.start, log.end)]
     return without_fixes(log.fixes.stamps, log.start, log.end, SCORED_OUTAGE)
 
 
 def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
-    """Truth for the scores of each run, by name; a logged one with the run's own lever arm.
+    """Truth for each run, by name; a logged one with the run's own lever arm.
 
     Raises:
         ValueError: the log has no truth.
@@ -58,7 +58,7 @@ def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
 
 
 def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> Results:
-    """Score a run against the truth, except drift (see `replay.comparison.drift_table`).
+    """Score a run against the truth; intervals of drift are in `drift_table`.
 
     Args:
         one: the run.

@@ -1,4 +1,4 @@
-"""Alignment of a logged truth: its lag and lever arm, estimated and removed before scoring.
+"""Alignment of a logged truth: estimation and removal of lag and lever arm.
 
 A pose from lidar or GPS is stamped late, and it is that of a sensor rather than of `base_link`. Both
 would count as drift. They are estimated from relative motion over short windows, in which dead
@@ -96,7 +96,7 @@ def _windows(
 
 
 def _lag(truth: PoseSeries, reckoned: PoseSeries) -> float:
-    """Lag [s] of the best agreement of truth and reckoning in yaw changes, by a parabola."""
+    """Lag [s] with the smallest misfit of yaw changes, refined by a parabola."""
     starts, ends = _windows(truth, reckoned, LAG_WINDOW, margin=float(LAGS[-1]))
     if len(starts) < 10:
         return 0.0

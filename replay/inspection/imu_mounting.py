@@ -44,9 +44,9 @@ class Mounting:
         turning_correlation: correlation of the rate about the vertical with V_r - V_l, or None if the
             track speeds do not show any turning.
         gyro_bias: (3,) mean rates at standstill in the IMU's axes [rad/s], or None.
-        gyro_noise_density: of the rate about the vertical at standstill [rad/s/√Hz], or None.
-        accelerometer_noise_density: of the specific force to the left over half a second, including
-            vibration, slopes and all else not explained by the tracks' motion [m/s²/√Hz], or None.
+        gyro_noise_density: noise density of the vertical rate at standstill [rad/s/√Hz], or None.
+        accelerometer_noise_density: noise density of the specific force to the left over half a second,
+            including vibration, slopes and all else beyond the tracks' motion [m/s²/√Hz], or None.
     """
 
     rotation_rpy_deg: tuple[float, float, float]
@@ -145,7 +145,7 @@ def vertical_rate(imu: ImuSeries, mounting: Mounting) -> Floats:
 
 
 def level(specific_force: Floats) -> tuple[float, float, float]:
-    """Roll, pitch and yaw = 0 [deg] of a mount, from the specific force (3,) of gravity."""
+    """Roll, pitch and yaw = 0 [deg] of a mount, from the mean specific force (3,)."""
     x, y, z = specific_force
     roll, pitch = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
     return float(np.degrees(roll)), float(np.degrees(pitch)), 0.0
@@ -171,7 +171,7 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
 
 
 def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
-    """Correlation of V_r - V_l with the rate about the vertical; None if one is constant.
+    """Correlation of V_r - V_l with the vertical rate; None if one is constant.
 
     Args:
         tracks: the track speeds.

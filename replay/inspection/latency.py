@@ -1,4 +1,4 @@
-"""Latency of track speeds and headings against the gyro, from the yaw changes of both.
+"""Latency of track speeds and headings against the gyro, from yaw changes.
 
 Drivers report a speed that was averaged, filtered or sampled earlier, and loggers repeat it until the
 next one. A latency of 0.2 s at a start or stop is an error of 0.2 s of driving, which exceeds the effect

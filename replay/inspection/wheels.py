@@ -33,7 +33,7 @@ CLEAR_TURNING = 0.7
 
 
 class WheelEstimates(NamedTuple):
-    """Estimates of the wheels from the distance over ground and the gyro; None if unknown.
+    """Estimates of the wheels from ground distance and gyro; None if unknown.
 
     Attributes:
         way_ratio: distance over ground over that of the track speeds: the effective radius [m] if these
@@ -112,7 +112,7 @@ def _integral(stamps: Stamps, values: Floats) -> Floats:
 
 
 def standstills(log: Log) -> list[tuple[float, float]]:
-    """Standstills of both tracks of a second or more: (start, end) from the log's start [s]."""
+    """Standstills of a second or more: (start, end) since the log's start [s]."""
     if not len(log.tracks.stamps):
         return []
     still = standstill(log.tracks, log.tracks.stamps)
@@ -197,7 +197,7 @@ def _unit_of_gravity(force: float) -> str:
 
 
 def heading_offset(log: Log) -> float | None:
-    """Offset from a measured heading to the course over ground [deg]; None if not clear."""
+    """Offset from measured heading to course over ground [deg]; None if not clear."""
     headings = [one for one in log.others if isinstance(one, HeadingFix)]
     if log.fixes is None or len(log.fixes.stamps) < 2 or len(headings) < 2:
         return None

@@ -1,4 +1,4 @@
-"""Conversion of track sensor units (rates, speeds, angles, counts) to track speeds."""
+"""Conversion of track sensor units (rates, angles, counts, ...) to track speeds."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
 
 
 def in_both(one: list[tuple[int, int]], other: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Intersect two lists of intervals [ns]; widen the result by `WINDOW` on each side."""
+    """Intersect two lists of intervals [ns], widened by `WINDOW` on each side."""
     width = round(WINDOW / NANOSECOND)
     found = []
     for a, b in one:

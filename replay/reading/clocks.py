@@ -66,7 +66,7 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
 
 def _choice(stream: Evidence, agree: bool) -> Choice:
     if stream.asked != "auto":
-        return Choice(stream.asked, "as the robot file says", by_default=True)
+        return Choice(stream.asked, "as set in the robot file", by_default=True)
     if stream.offset is None:
         return Choice("recording", "the messages have no header", by_default=False)
     if stream.constant:

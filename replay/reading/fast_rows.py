@@ -130,7 +130,7 @@ def _imu_numbers(numbers: tuple[float, ...]) -> Row:
 
 
 class _QuickJoints:
-    """Reader of JointState messages that caches the layout of the previous message's names."""
+    """Fast reader of JointState that caches the layout of the previous names."""
 
     def __init__(self, reader: JointReader, ros1: bool) -> None:
         self._reader, self._ros1 = reader, ros1

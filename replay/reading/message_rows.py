@@ -43,7 +43,7 @@ def track_readers(
 
 
 class JointReader:
-    """Reader of JointState: means of the sides (left, right), None without such joints.
+    """Reader of JointState: means of the sides (left, right); None without joints.
 
     Attributes:
         seen: names of the joints found so far.
@@ -114,7 +114,7 @@ def _pose(pose: Any) -> Row:
 
 
 def _variances(covariance: Any) -> Row:
-    """Variances of position (the larger one) and yaw; NaN for an unset covariance (zeros)."""
+    """Variances of position (the larger one) and yaw; NaN if unset (zeros)."""
     variances = (max(covariance[0], covariance[7]), covariance[35])
     return variances if any(variances) else (NAN, NAN)
 
@@ -147,7 +147,7 @@ POSE_READERS: dict[str, RowReader] = {
 
 
 def planar_poses(rows: Floats) -> Floats:
-    """Convert rows of `POSE_READERS` to (n, 3) x, y, yaw; yaw is NaN for a zero quaternion."""
+    """Convert rows of `POSE_READERS` to (n, 3) x, y, yaw; NaN for a zero quaternion."""
     quaternions = rows[:, 2:6]
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(quaternions, axis=1, keepdims=True)

@@ -194,7 +194,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
 def wanted_columns(
     columns: ColumnMap,
 ) -> Iterator[tuple[str, TrackColumns | ImuColumns | PoseColumns, list[str]]]:
-    """Yield each stream of a column map: purpose, its map, and its columns without the time."""
+    """Yield each stream of a column map: purpose, map, and columns except the time."""
     if tracks := columns.tracks:
         yield "tracks", tracks, [*tracks.left, *tracks.right]
     if imu := columns.imu:

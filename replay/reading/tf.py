@@ -1,4 +1,4 @@
-"""Poses from tf: the chain of transforms between two frames, at its slowest link's stamps."""
+"""Poses from a chain of tf transforms, at the stamps of its slowest link."""
 
 from __future__ import annotations
 
