@@ -23,7 +23,7 @@ ROBOT = "auriga-alpha"
 DEFAULT_FOLDER = "icreckon-demo"
 BAG = "bag"
 DURATION = 300.0
-# Share of the run after which there are no more fixes.
+# End of the fixes, as a share of the run.
 FIXES_END = 1.0 / 3.0
 
 

@@ -21,7 +21,7 @@ app = typer.Typer(
 DEBUG = "--debug"
 
 Out = Annotated[
-    Path | None, typer.Option(help="Folder for the results (default: a new one, named on the way).")
+    Path | None, typer.Option(help="Folder for the results (default: a new one, printed).")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
 Overwrite = Annotated[
@@ -58,7 +58,7 @@ Definitions = Annotated[
 Formats = Annotated[
     str | None,
     typer.Option(
-        help="What to write trajectories as, separated by commas: tum, kitti, csv, parquet, mcap, "
+        help="Formats of the trajectories, separated by commas: tum, kitti, csv, parquet, mcap, "
         "ros1, or none (default: tum,mcap)."
     ),
 ]
@@ -154,7 +154,7 @@ def simulate(
         ),
     ] = None,
     truth: Annotated[
-        str | None, typer.Option(help="What moves the robot: friction (the default) or kinematic.")
+        str | None, typer.Option(help="Model of the truth: friction (the default) or kinematic.")
     ] = None,
     truth_spread: Annotated[
         float | None,
@@ -230,7 +230,7 @@ def replay(
         str | None,
         typer.Option(
             help="Part of the log in which fixes are used, as 0:40% or 0:100 (seconds); taken from the "
-            "ground truth where the log has no fixes. Default: the log's own fixes, everywhere."
+            "ground truth if the log has no fixes. Default: all fixes of the log."
         ),
     ] = None,
     form: Annotated[
@@ -244,15 +244,15 @@ def replay(
         bool,
         typer.Option(
             "--smooth",
-            help="Smooth each run, too: every pose from all measurements, those after it included; "
+            help="Smooth each run, too: every pose from all measurements, also later ones; "
             "as variants NAME-smoothed.",
         ),
     ] = False,
     engine: Annotated[
         str,
         typer.Option(
-            help="How filters run: streaming, one after the other; batch, those of the index models side "
-            "by side; or auto, batch where the log is long."
+            help="Engine: streaming, one variant after the other; batch, those of the index models at "
+            "once; or auto, batch for long logs."
         ),
     ] = "auto",
     formats: Formats = None,
@@ -263,7 +263,7 @@ def replay(
 ) -> None:
     """Run all filter variants over a log, and score them.
 
-    Where the log has a ground truth they are scored against it, otherwise compared with one another.
+    If the log has a ground truth, they are scored against it, otherwise compared with one another.
     """
     from icreckon.cli.replay import run_replay
 
@@ -325,7 +325,7 @@ def identify(
         str | None,
         typer.Option(
             help="Point that the truth follows, forward and left of the robot's origin in metres, as "
-            "0.3,0.0 (default: found as far as it can be)."
+            "0.3,0.0 (default: estimated if observable)."
         ),
     ] = None,
     models: Annotated[

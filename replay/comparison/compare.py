@@ -32,8 +32,8 @@ ALIGNMENT_VARIANT = "constant-online"
 # Standard deviation of the initial pose from a logged truth [m, m, rad].
 LOGGED_START_SIGMA = (0.02, 0.02, 0.01)
 POLL_SECONDS = 0.2
-# IMU samples from which the batch engine pays off: compiling a variant for the first time takes as long
-# as the streaming filter takes for so many.
+# IMU samples from which the batch engine pays off: the streaming filter runs through these in the time
+# of compiling a variant for the first time.
 MANY_SAMPLES = 200_000
 ENGINES = ("auto", "batch", "streaming")
 

@@ -22,7 +22,7 @@ PARAMETER_POINTS = 300
 INNOVATION_POINTS = 700
 # Least yaw rate at which indices are computed from a twist [rad/s].
 LEAST_YAW_RATE = 0.1
-# Longest interval between poses of the truth over which it is interpolated, if longer than usual [s].
+# Longest interval between poses of the truth that is bridged, or twice the usual one if longer [s].
 LONGEST_BRIDGE = 1.0
 # Decimals of positions [m], which may be far from their origin, and of values as large.
 DECIMALS = 4

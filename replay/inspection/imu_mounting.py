@@ -41,8 +41,8 @@ class Mounting:
         specific_force: (3,) mean specific force in the IMU's axes [m/s²].
         still_seconds: duration of standstill in the log [s].
         gyro_axes: "z" if the other two gyros always read zero, otherwise "xyz".
-        turning_correlation: correlation of the rate about the vertical with V_r - V_l, or None if the
-            track speeds do not show any turning.
+        turning_correlation: correlation of the rate about the vertical with V_r - V_l, or None without
+            turning in the track speeds.
         gyro_bias: (3,) mean rates at standstill in the IMU's axes [rad/s], or None.
         gyro_noise_density: noise density of the vertical rate at standstill [rad/s/√Hz], or None.
         accelerometer_noise_density: noise density of the specific force to the left over half a second,

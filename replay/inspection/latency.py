@@ -32,7 +32,7 @@ BLOCKS = 8
 LEAST_CORRELATION = 0.7
 """Smallest correlation of tracks and gyro at which a latency is estimated [-]."""
 CERTAIN, LEAST = 0.04, 0.03
-"""Largest standard error and smallest size of a reported latency, also three standard errors [s]."""
+"""Largest standard error and smallest size of a significant latency (over 3 standard errors) [s]."""
 
 
 class Latency(NamedTuple):

@@ -147,7 +147,7 @@ POSE_READERS: dict[str, RowReader] = {
 
 
 def planar_poses(rows: Floats) -> Floats:
-    """Convert rows of `POSE_READERS` to (n, 3) x, y, yaw; NaN for a zero quaternion."""
+    """Convert `POSE_READERS` rows to (n, 3) x, y, yaw; yaw NaN for a zero quaternion."""
     quaternions = rows[:, 2:6]
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(quaternions, axis=1, keepdims=True)

@@ -270,7 +270,7 @@ def _name_places(axes: Axes, names: list[str]) -> None:
 
 
 def _whiskers(mean: Any, low: Any, high: Any) -> Any:
-    """Lengths (2, n) of intervals below and above; none where there is no interval."""
+    """Lengths (2, n) of intervals below and above; zero if there is no interval."""
     return np.nan_to_num(np.maximum(np.stack([mean - low, high - mean]), 0.0))
 
 
