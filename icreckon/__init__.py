@@ -1,6 +1,6 @@
-"""icreckon: dead reckoning for tracked and skid-steer robots whose ICRs move with inertia.
+"""Dead reckoning for tracked and skid-steer robots whose ICRs move with inertia.
 
-The public names of the estimator, the simulator and the replay module, imported when first used.
+The public names of the estimator, the simulator and the replay module are imported when first used.
 """
 
 from importlib import import_module
@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from icreckon.simulation.truth.terrain import Patch as Patch
     from icreckon.simulation.truth.terrain import Payload as Payload
 
-# Modules that are handed on whole.
+# Modules that are re-exported as a whole.
 _MODULES = {
     "kinematics": "icreckon.estimator.motion.icr",
     "motion": "icreckon.estimator.motion.index_model",

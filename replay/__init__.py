@@ -1,5 +1,6 @@
-"""Logs in, estimates out: bags and tables, topic mapping, inspection, comparison, export.
+"""Replay of recorded logs: reading, mapping, inspection, comparison, export.
 
-Rooms, from the ground up: `base`, `bags`, `mapping`, `reading`, `inspection`, `comparison`,
-`calibration`, `export`. Imports `estimator`, never `simulation`.
+In: bags and tables. Out: estimates, scores and files. Rooms, from the lowest: `base`, `bags`,
+`mapping`, `reading`, `inspection`, `comparison`, `calibration`, `export`. Imports `estimator`,
+never `simulation`.
 """

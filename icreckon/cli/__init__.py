@@ -1,4 +1,4 @@
-"""The command line: options of each command, and its body, imported when it is called.
+"""Command line: options and bodies of the commands, imported when called.
 
-Below: `report`, and everything else.
+Below: `report`, and all other rooms.
 """

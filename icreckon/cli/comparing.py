@@ -1,4 +1,4 @@
-"""What `demo` and `replay` share: compare, write the report, show the table."""
+"""Common body of `demo` and `replay`: compare, write the report, show the table."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def compare_and_report(
     as_json: bool = False,
     workers: int | None = None,
 ) -> list[str]:
-    """Run the variants over a log, leave a report in a folder, and print the table or the JSON.
+    """Run the variants over a log, write a report, and print the table or the JSON.
 
-    The other arguments are those of `compare`, `summarise` and `write_report`; `folder` must be there.
+    The arguments are those of `compare`, `summarise` and `write_report`; `folder` must exist.
 
     Returns:
-        Variants without a result, in words; see `exit_if_failed`.
+        Messages on variants without a result, for `exit_if_failed`.
     """
     title = f"filtering {log.duration:.0f} s of {log.name}"
     with progress(title, log.duration) as report_progress:
@@ -64,7 +64,7 @@ def compare_and_report(
         comparison, robot, command=command, configuration=configuration, seed=seed, inputs=inputs
     )
     write_exports(folder, comparison, robot, formats)
-    # The runs of a long log take more memory than anything else.
+    # Free the runs: for a long log they take most of the memory.
     del comparison
     write_views(folder, summary)
     if as_json:
@@ -75,7 +75,7 @@ def compare_and_report(
 
 
 def exit_if_failed(failed: Sequence[str]) -> None:
-    """Print what failed, if anything, and exit with 1; once the results are in their place."""
+    """Print failures and exit with 1 if there are any, after the results are in place."""
     for line in failed:
         messages().print(line, style="red", markup=False, soft_wrap=True)
     if failed:

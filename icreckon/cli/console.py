@@ -1,4 +1,4 @@
-"""What the commands say: progress and errors on standard error, results on standard output."""
+"""Consoles of the commands: messages on stderr, results on stdout."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from rich.progress import (
 from icreckon.estimator.base.errors import IcreckonError
 
 TABLE_WIDTH = 150
-# Exit status of a command that has written its results, some of which are missing.
+# Exit status of a command that has written incomplete results.
 FAILED = 1
 
 
 def messages() -> Console:
-    """The console for people: standard error."""
+    """Console for messages: standard error."""
     return Console(stderr=True, highlight=False)
 
 
 def results() -> Console:
-    """The console for results: standard output, wide enough for the tables when it is no terminal."""
+    """Console for results: standard output, as wide as the tables if not a terminal."""
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = TABLE_WIDTH
@@ -39,12 +39,11 @@ def results() -> Console:
 
 @contextmanager
 def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[[float], None]]:
-    """A progress bar; the block is given a function that takes the share done, 0 to 1.
+    """Show a progress bar; yield a function of the share done, 0 to 1.
 
     Args:
-        title: what is being done.
-        log_seconds: length of the log that is being worked through [s]: its time and how many times
-            faster than that it goes are shown, too.
+        title: name of the task.
+        log_seconds: duration of the log [s], to show the time reached in it and the speed-up, too.
     """
     columns = (
         TextColumn("{task.description}"),
@@ -72,18 +71,18 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
 
 @contextmanager
 def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
-    """A folder to put results in, which takes its place when the block ends well.
+    """Yield a temporary folder for results; move it into place on success.
 
     Args:
-        wanted: the folder asked for; None for the first of default, default-2, ... that is free.
-        default: see above.
+        wanted: the requested folder; None for the first of default, default-2, ... that is free.
+        default: name of the folder if none is requested.
         overwrite: whether earlier results may be replaced.
 
     Yields:
         The folder, empty, under a temporary name.
 
     Raises:
-        ReplayError: something is there and may not be replaced.
+        ReplayError: the path exists and may not be replaced.
     """
     from icreckon.replay.base.outputs import written_beside
     from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
@@ -93,8 +92,8 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
         new.mkdir()
         yield new
     page, figure = folder / PAGE_FILE, folder / FIGURE_FILE
-    told = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
-    messages().print(f"results in {folder}/, {told}", markup=False)
+    hint = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
+    messages().print(f"results in {folder}/, {hint}", markup=False)
 
 
 def _first_free(default: str) -> Path:
@@ -106,12 +105,12 @@ def _first_free(default: str) -> Path:
 
 
 def worker_count(wanted: int | None) -> int:
-    """Processes to use: as asked for, or one for each core."""
+    """Number of processes: as requested, or one for each core."""
     return wanted if wanted is not None else os.cpu_count() or 1
 
 
 def explain(problem: Exception) -> int:
-    """Say in one line what went wrong; the exit status to leave with."""
+    """Print an error on one line and return the exit status."""
     console = messages()
     if isinstance(problem, IcreckonError):
         console.print(f"icreckon: {problem}", style="red", markup=False, soft_wrap=True)

@@ -23,7 +23,7 @@ ROBOT = "auriga-alpha"
 DEFAULT_FOLDER = "icreckon-demo"
 BAG = "bag"
 DURATION = 300.0
-# Share of the run after which there are no more fixes.
+# End of the fixes, as a share of the run.
 FIXES_END = 1.0 / 3.0
 
 
@@ -38,7 +38,7 @@ def run_demo(
     overwrite: bool,
     workers: int | None,
 ) -> None:
-    """See `icreckon demo --help`."""
+    """Run `icreckon demo`; arguments as in its help."""
     if trajectory not in TRAJECTORIES:
         raise SimulationError(
             f"no trajectory of a demo: {trajectory!r}{nearest_hint(trajectory, list(TRAJECTORIES))}"
@@ -65,7 +65,7 @@ def run_demo(
 
 
 def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
-    """The demo's scenario: fixes for the first third of the run, then none."""
+    """Scenario of the demo: fixes for the first third of the run, then none."""
     return Scenario(
         trajectory=trajectory,
         duration=duration,

@@ -41,7 +41,7 @@ def run_identify(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """See `icreckon identify --help`."""
+    """Run `icreckon identify`; arguments as in its help."""
     if robot_name is None:
         raise ReplayError(
             f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
@@ -94,7 +94,7 @@ def run_identify(
 
 
 def _read(path: Path, robot: Robot, definitions: Definitions) -> Log:
-    """A log, or all files of a folder that is no bag as one."""
+    """Read a log, or all files of a folder that is not a bag as one log."""
     files = [path]
     if path.is_dir() and not (path / BAG_FOLDER).exists():
         files = sorted(one for one in path.iterdir() if one.suffix in SUFFIXES)

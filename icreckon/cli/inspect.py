@@ -1,4 +1,4 @@
-"""`icreckon inspect`: what a log holds, and a robot file to start from."""
+"""`icreckon inspect`: the contents of a log, and a robot file to start from."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def run_inspect(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """See `icreckon inspect --help`."""
+    """Run `icreckon inspect`; arguments as in its help."""
     starts = (FIRST_WORDS.encode(),)
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
@@ -67,8 +67,8 @@ def _show(found: Inspection, *, with_file: bool) -> None:
     for topic in found.topics:
         table.add_row(*_cells(topic))
     console.print(table)
-    for said in found.findings:
-        console.print(Text(f"Found: {said}"))
+    for finding in found.findings:
+        console.print(Text(f"Found: {finding}"))
     for what, count in found.dropped.items():
         console.print(Text(f"Would be dropped: {count} x {what}"))
     for note in found.notes:
@@ -94,7 +94,7 @@ def _cells(topic: TopicReport) -> list[str]:
 
 
 def _number(value: float | None, digits: int) -> str:
-    # Rounded first, and no minus zero: clocks that agree to less than the last digit agree.
+    # Rounded first, without minus zero: clocks that agree to the last digit are equal.
     return "" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 

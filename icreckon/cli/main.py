@@ -1,4 +1,4 @@
-"""The command line: options and help; the work is done elsewhere, and imported when it is asked for."""
+"""Command line: options and help; bodies are imported when called."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ app = typer.Typer(
 DEBUG = "--debug"
 
 Out = Annotated[
-    Path | None, typer.Option(help="Folder for the results (default: a new one, named on the way).")
+    Path | None, typer.Option(help="Folder for the results (default: a new one, printed).")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
 Overwrite = Annotated[
@@ -58,7 +58,7 @@ Definitions = Annotated[
 Formats = Annotated[
     str | None,
     typer.Option(
-        help="What to write trajectories as, separated by commas: tum, kitti, csv, parquet, mcap, "
+        help="Formats of the trajectories, separated by commas: tum, kitti, csv, parquet, mcap, "
         "ros1, or none (default: tum,mcap)."
     ),
 ]
@@ -154,7 +154,7 @@ def simulate(
         ),
     ] = None,
     truth: Annotated[
-        str | None, typer.Option(help="What moves the robot: friction (the default) or kinematic.")
+        str | None, typer.Option(help="Model of the truth: friction (the default) or kinematic.")
     ] = None,
     truth_spread: Annotated[
         float | None,
@@ -230,7 +230,7 @@ def replay(
         str | None,
         typer.Option(
             help="Part of the log in which fixes are used, as 0:40% or 0:100 (seconds); taken from the "
-            "ground truth where the log has no fixes. Default: the log's own fixes, everywhere."
+            "ground truth if the log has no fixes. Default: all fixes of the log."
         ),
     ] = None,
     form: Annotated[
@@ -244,15 +244,15 @@ def replay(
         bool,
         typer.Option(
             "--smooth",
-            help="Smooth each run, too: every pose from all measurements, those after it included; "
+            help="Smooth each run, too: every pose from all measurements, also later ones; "
             "as variants NAME-smoothed.",
         ),
     ] = False,
     engine: Annotated[
         str,
         typer.Option(
-            help="How filters run: streaming, one after the other; batch, those of the index models side "
-            "by side; or auto, batch where the log is long."
+            help="Engine: streaming, one variant after the other; batch, those of the index models at "
+            "once; or auto, batch for long logs."
         ),
     ] = "auto",
     formats: Formats = None,
@@ -263,7 +263,7 @@ def replay(
 ) -> None:
     """Run all filter variants over a log, and score them.
 
-    Where the log has a ground truth they are scored against it, otherwise compared with one another.
+    If the log has a ground truth, they are scored against it, otherwise compared with one another.
     """
     from icreckon.cli.replay import run_replay
 
@@ -325,7 +325,7 @@ def identify(
         str | None,
         typer.Option(
             help="Point that the truth follows, forward and left of the robot's origin in metres, as "
-            "0.3,0.0 (default: found as far as it can be)."
+            "0.3,0.0 (default: estimated if observable)."
         ),
     ] = None,
     models: Annotated[
@@ -345,7 +345,7 @@ def identify(
 ) -> None:
     """Calibrate a robot from logs with a ground truth.
 
-    Says what the logs show and what they do not, and which model they support.
+    Reports which parameters the logs determine, and which model they support.
     """
     from icreckon.cli.identify import run_identify
 
@@ -370,7 +370,7 @@ def paper(
         typer.Option(
             "--identify",
             help="Search for the contact and soil that come closest to the published numbers "
-            "(minutes), instead of the best that is known.",
+            "(minutes), instead of using the best known.",
         ),
     ] = False,
     seed: Annotated[
@@ -407,8 +407,8 @@ def study(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for blocks and results (default: icreckon-study/ and the study's name). What "
-            "was begun there goes on."
+            help="Folder for blocks and results (default: icreckon-study/ and the study's name). A study "
+            "begun there is continued."
         ),
     ] = None,
     runs: Annotated[
@@ -420,7 +420,7 @@ def study(
     ] = None,
     engine: Annotated[
         str | None,
-        typer.Option(help="What works out the runs: auto, or an engine (docs/study.md)."),
+        typer.Option(help="Engine of the runs: auto, or one of docs/study.md."),
     ] = None,
     cluster: Annotated[
         str | None,
@@ -428,15 +428,15 @@ def study(
     ] = None,
     json: Json = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Throw away another study that is at --out.")
+        bool, typer.Option("--overwrite", help="Replace another study that is at --out.")
     ] = False,
     list_studies: Annotated[
         bool, typer.Option("--list", help="List the studies that ship with icreckon.")
     ] = False,
 ) -> None:
-    """Simulate many runs over a sweep of parameters, and sum them up.
+    """Simulate many runs over a sweep of parameters, and summarise them.
 
-    The same command goes on where an earlier one was interrupted.
+    The same command continues an interrupted study.
     """
     from icreckon.cli.study import run_study_command
 
@@ -454,7 +454,7 @@ def study(
 
 
 def main() -> None:
-    """Entry point: errors are one line and a non-zero exit, a traceback only with --debug."""
+    """Entry point; errors are one line and a non-zero exit, tracebacks by --debug."""
     debug = DEBUG in sys.argv
     sys.argv = [word for word in sys.argv if word != DEBUG]
     try:

@@ -39,7 +39,7 @@ LEVELS = (5.0, 10.0, 20.0)
 def run_paper(
     *, identify: bool, seed: int | None, out: Path | None, as_json: bool, overwrite: bool
 ) -> None:
-    """See `icreckon paper --help`."""
+    """Run `icreckon paper`; arguments as in its help."""
     if seed is not None and not identify:
         raise SimulationError("--seed is that of the search; give --identify, too, or leave it out")
     seed = seed or 0
@@ -92,7 +92,7 @@ def _identify(seed: int) -> tuple[PaperContact, Results]:
 
 
 def _summary(reproduced: Reproduction, seed: int | None, found: Results | None) -> Results:
-    """What `results.json` holds."""
+    """Content of `results.json`."""
     mapped, guess = reproduced.mapped, reproduced.guess
     printed = reproduced.printed_rows
     by_published = table_2_with_published_parameters(mapped, guess.reading)
@@ -190,9 +190,9 @@ def _table_2(summary: Results) -> Table:
         (f"our map, published parameters, |F| {inertia}", errors)
         for inertia, errors in of["published_parameters"].items()
     ]
-    for told, errors in rows:
+    for label, errors in rows:
         cells = [1e3 * value for model in errors.values() for value in model.values()]
-        table.add_row(told, *(f"{cell:.1f}" for cell in cells))
+        table.add_row(label, *(f"{cell:.1f}" for cell in cells))
     return table
 
 

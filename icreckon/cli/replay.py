@@ -39,7 +39,7 @@ def run_replay(
     overwrite: bool,
     workers: int | None,
 ) -> None:
-    """See `icreckon replay --help`."""
+    """Run `icreckon replay`; arguments as in its help."""
     if robot_name is None:
         raise ReplayError(
             f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "

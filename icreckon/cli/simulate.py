@@ -30,7 +30,7 @@ def run_simulate(
     overwrite: bool,
     **options: Any,
 ) -> None:
-    """See `icreckon simulate --help`; what is None was not asked for."""
+    """Run `icreckon simulate`; arguments as in its help, None if not given."""
     if bag_format not in FORMATS:
         raise SimulationError(
             f"no bag format {bag_format!r}{nearest_hint(bag_format, list(FORMATS))}"
@@ -38,7 +38,7 @@ def run_simulate(
     kind = cast("Format", bag_format)
     loaded = load_robot(robot)
     check_place(out, kind, loaded, overwrite=overwrite)
-    changes = _asked_for(options) | {"fixes": _asked_for(fixes)}
+    changes = _given(options) | {"fixes": _given(fixes)}
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
     scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
@@ -47,25 +47,25 @@ def run_simulate(
         lost = lost_options(scenario, change)
         scenario = change_scenario(scenario, change, source)
         if lost:
-            _say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
+            _print(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
     log = simulate(scenario, loaded)
     path = write_log(log, out, kind, loaded, overwrite=overwrite)
-    _say(
+    _print(
         f"{log.duration:.0f} s of {loaded.name} in {path}; next: "
         f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}"
     )
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     messages().print(text, markup=False, soft_wrap=True)
 
 
-def _asked_for(options: dict[str, Any]) -> dict[str, Any]:
+def _given(options: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
 def _setting(text: str) -> dict[str, Any]:
-    """The nested dictionary of `table.key=value`; what is no TOML value is a number or a string."""
+    """Parse `table.key=value` (value: TOML, number or string) to a nested dictionary."""
     path, equals, written = text.partition("=")
     if not equals or not path.strip():
         raise SimulationError(f"--set {text!r}: give key and value, as gyro.noise_density=0.001")

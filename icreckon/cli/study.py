@@ -1,4 +1,4 @@
-"""`icreckon study`: many simulated runs over a sweep, summed up."""
+"""`icreckon study`: many simulated runs over a sweep, summarised."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from icreckon.simulation.study.plan import Study, load_study, study_names
 from icreckon.simulation.study.results import Results
 
 FOLDER = "icreckon-study"
-# Where there is no terminal to draw a bar in, progress is a line so often [s].
+# Interval of the lines of progress if there is no terminal for a bar [s].
 LINE_EVERY = 30.0
 INTERRUPTED = 130
 
@@ -43,13 +43,13 @@ def run_study_command(
     overwrite: bool,
     list_studies: bool,
 ) -> None:
-    """See `icreckon study --help`."""
+    """Run `icreckon study`; arguments as in its help."""
     if list_studies:
         results().print(_list_of_studies())
         return
     if study is None:
         raise SimulationError(
-            f"which study? Give a TOML file, or a name: {', '.join(study_names())} (--list tells more)"
+            f"which study? Give a TOML file, or a name: {', '.join(study_names())} (see --list)"
         )
     loaded = load_study(study)
     if runs is not None:
@@ -65,7 +65,7 @@ def run_study_command(
                 workers=workers,
                 cluster=cluster,
                 overwrite=overwrite,
-                report=reporter.tell,
+                report=reporter.show,
                 remark=reporter.remark,
             )
     except KeyboardInterrupt:
@@ -73,7 +73,7 @@ def run_study_command(
     if as_json:
         typer.echo((folder / RESULTS).read_text(encoding="utf-8"), nl=False)
     else:
-        results().print(_told(found))
+        results().print(_summary(found))
     messages().print(
         f"results in {folder}/, the page to read and to send is {folder / PAGE}",
         markup=False,
@@ -89,22 +89,22 @@ def run_study_command(
 
 
 class _Reporter:
-    """The line of progress: blocks, runs a second, time left."""
+    """Progress line: blocks, runs a second, time left."""
 
     def __init__(self, name: str) -> None:
         self.done: Done | None = None
-        self._told_at = 0.0
+        self._shown_at = 0.0
         self._bar = Progress(
             TextColumn(name),
             BarColumn(),
-            TextColumn("{task.fields[told]}"),
+            TextColumn("{task.fields[text]}"),
             console=messages(),
             transient=True,
         )
-        self._task = self._bar.add_task(name, total=1.0, told="")
+        self._task = self._bar.add_task(name, total=1.0, text="")
 
     def remark(self, words: str) -> None:
-        """Say something once."""
+        """Print a remark once."""
         self._bar.console.print(words, markup=False, soft_wrap=True)
 
     def __enter__(self) -> None:
@@ -113,35 +113,35 @@ class _Reporter:
     def __exit__(self, *problem: object) -> None:
         self._bar.stop()
 
-    def tell(self, done: Done) -> None:
-        """Show how far it is."""
+    def show(self, done: Done) -> None:
+        """Show the progress."""
         if self.done is None and done.found_blocks:
-            self._say(f"going on: {done.found_blocks} of {done.all_blocks} blocks are there")
+            self._print(f"going on: {done.found_blocks} of {done.all_blocks} blocks are there")
         self.done = done
         elapsed = self._bar.tasks[0].elapsed or 0.0
-        told = f"{done.blocks} of {done.all_blocks} blocks"
+        text = f"{done.blocks} of {done.all_blocks} blocks"
         if done.runs and elapsed > 0.0:
             rate = done.runs / elapsed
-            told += f", {rate:.3g} runs/s, {duration(done.runs_left / rate)} left"
+            text += f", {rate:.3g} runs/s, {duration(done.runs_left / rate)} left"
         share = done.blocks / max(1, done.all_blocks)
-        self._bar.update(self._task, completed=share, told=told)
-        if not self._bar.console.is_terminal and elapsed - self._told_at > LINE_EVERY:
-            self._told_at = elapsed
-            self._say(told)
+        self._bar.update(self._task, completed=share, text=text)
+        if not self._bar.console.is_terminal and elapsed - self._shown_at > LINE_EVERY:
+            self._shown_at = elapsed
+            self._print(text)
 
-    def _say(self, text: str) -> None:
+    def _print(self, text: str) -> None:
         self._bar.console.print(text, markup=False, soft_wrap=True)
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it."""
+    """Format a duration in seconds, minutes or hours."""
     if seconds < 100.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def _leave(folder: Path, reporter: _Reporter) -> None:
-    """Say how to go on, and go without waiting for the blocks in progress."""
+    """Print how to continue, and exit without waiting for the blocks in progress."""
     there = "" if reporter.done is None else f" of {reporter.done.all_blocks}"
     blocks = 0 if reporter.done is None else reporter.done.blocks
     messages().print(
@@ -151,14 +151,14 @@ def _leave(folder: Path, reporter: _Reporter) -> None:
         soft_wrap=True,
     )
     if threads_at_work():
-        # They cannot be stopped otherwise; nothing of theirs is on disk.
+        # Threads cannot be stopped otherwise; they have nothing on disk.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(INTERRUPTED)
     raise typer.Exit(INTERRUPTED)
 
 
-def _told(found: Results) -> Group:
+def _summary(found: Results) -> Group:
     parts: list[Table | Text] = []
     for one in summary_tables(found):
         table = Table(title=f"{found['name']}: {one.title}", title_justify="left")

@@ -1,1 +1,1 @@
-"""Pages, figures and tables: all that is shown to people, made from results and from nothing else."""
+"""Pages, figures and tables for users, made from results only."""

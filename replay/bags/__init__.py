@@ -1,4 +1,5 @@
-"""Bag files: records in and out, message types, decoding, recovery of damaged files.
+"""Bag files: reading, decoding, recovery of damaged files, writing.
 
-The only room that imports rosbags and mcap. Below: `base`.
+In: bag files. Out: raw records and decoded messages. The only room that imports rosbags and mcap.
+Below: `base`.
 """

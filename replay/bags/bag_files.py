@@ -1,7 +1,7 @@
-"""Bag files as channels and raw messages: through their index, or recovered where that is broken.
+"""Bag reader: channels and raw messages, recovered if the index is broken.
 
-`over_bag` hides which of the two it is. Formats are told by content: ROS 1 bags, ROS 2 folders, and
-bare MCAP and SQLite files.
+`over_bag` hides the difference. The content decides the format: ROS 1 bag, ROS 2 folder, bare MCAP
+or SQLite file.
 """
 
 from __future__ import annotations
@@ -26,28 +26,33 @@ T = TypeVar("T")
 
 
 class Bag(Protocol):
-    """An open bag: its channels, how many messages each has, and what is worth telling of it."""
+    """An open bag.
+
+    Attributes:
+        counts: number of messages of each channel.
+        notes: findings for the user, such as a broken index.
+    """
 
     counts: dict[Channel, int]
     notes: list[str]
 
     def messages(self, topics: Collection[str]) -> Iterator[Record]:
-        """The messages of some topics, about in the order of recording."""
+        """Yield the messages of some topics, roughly in the order of recording."""
 
 
 def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
-    """Run some work over a bag; over what can be recovered of it where its index is broken.
+    """Run a function over a bag, or over its recoverable part if the index is broken.
 
     Args:
         path: a ROS 1 bag, a ROS 2 folder, or a bare `.mcap` or `.db3` file.
-        work: gets the bag; it may be called again from the start, with a bag that was opened in
-            another way.
+        work: function of the bag; it may be called again from the start, with the bag opened by
+            another method.
 
     Returns:
-        What `work` returned.
+        The result of `work`.
 
     Raises:
-        ReplayError: no such file, no bag, or nothing of it can be read.
+        ReplayError: no such file, no bag, or nothing of it is readable.
     """
     reason = ""
     for files in _ways(path):
@@ -62,11 +67,11 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
 
 
 class _UnreadableError(Exception):
-    """rosbags cannot read this; the text says why."""
+    """rosbags cannot read the bag; the text is the reason."""
 
 
 class _IndexedBag:
-    """A bag that rosbags can read."""
+    """Bag with an intact index, read by rosbags."""
 
     def __init__(self, files: list[Path]) -> None:
         self.files = files
@@ -120,7 +125,7 @@ class _IndexedBag:
 
 
 class _RecoveredBag:
-    """What can be read of a bag whose index is missing or broken."""
+    """Readable part of a bag whose index is missing or broken."""
 
     def __init__(self, path: Path, reason: str) -> None:
         files = [path] if path.is_file() else _storage_files(path)
@@ -167,7 +172,7 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
 
 
 def _ways(path: Path) -> list[list[Path]]:
-    """Lists of files to open together, each list another way of reading the bag."""
+    """Methods of opening the bag, each a list of files to open together."""
     if not path.exists():
         raise ReplayError(f"{path}: no such file or folder")
     try:
@@ -237,7 +242,7 @@ def _unread_sqlite_journals(files: list[Path]) -> list[str]:
 
 
 def _reason(problem: Exception) -> str:
-    """What rosbags had to say, on one line; its type where it said nothing to a user."""
+    """One-line message of an error of rosbags, or its type if the message is unclear."""
     text = " ".join(str(problem).split()).rstrip(".")
     if isinstance(problem, (rosbag1.ReaderError, rosbag2.ReaderError)) and text:
         return text

@@ -1,9 +1,9 @@
-"""Serialising many messages that differ in numbers only, without making each of them.
+"""Bulk serialisation of messages that differ in numbers only.
 
-One message is made and serialised as a pattern. Where in it each number lies follows from the definition
-of its type, by the rules of ROS 1 (nothing aligned) or of CDR (each primitive aligned to its size, behind
-four bytes that tell the encoding), and there the numbers of all others are put. That takes a thirtieth of
-the time of making and serialising each (nav_msgs/Odometry: 0.7 instead of 22 µs).
+One message is made and serialised as a pattern. The definition of its type gives the offset of each
+number, by the rules of ROS 1 (no alignment) or of CDR (each primitive aligned to its size, after a
+header of four bytes for the encoding). The numbers of all other messages are written at these offsets.
+This takes a thirtieth of the time of serialising each (nav_msgs/Odometry: 0.7 instead of 22 µs).
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.messages import Messages
 
 AT_A_TIME = 256
-"""So many messages of a topic are in memory."""
+"""Messages of a topic that are in memory at once."""
 
 CDR_HEADER = 4
 LENGTH = 4
-"""Bytes of the number of elements of a string or a sequence."""
+"""Bytes of the length field of a string or a sequence."""
 
 NAMES = {"byte": "uint8", "octet": "uint8", "char": "uint8", "bool": "uint8"}
 
@@ -32,7 +32,7 @@ Numbers = NDArray[Any] | Callable[[slice], NDArray[Any]]
 
 
 class Place(NamedTuple):
-    """Where a number lies: its offset, its type for numpy, and how many there are, if it is an array."""
+    """Offset and numpy type of a number in a message, and its length if an array."""
 
     offset: int
     dtype: np.dtype[Any]
@@ -48,8 +48,8 @@ class Packing:
         pattern: one of them.
         stamps: (n,) of all of them [ns].
         numbers: path of a field, as "pose.pose.position.x" or "transforms.0.header.stamp" for a stamp ->
-            what it holds in each message, (n,) or for an array (n, count), or what gives that for a part
-            of the messages.
+            its values, (n,) or for an array (n, count), or a function that returns them for a slice of
+            the messages.
     """
 
     msgtype: str
@@ -58,7 +58,7 @@ class Packing:
     numbers: Mapping[str, Numbers]
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
-        """The messages, one after the other."""
+        """Yield the serialised messages in order."""
         data = bytes(messages.serialize(self.pattern, self.msgtype))
         places = _places(messages, self.msgtype, self.pattern)
         size, columns = len(data), list(self._columns(slice(0, 0)))
@@ -82,7 +82,7 @@ class Packing:
                 yield whole[start : start + size]
 
     def _columns(self, part: slice) -> dict[str, NDArray[Any]]:
-        """The numbers of a part of the messages by the paths of primitive fields."""
+        """Numbers of a slice of the messages, by the paths of primitive fields."""
         columns = {}
         for name, given in self.numbers.items():
             values = given(part) if callable(given) else given[part]
@@ -99,14 +99,14 @@ def _format(place: Place) -> Any:
 
 
 def _places(messages: Messages, msgtype: str, message: Any) -> dict[str, Place]:
-    """Where the numbers of a message lie, by their paths."""
+    """Offsets of the numbers of a message, by their paths."""
     walk = _Walk(messages, CDR_HEADER if not messages.ros1 else 0)
     walk.message(msgtype, message, "")
     return walk.places
 
 
 class _Walk:
-    """Goes through a message as it is serialised."""
+    """Traversal of a message in the order of serialisation."""
 
     def __init__(self, messages: Messages, start: int) -> None:
         self.places: dict[str, Place] = {}

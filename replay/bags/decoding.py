@@ -1,4 +1,4 @@
-"""From a message's bytes to its fields, with the type definitions that the bag holds."""
+"""Message decoding: from bytes to fields, by the type definitions of the bag."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from icreckon.replay.base.errors import ReplayError
 
 NANOSECONDS = 1_000_000_000
 Definitions = tuple[tuple[str, str], ...]
-"""Message types that bags may lack: name, as `our_msgs/msg/Rate`, and definition."""
+"""Definitions of message types that a bag may lack: (name, as `our_msgs/msg/Rate`, definition)."""
 IDL_RULE = "=" * 80 + "\n"
 
 
 def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Callable[[bytes], Any]:
-    """A function that turns the bytes of a channel's messages into objects with their fields.
+    """Build a decoder of a channel, from bytes to a message object with fields.
 
-    The function raises whatever rosbags raises on bytes that are no such message.
+    The decoder raises the errors of rosbags if the bytes are not such a message.
 
     Args:
         channel: the channel.
-        source: name of the bag, for messages.
-        definitions: used where the bag has none of this type.
+        source: name of the bag, for error messages.
+        definitions: used if the bag does not define the type.
 
     Raises:
         ReplayError: an encoding or a type definition that cannot be read.
@@ -53,7 +53,7 @@ def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Cal
 
 
 def _undefined(store: Typestore, msgtype: str) -> str | None:
-    """The first type that a message type needs and that is not defined, or None."""
+    """First undefined type that a message type depends on, or None."""
     if msgtype not in store.fielddefs:
         return msgtype
     fields: Any = store.fielddefs[msgtype][1]
@@ -66,26 +66,26 @@ def _undefined(store: Typestore, msgtype: str) -> str | None:
 
 
 def message_types(channel: Channel) -> Mapping[str, Any]:
-    """The constants and fields of a channel's type and of those in it, as the bag defines them."""
+    """Constants and fields of a channel's type and its nested types, as in the bag."""
     return _typestore(channel.msgtype, channel.definition).fielddefs
 
 
 def standard_types(*, ros1: bool) -> Mapping[str, Any]:
-    """Return the standard message types, as those of `message_types`."""
+    """Return the standard message types in the format of `message_types`."""
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE).fielddefs
 
 
 class Header(NamedTuple):
-    """A message's header: stamp [ns] and frame."""
+    """Message header: stamp [ns] and frame."""
 
     stamp: int
     frame_id: str
 
 
 def header_reader(channel: Channel) -> Callable[[bytes], Header] | None:
-    """A function that reads only the header of a channel's messages, or None where there is none.
+    """Build a reader of only the headers of a channel; None if there are none.
 
-    The function raises struct.error or UnicodeDecodeError on bytes that are no such message.
+    The reader raises struct.error or UnicodeDecodeError if the bytes are not such a message.
     """
     try:
         store = _typestore(channel.msgtype, channel.definition)
@@ -138,10 +138,10 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
     """Message definitions from `.msg` files.
 
     Args:
-        files: each in a folder of its package, as `our_msgs/msg/Rate.msg` or `our_msgs/Rate.msg`.
+        files: each in the folder of its package, as `our_msgs/msg/Rate.msg` or `our_msgs/Rate.msg`.
 
     Raises:
-        ReplayError: no such file, or no definition.
+        ReplayError: no such file, or not a definition.
     """
     found = []
     for file in files:

@@ -1,4 +1,4 @@
-"""Names of the message types that are read and written."""
+"""Names of the supported message types."""
 
 from __future__ import annotations
 

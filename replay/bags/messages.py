@@ -1,4 +1,4 @@
-"""Making ROS messages: the same calls for ROS 1 and ROS 2."""
+"""Message factory with one interface for ROS 1 and ROS 2."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import TF
 
 UNUSED_VARIANCE = 1e6
-"""For what an estimate says nothing about: finite, so that other programs can invert the matrix."""
+"""Variance of axes that are not estimated: finite, so that other programs can invert the matrix."""
 
 ODOM, BASE_LINK, IMU_LINK = "odom", "base_link", "imu_link"
 PLANAR = (0, 1, 5)
 """x, y and yaw among the rows and columns of a 6x6 covariance."""
 
 TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
-"""Of tf2_msgs/TFMessage, which the ROS 1 definitions of rosbags lack."""
+"""Definition of tf2_msgs/TFMessage, which is not among the ROS 1 types of rosbags."""
 
 
 def planar_covariance(covariance: Floats) -> Floats:
-    """(36,) row-major 6x6 covariance of a (3, 3) one of x, y, yaw."""
+    """Expand a (3, 3) covariance of x, y, yaw to a row-major 6x6 one (36,)."""
     full = np.diag(np.full(6, UNUSED_VARIANCE))
     full[np.ix_(PLANAR, PLANAR)] = covariance
     return full.ravel()
 
 
 class Messages:
-    """Makes messages of a ROS version, and serialises them.
+    """Factory and serialiser of the messages of a ROS version.
 
     Args:
-        ros1: whether of ROS 1; otherwise of ROS 2.
+        ros1: True for ROS 1, False for ROS 2.
     """
 
     def __init__(self, *, ros1: bool) -> None:
@@ -45,7 +45,7 @@ class Messages:
         self._sequence = {"seq": 0} if ros1 else {}
 
     def new(self, msgtype: str, **fields: Any) -> Any:
-        """A message of all its fields."""
+        """Make a message from all its fields."""
         return self.store.types[msgtype](**fields)
 
     def header(self, stamp: int, frame_id: str) -> Any:
@@ -95,7 +95,7 @@ class Messages:
         )
 
     def blank(self, msgtype: str, **fields: Any) -> Any:
-        """A message of which the fields that are not given are zero or empty."""
+        """Make a message from some fields; the others are zero or empty."""
         for name, (kind, spec) in self.store.fielddefs[msgtype][1]:
             if name not in fields:
                 fields[name] = self._nothing(kind.name, spec)

@@ -1,4 +1,4 @@
-"""Raw messages of a bag, and what channels (topics with a type) carry them."""
+"""Raw messages of a bag and their channels (topics with a type)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class Channel(NamedTuple):
     Attributes:
         topic: name.
         msgtype: message type, as ROS 2 writes it: `sensor_msgs/msg/Imu`.
-        definition: the type's definition as the bag holds it, perhaps none.
-        encoding: "cdr" (ROS 2), "ros1", or another that is not known here.
+        definition: the type's definition in the bag, perhaps none.
+        encoding: "cdr" (ROS 2), "ros1", or an unsupported one.
     """
 
     topic: str
@@ -24,7 +24,7 @@ class Channel(NamedTuple):
 
 
 class Record(NamedTuple):
-    """A message as it lies in a bag: its channel, the time of recording [ns] and its bytes."""
+    """A raw message of a bag: channel, time of recording [ns] and bytes."""
 
     channel: Channel
     time: int
@@ -32,10 +32,10 @@ class Record(NamedTuple):
 
 
 LATEST = 2**63
-"""Times of recording from here on are damage: they do not fit the int64 nanoseconds used inside."""
+"""Times of recording from here on are damage: they overflow int64 nanoseconds."""
 
 
 def ros2_type_name(name: str) -> str:
-    """`sensor_msgs/Imu` as ROS 2 writes it, `sensor_msgs/msg/Imu`; other names as they are."""
+    """Convert `sensor_msgs/Imu` to `sensor_msgs/msg/Imu`; other names are unchanged."""
     parts = name.split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name

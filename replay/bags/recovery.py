@@ -1,8 +1,8 @@
-"""Recovery: the messages of a ROS 1 bag or MCAP file record by record, without its index.
+"""Recovery of ROS 1 bags and MCAP files: sequential reading without the index.
 
-A recorder that was killed leaves a file without an index, often cut in the middle of a chunk. Both
-formats are sequences of records that say their own length, so all that stands before the break can
-be read. Formats: ROS bag 2.0 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec).
+A killed recorder leaves a file without an index, often cut in the middle of a chunk. Both formats are
+sequences of records with a length field, so everything before the break is readable. Formats: ROS bag
+2.0 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec).
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ STREAM_DECOMPRESSORS: dict[str, Callable[[], Any]] = {
 
 
 class BreakError(Exception):
-    """The records end here, before the file says that it is complete."""
+    """The records end before the end that the format prescribes."""
 
 
 class RecordWalk:
-    """A walk over the records of one file.
+    """Sequential reader of the records of one file.
 
     Attributes:
         path: the file, a ROS 1 bag or an MCAP file by its first bytes.
-        channels: the channels that were met so far.
+        channels: the channels found so far.
         position: byte up to which whole records (or a chunk's whole messages) were read.
-        complete: whether the last walk came to the end that the format prescribes.
+        complete: whether the last walk reached the end that the format prescribes.
     """
 
     def __init__(self, path: Path) -> None:
@@ -65,7 +65,7 @@ class RecordWalk:
         self.complete = False
 
     def records(self) -> Iterator[Record]:
-        """The messages in the order of the file, up to the break.
+        """Yield the messages in the order of the file, up to the break.
 
         Raises:
             OSError: the file cannot be read.
@@ -132,7 +132,7 @@ class RecordWalk:
             self.channels[channel_id] = Channel(
                 topic, ros2_type_name(schema.name), definition, encoding
             )
-        elif operation == 0:  # no such record; a file system that lost the tail leaves zeros
+        elif operation == 0:  # not a record: a file system that lost the tail leaves zeros
             raise BreakError
 
     def _ros1(self, file: BinaryIO) -> Iterator[Record]:
@@ -197,17 +197,17 @@ class _Schema(NamedTuple):
 
 
 def inflate(data: bytes, compression: str) -> bytes:
-    """What can be decompressed of the beginning of a chunk.
+    """Decompress the readable beginning of a chunk.
 
     Args:
-        data: the compressed bytes, cut anywhere.
+        data: the compressed bytes, possibly cut short.
         compression: "" or "none", "zstd", "lz4" or "bz2".
 
     Returns:
         The decompressed bytes up to the break.
 
     Raises:
-        BreakError: an unknown compression.
+        BreakError: the compression is unknown.
     """
     if compression in ("", "none"):
         return data
@@ -224,7 +224,7 @@ def inflate(data: bytes, compression: str) -> bytes:
 
 
 def _mcap_chunk(content: bytes, length: int) -> tuple[bytes, bool]:
-    """The decompressed records of a chunk, and whether they are all there."""
+    """Decompress the records of a chunk; also return whether they are complete."""
     _, _, size, checksum = struct.unpack_from("<QQQI", content)
     compression, position = _text(content, 28)
     (compressed,) = struct.unpack_from("<Q", content, position)

@@ -1,4 +1,4 @@
-"""Bags as files: messages of several topics, in the order of their stamps, into any of the formats."""
+"""Bag writer: messages of several topics in the order of their stamps."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 
 MAGICS = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V2.0\n")
-"""First bytes of the files that may be replaced by a bag."""
+"""First bytes of the files that a bag may replace."""
 
 LARGEST_STAMP = 2**31 * NANOSECONDS
-"""Both ROS 1 and ROS 2 keep the seconds of a stamp in 32 bits."""
+"""Both ROS 1 and ROS 2 store the seconds of a stamp in 32 bits."""
 
 
 class Outbox(NamedTuple):
@@ -38,8 +38,8 @@ class Outbox(NamedTuple):
         topic: the topic.
         msgtype: their type.
         stamps: (n,) their stamps [ns].
-        make: what makes the i-th of them, otherwise.
-        packing: what makes them all at once, where they differ in numbers only.
+        make: function that makes the i-th message, if there is no `packing`.
+        packing: function that makes all at once, if they differ in numbers only.
     """
 
     topic: str
@@ -49,7 +49,7 @@ class Outbox(NamedTuple):
     packing: Callable[[Messages], Packing] | None = None
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
-        """The messages, one after the other."""
+        """Yield the serialised messages in order."""
         if self.packing is not None:
             yield from self.packing(messages).serialised(messages)
         elif self.make is not None:
@@ -61,18 +61,17 @@ def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bo
     """Write a bag.
 
     Args:
-        path: where to; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
-            bag gets the suffix `.bag` where it is missing.
+        path: target; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
+            bag gets the suffix `.bag` if it is missing.
         kind: "mcap" or "sqlite3" (ROS 2), or "ros1".
-        outboxes: what to write.
-        overwrite: whether a bag that is there may be replaced.
+        outboxes: messages of each topic.
+        overwrite: whether an existing bag may be replaced.
 
     Returns:
-        The path that was written.
+        The path of the bag.
 
     Raises:
-        ReplayError: stamps that ROS cannot hold, something is there already, or the file system
-            refuses.
+        ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
     for outbox in outboxes:
         _check_stamps(outbox)
@@ -93,14 +92,14 @@ def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bo
 
 
 def bag_path(path: Path, kind: Format) -> Path:
-    """The path that a bag is written to, see `write_bag`."""
+    """Path of the bag that `write_bag` writes."""
     if kind != "ros1" or path.suffix == ".bag":
         return path
     return path.with_name(f"{path.name}.bag")
 
 
 def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
-    """Write the messages of all outboxes, of which several may share a topic, in the order of stamps."""
+    """Write the messages in the order of stamps; several outboxes may share a topic."""
     connections: dict[str, Any] = {}
 
     def packed(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
@@ -117,14 +116,14 @@ def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
 
 @contextmanager
 def _ros1_writer(path: Path) -> Iterator[tuple[Any, Messages]]:
-    # Not compressed: ROS 1 itself cannot read the lz4 of rosbags ("malformed data"), and bz2 is slow.
+    # Uncompressed: ROS 1 itself cannot read the lz4 of rosbags ("malformed data"), and bz2 is slow.
     with rosbag1.Writer(path) as writer:
         yield writer, Messages(ros1=True)
 
 
 @contextmanager
 def _ros2_writer(path: Path, plugin: StoragePlugin, bare: bool) -> Iterator[tuple[Any, Messages]]:
-    """A ROS 2 bag: a folder, or only the storage file out of it."""
+    """Open a ROS 2 bag: a folder, or only its storage file."""
     folder = path.with_suffix("") if bare else path
     writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
     if plugin is StoragePlugin.MCAP:

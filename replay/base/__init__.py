@@ -1,4 +1,4 @@
-"""Ground floor: errors, output files, units of columns, colours, and lag search.
+"""Lowest room of replay: errors, output files, units, colours, lag search.
 
 Below: `estimator`.
 """

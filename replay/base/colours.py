@@ -1,11 +1,10 @@
-"""The colour of each variant, the same in figures, on pages and in Foxglove."""
+"""Colours of the variants, shared by figures, pages and Foxglove."""
 
 from __future__ import annotations
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
 
-# Okabe and Ito's colours, which people with any colour vision can tell apart, and for the last a dark
-# shade of the one before.
+# Okabe-Ito palette, distinguishable with any colour vision; the last is a dark shade of the one before.
 COLOURS = {
     "differential": "#999999",
     "constant-fixed": "#E69F00",

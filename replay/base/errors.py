@@ -1,7 +1,7 @@
-"""The error of the replay package."""
+"""Error type of the replay package."""
 
 from icreckon.estimator.base.errors import IcreckonError
 
 
 class ReplayError(IcreckonError):
-    """A log that cannot be read, mapped or replayed as asked."""
+    """A log cannot be read, mapped or replayed as requested."""

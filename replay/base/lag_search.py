@@ -1,4 +1,4 @@
-"""Lag search: the lowest place of a cost that is known on an even grid."""
+"""Lag search: sub-step minimum of a cost sampled on an even grid."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ from icreckon.estimator.base.array_types import Floats
 
 
 def beside_lowest(costs: Floats, lowest: int) -> float:
-    """How far beside the lowest of even costs (n,) the parabola there is lowest, in steps [-]."""
+    """Offset of the parabola's minimum from the lowest cost, in grid steps [-].
+
+    Args:
+        costs: (n,) on an even grid.
+        lowest: index of the lowest cost, not at either end.
+    """
     before, at, after = costs[lowest - 1 : lowest + 2]
     bend = before - 2.0 * at + after
     return float(0.5 * (before - after) / bend) if bend > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""Outputs are written beside their place and moved into it, and never overwrite unasked."""
+"""Atomic outputs: write beside the target, then move; overwrite only on request."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ def written_beside(
     marker: str = "metadata.yaml",
     starts: tuple[bytes, ...] | None = None,
 ) -> Iterator[Path]:
-    """A temporary path to write a file or a folder to, moved to `path` when the block ends well.
+    """Yield a temporary path and move it to `path` if the block succeeds.
 
-    The temporary path has the same name, in a temporary folder beside `path` that is removed in
-    any case; when the block raises, `path` is as it was before. Missing parent folders are made.
+    The temporary path has the same name, in a temporary folder beside `path` that is always
+    removed. If the block raises, `path` is left unchanged. Missing parent folders are made.
 
     Args:
-        path: where the output shall be.
-        overwrite: whether what is there may be replaced.
-        marker: a file that a folder must hold (or be empty) for it to be replaced, so that a
-            mistyped path cannot wipe out anything else.
-        starts: first bytes, of which a file must have one (or be empty) for it to be replaced; None
+        path: target, a file or a folder.
+        overwrite: whether an existing output may be replaced.
+        marker: file that a folder must hold (or be empty) to be replaced, so that a mistyped path
+            cannot delete anything else.
+        starts: accepted first bytes of a file that is replaced (an empty file may be, too); None
             for any file.
 
     Yields:
@@ -75,7 +75,7 @@ def check_replaceable(
     marker: str = "metadata.yaml",
     starts: tuple[bytes, ...] | None = None,
 ) -> None:
-    """Refuse to replace what must stay; arguments and errors as for `written_beside`."""
+    """Refuse to replace a foreign output; arguments and errors as `written_beside`."""
     if not path.exists():
         return
     if not overwrite:

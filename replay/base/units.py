@@ -1,8 +1,8 @@
-"""Units of the quantities that a filter learns: as they end column names, and as people read them."""
+"""Units of the estimated states: suffixes of column names and labels of axes."""
 
 from __future__ import annotations
 
-# Name of the state -> (end of a column name, unit on an axis); docs/model.md says what they are.
+# Name of the state -> (suffix of its column, unit on an axis); docs/model.md defines the states.
 UNITS: dict[str, tuple[str, str]] = {
     "zeta0": ("m", "m"),
     "zeta1": ("m_per_N", "m/N"),
@@ -24,10 +24,10 @@ PURE_NUMBER = ("", "-")
 
 
 def column(name: str, *more: str) -> str:
-    """Column of a state: its name, what more it is, its unit, as "zeta0_sigma_m"."""
+    """Column of a state: name, qualifiers and unit, as "zeta0_sigma_m"."""
     return "_".join(part for part in (name, *more, UNITS.get(name, PURE_NUMBER)[0]) if part)
 
 
 def unit(name: str) -> str:
-    """Unit of a state as people read it, "-" for a pure number."""
+    """Unit of a state on an axis, "-" if dimensionless."""
     return UNITS.get(name, PURE_NUMBER)[1]

@@ -1,4 +1,4 @@
-"""Results of a calibration, and the robot file with what was found.
+"""Calibration outputs: results as plain data, and the identified robot file.
 
 Below: `comparison`, `estimator.calibration`.
 """

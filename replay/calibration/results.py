@@ -1,4 +1,4 @@
-"""Results of an identification as plain data: what `results.json` holds, and all else comes from."""
+"""Results of an identification as plain data: the content of `results.json`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def summarise_identification(
     configuration: dict[str, Any],
     inputs: dict[str, Path],
 ) -> Results:
-    """Everything that tables and figure are made from.
+    """Summarise an identification for tables and figure.
 
     Args:
-        found: what was found.
-        logs: from which.
+        found: the identification.
+        logs: its logs.
         configuration: options of the command.
-        inputs: files, by the name to show.
+        inputs: input files, by their displayed names.
     """
     return {
         "format": FORMAT,

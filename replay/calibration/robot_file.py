@@ -1,4 +1,4 @@
-"""The robot file of an identification: complete, with standard errors as comments."""
+"""Robot file of an identification: complete, with standard errors as comments."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from icreckon.estimator.calibration.result import FoundParameter
 from icreckon.estimator.robot.robot_file import Robot
 
 FIRST_WORDS = "# Identified by icreckon"
-# Significant digits of a number that was worked out.
+# Significant digits of a computed number.
 DIGITS = 7
-# A comment stands behind the shortest lines it can.
+# Column at which the comments of short lines are aligned.
 COMMENT_AT = 40
 SIGMAS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
-    "gyro_bias_sigma": "of the biases found; what the file said before counts as one log more",
+    "gyro_bias_sigma": "of the biases found; the previous value counts as one more log",
     "scale_sigma": "standard error, and how much logs and models differ",
 }
 
 
 def robot_file_text(found: Identification, sources: Sequence[str], robot_name: str) -> str:
-    """The text of a robot file that `load_robot` takes.
+    """Format the text of a robot file, as input of `load_robot`.
 
     Args:
-        found: what was found.
+        found: the identification.
         sources: names of the logs.
-        robot_name: what the identification started from, a name or a file.
+        robot_name: robot with which the identification started, a name or a file.
     """
     robot = found.robot
-    said = [
+    header = [
         f"from {', '.join(sources)}, starting from {robot_name}.",
         found.verdict,
-        "Behind a number stands its standard error; «held» is what the logs do not show, as it was.",
+        "Comments are standard errors; «held» parameters are not observable in the logs and unchanged.",
         *found.notes,
         *_of_logs(found),
     ]
-    # Names of logs can hold anything; a comment ends with its line.
-    first, *more = (" ".join(line.split()) for line in said)
+    # Names of logs may contain line breaks, which would end the comment.
+    first, *more = (" ".join(line.split()) for line in header)
     lines = [
         f"{FIRST_WORDS} {first}",
         *(f"# {line}" for line in more),
@@ -66,29 +66,29 @@ def robot_file_text(found: Identification, sources: Sequence[str], robot_name: s
 
 
 def _of_logs(found: Identification) -> list[str]:
-    said = []
+    lines = []
     for log in found.logs:
         (bias, bias_sigma), (lag, lag_sigma) = log.gyro_bias, log.lag
-        said.append(
+        lines.append(
             f"{log.name}: {log.distance:.0f} m, gyro bias {bias:.5f} ± {bias_sigma:.5f} rad/s, truth "
             f"{lag:.3f} ± {lag_sigma:.3f} s late"
         )
-    return said
+    return lines
 
 
 def _comment(one: FoundParameter) -> str:
-    said = "held" if one.sigma is None else f"± {one.sigma:.2g}"
+    text = "held" if one.sigma is None else f"± {one.sigma:.2g}"
     if one.status == "conditional":
-        said += ", given what is held"
+        text += ", given what is held"
     if one.before is not None and one.sigma is not None:
-        said += f"; was {one.before:.5g}"
-    return f"{said}; {one.note}" if one.note else said
+        text += f"; was {one.before:.5g}"
+    return f"{text}; {one.note}" if one.note else text
 
 
 def _under(table: str, comments: Mapping[str, str]) -> dict[str, str]:
     start = f"{table}."
     return {
-        name.removeprefix(start): said for name, said in comments.items() if name.startswith(start)
+        name.removeprefix(start): text for name, text in comments.items() if name.startswith(start)
     }
 
 
@@ -127,7 +127,7 @@ def _table(name: str, values: msgspec.Struct, comments: Mapping[str, str]) -> li
 
 
 def _tree(name: str, table: Any) -> list[str]:
-    """A table of the mapping, tables within it last."""
+    """Format a table of the mapping, nested tables last."""
     plain = {key: value for key, value in table.items() if not isinstance(value, dict)}
     lines = ["", f"[{name}]", *(_line(_key(key), value, "") for key, value in plain.items())]
     for key, value in table.items():

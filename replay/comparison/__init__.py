@@ -1,5 +1,4 @@
-"""Filter variants over one log: runs, alignment of the truth, scores, intervals.
+"""Comparison of filter variants over one log: runs, scores, intervals.
 
-In: a `Log`. Out: a `Comparison`, and the results that tables and pages are made of. Below: `base`,
-`estimator`.
+In: a `Log`. Out: a `Comparison`, and the results for tables and pages. Below: `base`, `estimator`.
 """

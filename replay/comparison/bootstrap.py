@@ -1,11 +1,12 @@
-"""How sure drift figures of one log are: 95 % intervals by a block bootstrap over its time.
+"""Block bootstrap: 95 % intervals of the drift figures of one log.
 
-Segments that start a second apart overlap, and what makes a filter drift stays for a while; so whole
-stretches of the log are drawn anew, not segments (Künsch, The jackknife and the bootstrap for general
+Segments that start a second apart overlap, and causes of drift are correlated over time. Blocks of the
+log are therefore resampled instead of segments (Künsch, The jackknife and the bootstrap for general
 stationary observations, Annals of Statistics 17, 1989; circular, after Politis and Romano). Blocks are
-two segments long, less where the log has not five of these, but never shorter than one. The percentiles
-are widened for few blocks as Student's t is (Hesterberg, What teachers should know about the bootstrap,
-The American Statistician 69, 2015, "expanded percentile"). With fewer than three blocks nothing is said.
+two segments long, shorter if the log has fewer than five of these, but at least one segment. For few
+blocks, the percentiles are widened like Student's t (Hesterberg, What teachers should know about the
+bootstrap, The American Statistician 69, 2015, "expanded percentile"). Fewer than three blocks give no
+interval.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ REPLICATES = 2000
 SEED = 1
 LEAST_BLOCKS = 3
 WANTED_BLOCKS = 5
-# Blocks in lengths of a segment.
+# Length of a block in segments.
 BLOCK_SEGMENTS = 2.0
 TAIL = 0.025
 
@@ -34,7 +35,7 @@ Interval = tuple[float, float]
 
 
 class Estimate(NamedTuple):
-    """A figure with its 95 % interval; None where the log is too short to give one."""
+    """A figure with its 95 % interval; None if the log is too short for one."""
 
     value: float
     interval: Interval | None
@@ -45,7 +46,7 @@ class PairedDrift:
     """Drift of several variants over the same segments of one horizon.
 
     Attributes:
-        names: (v,) of the variants.
+        names: (v,) names of the variants.
         errors: (v, n) position errors [m].
         distances: (n,) length of the true path [m].
         block: (segments) length of a block.
@@ -58,7 +59,7 @@ class PairedDrift:
 
     @property
     def blocks(self) -> float:
-        """How many blocks the segments make."""
+        """Number of blocks in the segments."""
         return len(self.distances) / self.block
 
     def percent(self, name: str) -> Estimate:
@@ -87,13 +88,13 @@ class PairedDrift:
         return Estimate(value, (min(low, value), max(high, value)))
 
     def _sums(self, values: Floats, starts: NDArray[np.int64]) -> Floats:
-        """(replicates,) sums over the blocks that start there; behind the end comes the start."""
+        """Sums (replicates,) over the blocks with these starts, circular at the end."""
         summed = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values]))])
         return np.asarray((summed[starts + self.block] - summed[starts]).sum(axis=1))
 
 
 def expanded_tail(blocks: float) -> float:
-    """Share that is left out at each end of the replicates, for so many independent blocks."""
+    """Expanded tail probability at each end, for a number of independent blocks."""
     from scipy.special import ndtr, stdtrit  # type: ignore[import-untyped]
 
     quantile = math.sqrt(blocks / (blocks - 1.0)) * stdtrit(blocks - 1.0, 1.0 - TAIL)
@@ -101,10 +102,10 @@ def expanded_tail(blocks: float) -> float:
 
 
 def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
-    """Drifts of one horizon, brought to the segments that all variants have and in which it moved.
+    """Pair the drifts of one horizon on the common segments in which the robot moved.
 
     Args:
-        drifts: by name of the variant, against the same truth.
+        drifts: drift by name of the variant, against the same truth.
     """
     common = None
     for one in drifts.values():

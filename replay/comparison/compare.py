@@ -1,4 +1,4 @@
-"""Running several filter variants over one log, side by side."""
+"""Comparison of several filter variants over one log."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from icreckon.replay.comparison.initial_pose import Start, start_from_fixes
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
-# Which variant the lag and the lever arm of a truth are found against.
+# Variant against which the lag and the lever arm of a truth are estimated.
 ALIGNMENT_VARIANT = "constant-online"
-# How well a logged truth gives the pose at the start [m, m, rad].
+# Standard deviation of the initial pose from a logged truth [m, m, rad].
 LOGGED_START_SIGMA = (0.02, 0.02, 0.01)
 POLL_SECONDS = 0.2
-# From so many IMU samples on, variants of the index models run side by side: each is compiled the first
-# time ever that it does, which takes as long as the streaming filter takes for so many.
+# IMU samples from which the batch engine pays off: the streaming filter runs through these in the time
+# of compiling a variant for the first time.
 MANY_SAMPLES = 200_000
 ENGINES = ("auto", "batch", "streaming")
 
 Progress = Callable[[float], None]
-# Run of a variant, with the smoothed one if asked for; in place of a run, why there is none.
+# Run of a variant, with the smoothed one if requested; instead of a run, the failure.
 Outcome = tuple[Run | LostFilter, ...]
 
 
@@ -47,11 +47,11 @@ class Comparison:
     """Runs of several variants over one log.
 
     Attributes:
-        log: what was run, with the fixes that were used and the truth as it was scored.
-        runs: by name of the variant, in the order asked for; then the smoothed ones, if asked for, as
-            "inertia-online-smoothed".
-        alignment: what was taken out of a logged truth; None for a simulated one, or none.
-        failed: by name of the variant, why it has no run; never all of them.
+        log: the log, with the fixes that were used and the truth that was scored against.
+        runs: runs by name of the variant, in the order requested; then the smoothed ones, if requested,
+            as "inertia-online-smoothed".
+        alignment: lag and lever arm removed from a logged truth; None for a simulated truth or none.
+        failed: failures by name of the variant; never all of them.
     """
 
     log: Log
@@ -75,37 +75,36 @@ def compare(
 ) -> Comparison:
     """Run filter variants over a log.
 
-    A truth that was logged (it has no twists) is first freed of its lag and lever arm. Runs start at
-    the truth's pose where there is one, or else where fixes show that it is not the origin.
+    The lag and lever arm of a logged truth (one without twists) are removed first. Runs start at the
+    truth's pose if there is one, otherwise at the pose from the fixes or at the origin.
 
-    The variants of the index models go through a log of `MANY_SAMPLES` IMU samples or more side by side,
-    in one pass, unless it holds what only the streaming filter can take, or it is to be smoothed; see
-    `estimator.batch.replay`. What comes out is the same, to rounding; `engine` chooses by hand.
+    Variants of the index models run in one batch over a log of `MANY_SAMPLES` IMU samples or more; see
+    `estimator.batch.replay`. Exceptions are logs with data that only the streaming filter supports, and
+    smoothing. The results agree to rounding; `engine` overrides the choice.
 
-    A variant that is lost or raises an exception has no run; `Comparison.failed` names it, and the others
-    go on.
+    A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
+    continue.
 
     Args:
         log: the log.
         robot: the robot.
         variants: names of filter variants.
-        settings: of the pose estimator.
-        fixes: part of the log in which fixes are used, see `replay.comparison.fixes`; None for all that
-            the log has as such.
+        settings: settings of the pose estimator.
+        fixes: part of the log in which fixes are used, see `replay.comparison.fixes`; None for all
+            logged fixes.
         smooth: whether each run is smoothed, too, see `estimator.streaming.smoother`.
-        engine: "auto", as above; "batch", side by side however short the log is; or "streaming".
-        workers: processes to spread the variants over; 1 runs them here. Those that go side by side run
-            here in any case.
-        executor: anything with that interface to run the variants on instead, such as
+        engine: "auto", as above; "batch", for a log of any length; or "streaming".
+        workers: number of processes for the variants; 1 runs them in this one. A batch always runs in
+            this process.
+        executor: executor that runs the variants instead, such as
             `dask.distributed.Client(address).get_executor()` (extra `cluster`).
-        progress: called now and then with the share that is done, 0 to 1.
+        progress: called periodically with the share that is done, 0 to 1.
 
     Raises:
         EstimatorError: no such variant, a log without track speeds, or a robot whose ground does not
-            let it have a friction variant.
-        ReplayError: no such engine, fixes were asked for that the log does not have, or every variant
-            failed.
-        BatchError: the engine "batch" cannot work through this log; the message says why.
+            permit a friction variant.
+        ReplayError: no such engine, fixes were requested that the log lacks, or every variant failed.
+        BatchError: the engine "batch" does not support this log; the message gives the reason.
     """
     if engine not in ENGINES:
         raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
@@ -131,7 +130,7 @@ def compare(
         runs = _on_executor(task, variants, executor, progress)
     else:
         runs = _in_any_way(task, variants, workers, progress)
-    # First all that were filtered, then all that were smoothed.
+    # All filtered runs precede the smoothed ones.
     found = [one for kind in zip_longest(*runs) for one in kind if one is not None]
     failed = {one.variant: one for one in found if isinstance(one, LostFilter)}
     kept = {one.variant: one for one in found if isinstance(one, Run)}
@@ -145,7 +144,7 @@ def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
 
 
 def _first_run(task: _Task, variants: Sequence[str]) -> Run:
-    """Run of the variant that a truth is aligned with; of another if that one fails."""
+    """Run the variant for the alignment of a truth, or another if it fails."""
     failed = []
     for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
         ((one,),) = _in_any_way(task, (name,), 1, None)
@@ -158,7 +157,7 @@ def _first_run(task: _Task, variants: Sequence[str]) -> Run:
 def _start_from_fixes(
     log: Log, robot: Robot, settings: Settings | None, variants: Sequence[str]
 ) -> Start:
-    """Pose at the start by the variant that is used for it; by another if that one fails."""
+    """Estimate the initial pose with the alignment variant, or another if it fails."""
     failed = []
     for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
         try:
@@ -186,7 +185,7 @@ class _Task:
     def run(self, variant: str, progress: Progress) -> Outcome:
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
         runner = smooth_run if self.smooth else run
-        # The truth is not the filter's business.
+        # Hide the truth from the filter.
         try:
             found = runner(
                 replace(self.log, truth=None),
@@ -206,14 +205,14 @@ class _Task:
         return self.checked((found,) if isinstance(found, Run) else found)
 
     def checked(self, runs: Sequence[Run]) -> Outcome:
-        """The runs; in place of one that is lost, why."""
+        """Replace a lost run by its failure."""
         return tuple(loss_of(one, self.log.start) or one for one in runs)
 
 
 def _in_any_way(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
 ) -> list[Outcome]:
-    """Side by side those that can, then the others here or in processes."""
+    """Run the variants: a batch of those that support it, then the others one by one."""
     share = 0.0
 
     def report(done: float) -> None:
@@ -235,7 +234,7 @@ def _in_any_way(
 
 
 def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> dict[str, Run]:
-    """The runs of variants of the index models in one pass; none where only the streaming filter can."""
+    """Run the index-model variants in one batch; return none if it is unsupported."""
     log = task.log
     samples = 0 if log.imu is None else len(log.imu.stamps)
     fits = task.engine == "batch" or (task.engine == "auto" and samples >= MANY_SAMPLES)
@@ -289,7 +288,7 @@ def _on_executor(
 
 
 class _Worker:
-    """What a worker process works on: set by its initialiser, used by each of its calls."""
+    """State of a worker process, set by its initialiser."""
 
     task: ClassVar[_Task]
     slots: ClassVar[Any]

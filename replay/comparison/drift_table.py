@@ -1,4 +1,4 @@
-"""Drift of all variants per horizon, with intervals, and which of them drifts least."""
+"""Drift of all variants per horizon, with intervals, and the verdict."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
 from icreckon.replay.comparison.truth_alignment import TruthAlignment
 
-# What variants are compared with, the first of these that was run.
+# Candidates for the baseline: the first that was run.
 BASELINES = ("constant-online", "constant-fixed", "differential")
-# The horizon of the verdict: the first that has an interval, or else that has segments.
+# Candidates for the horizon of the verdict: the first with an interval, or else with segments.
 VERDICT_HORIZONS = ("30s", "10s", "30m", "10m", "5m", "60s", "50m")
 
 Results = dict[str, Any]
@@ -24,18 +24,18 @@ Stretches = list[tuple[int, int]]
 
 
 def horizon_labels() -> list[str]:
-    """Names of the horizons, as in the keys of results."""
+    """Labels of the horizons, as in the keys of results."""
     return [f"{one:g}s" for one in HORIZONS] + [f"{one:g}m" for one in DISTANCES]
 
 
 def paired_drifts(
     runs: Mapping[str, Run], truths: Mapping[str, TruthAlignment], scored: Stretches
 ) -> dict[str, PairedDrift]:
-    """Drift of all variants against the truth by the label of the horizon.
+    """Drift of all variants against the truth, by the label of the horizon.
 
     Args:
-        runs: by name.
-        truths: what each is scored against.
+        runs: the runs by name.
+        truths: truth of each run.
         scored: intervals of stamps [ns] that segments must lie in.
     """
     paths = {name: one.trajectory.pose_series for name, one in runs.items()}
@@ -57,12 +57,12 @@ def _drift(path: PoseSeries, truth: PoseSeries, label: str, scored: Stretches) -
 
 
 def baseline_of(names: list[str]) -> str:
-    """What the others are compared with."""
+    """Name of the baseline among the variants."""
     return next((name for name in BASELINES if name in names), names[0])
 
 
 def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) -> Results:
-    """The keys of a variant that say how it drifts: by the horizon, with 95 % intervals."""
+    """Drift scores of a variant, by the horizon, with 95 % intervals."""
     found: Results = {}
     for label, paired in drifts.items():
         percent, ratio = paired.percent(name), paired.ratio(name, baseline)
@@ -75,14 +75,14 @@ def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) ->
 
 
 def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
-    """Which filter drifts least, and than which others it is not shown to drift less.
+    """Name the filter with the least drift, and those not significantly worse.
 
     Args:
-        drifts: by the label of the horizon.
-        baseline: what the others are compared with.
+        drifts: paired drifts by the label of the horizon.
+        baseline: name of the baseline.
 
     Returns:
-        None where no stretch is long enough to score any.
+        The verdict, or None if no stretch is long enough for a score.
     """
     labels = [label for label in VERDICT_HORIZONS if len(drifts[label].distances)]
     if not labels:

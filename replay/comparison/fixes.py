@@ -1,4 +1,4 @@
-"""Which fixes a replay uses: those of the log within a part of it, or some taken from the truth."""
+"""Selection of the fixes of a replay: logged ones in a part, or from the truth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from icreckon.estimator.log.measurements import HeadingFix, PoseFix
 from icreckon.estimator.log.series import FixSeries
 from icreckon.replay.base.errors import ReplayError
 
-# Fixes taken from a truth: how often [s], and how good they are said to be [m, rad].
+# Fixes from a truth: period [s], and their standard deviations [m, rad].
 TRUTH_FIX_PERIOD = 1.0
 TRUTH_FIX_SIGMA = (0.05, 0.02)
 
@@ -25,7 +25,7 @@ class Bound(NamedTuple):
     is_share: bool
 
     def stamp(self, log: Log) -> int:
-        """The stamp [ns] in a log."""
+        """Convert to a stamp [ns] of a log."""
         seconds = self.value * log.duration if self.is_share else self.value
         return log.start + round(seconds / NANOSECOND)
 
@@ -38,10 +38,10 @@ class LogPart(NamedTuple):
 
 
 def parse_part(text: str) -> LogPart:
-    """The part of a log that «0:40%» (a share) or «12:90» (seconds since its start) stands for.
+    """Parse a part of a log: «0:40%» (a share) or «12:90» (seconds since its start).
 
     Raises:
-        ReplayError: the text is nothing of the kind.
+        ReplayError: the text is not a part.
     """
     try:
         first, last = text.split(":")
@@ -61,13 +61,13 @@ def _bound(word: str) -> Bound:
 
 
 def with_fixes_within(log: Log, part: LogPart) -> Log:
-    """A log whose fixes are those of a part of it; taken from the truth where it has no fixes.
+    """Restrict a log's fixes to a part of it; take them from the truth if it has none.
 
     Headings without a position and pose fixes are fixes, too.
 
     Args:
         log: the log.
-        part: where fixes are to be used.
+        part: part in which fixes are used.
 
     Raises:
         ReplayError: the part is empty, or the log has neither fixes nor truth.

@@ -1,4 +1,4 @@
-"""Where a run starts whose log has fixes but no truth: at the origin, or elsewhere in their frame."""
+"""Initial pose of a run from fixes, for a log without a truth."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.run import run
 
 BEGINNING = 20.0
-"""How long a way of the tracks fixes and the reckoned path are compared [m]; longer for rough fixes."""
+"""Track distance over which fixes and dead reckoning are compared [m]; longer for rough fixes."""
 SIGMAS = 20.0
-"""So many standard deviations of a fix long [-]."""
+"""Least length of that distance in standard deviations of a fix [-]."""
 SOON = 5.0
-"""Headings later than this after the start do not tell it [s]."""
+"""Longest time from the start to a heading that is used for the initial yaw [s]."""
 TURN_SIGMA = 0.5
-"""How fast the robot may have turned between the start and the first heading [rad/s]."""
+"""Standard deviation of the yaw rate between the start and the first heading [rad/s]."""
 CLEAR = 4.0
-"""So many standard deviations off is somewhere else [-]."""
+"""Standard deviations from the origin beyond which the start is elsewhere [-]."""
 KNOWN_HEADING = 0.3
-"""A heading that the path tells better than this is believed [rad]."""
+"""Largest standard deviation at which a yaw from the path is used [rad]."""
 DRIFT = 0.05
-"""What reckoning does to a short path: a share of it, and of its direction [-, rad]."""
+"""Error of dead reckoning over a short path: share of its length, and its direction [-, rad]."""
 ANY_HEADING = 3.0
-"""Standard deviation of a heading that is not known [rad]."""
+"""Standard deviation of an unknown yaw [rad]."""
 
 
 class Start(NamedTuple):
-    """A pose at the start: x, y [m], yaw [rad], and their standard deviations."""
+    """Initial pose: x, y [m], yaw [rad], and their standard deviations."""
 
     pose: tuple[float, float, float]
     sigma: tuple[float, float, float]
@@ -47,17 +47,17 @@ EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | None) -> Start:
-    """The pose at the start in the frame of the fixes.
+    """Estimate the initial pose in the frame of the fixes.
 
-    It is the origin, exactly, where the first fixes agree with that, as those in `odom` do. Otherwise
-    the path that is reckoned without them is laid over them; a heading that neither this nor a
-    measured one tells is left open, and the filter finds it as the robot drives.
+    It is exactly the origin if the first fixes agree with that, as those in `odom` do. Otherwise the
+    path from dead reckoning is fitted to the fixes. If neither this nor a measured heading gives the
+    yaw, its variance is large, and the filter estimates it as the robot drives.
 
     Args:
         log: the log, with the fixes that are used.
         robot: the robot.
-        variant: what reckons the path.
-        settings: of the pose estimator.
+        variant: variant for dead reckoning.
+        settings: settings of the pose estimator.
     """
     fixes = log.fixes
     if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):
@@ -87,16 +87,16 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     return EXACT_ORIGIN if (off <= CLEAR).all() else start
 
 
-def _has_gone(log: Log, way: float) -> int:
-    """Stamp at which the tracks have gone so far since the first fix [ns]; the last one if never."""
+def _has_gone(log: Log, distance: float) -> int:
+    """Stamp [ns] at a track distance [m] after the first fix, or the last stamp."""
     stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
     gone = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
     before = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, gone))
-    return int(stamps[min(int(np.searchsorted(gone, before + way)), len(stamps) - 1)])
+    return int(stamps[min(int(np.searchsorted(gone, before + distance)), len(stamps) - 1)])
 
 
 def _beginning(log: Log, until: int) -> Log:
-    """What tracks and IMU say up to a stamp."""
+    """Log of only the tracks and the IMU up to a stamp [ns]."""
     tracks, imu = log.tracks, log.imu
     count = max(1, int(np.searchsorted(tracks.stamps, until, side="right")))
     if imu is not None:
@@ -113,14 +113,14 @@ def _beginning(log: Log, until: int) -> Log:
 
 
 def _laid_over(path: Floats, places: Floats, sigma: float) -> Start | None:
-    """The start of a path that is turned and shifted onto fixes; None where they tell no heading."""
+    """Start of a path rigidly fitted to fixes; None if its yaw is not observable."""
     middle, centre = path.mean(axis=0), places.mean(axis=0)
     a, b = path - middle, places - centre
-    spread = math.sqrt(float((a**2).sum()))
-    if spread == 0.0:
+    extent = math.sqrt(float((a**2).sum()))
+    if extent == 0.0:
         return None
     yaw = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
-    yaw_sigma = sigma / spread + DRIFT
+    yaw_sigma = sigma / extent + DRIFT
     if yaw_sigma > KNOWN_HEADING:
         return None
     x, y = (centre - _turned(middle, yaw)).tolist()
@@ -134,17 +134,17 @@ def _turned(place: Floats, yaw: float) -> Floats:
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:
-    """Yaw at the start and its standard deviation [rad], by the first fix that has one."""
+    """Initial yaw and its standard deviation [rad] from the first fix with a heading."""
     found = [
         (other.stamp, other.yaw, other.variance)
         for other in log.others
         if isinstance(other, HeadingFix)
     ][:1]
     if log.fixes is not None:
-        told = np.flatnonzero(np.isfinite(log.fixes.poses[:, 2]))[:1]
+        first = np.flatnonzero(np.isfinite(log.fixes.poses[:, 2]))[:1]
         found += [
             (int(log.fixes.stamps[at]), float(log.fixes.poses[at, 2]), float(variance))
-            for at, variance in zip(told, log.fixes.variances[told, 1], strict=True)
+            for at, variance in zip(first, log.fixes.variances[first, 1], strict=True)
         ]
     if not found:
         return None

@@ -1,4 +1,4 @@
-"""Decimated time series of a comparison, for pictures."""
+"""Decimated time series of a comparison, for plots."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from icreckon.replay.comparison.compare import Comparison
 SERIES_POINTS = 1500
 PARAMETER_POINTS = 300
 INNOVATION_POINTS = 700
-# Index values follow from a twist only while the robot turns at least this fast [rad/s].
+# Least yaw rate at which indices are computed from a twist [rad/s].
 LEAST_YAW_RATE = 0.1
-# Between poses of the truth that are further apart than this [s], and than usual, it says nothing.
+# Longest interval between poses of the truth that is bridged, or twice the usual one if longer [s].
 LONGEST_BRIDGE = 1.0
-# Of positions [m], which may be far from their origin, and of what is as large as they are.
+# Decimals of positions [m], which may be far from their origin, and of values as large.
 DECIMALS = 4
 
 Results = dict[str, Any]
 
 
 def series_of(comparison: Comparison) -> Results:
-    """Decimated time series: most on the same times, parameters and innovations on their own."""
+    """Decimate the time series; parameters and innovations have their own times."""
     log = comparison.log
     first = next(iter(comparison.runs.values()))
     stamps = first.stamps[_picks(len(first.stamps), SERIES_POINTS)]
@@ -74,12 +74,12 @@ def series_of(comparison: Comparison) -> Results:
 
 
 def _picks(count: int, most: int) -> NDArray[np.int64]:
-    """At most so many rows, evenly spread, the first and the last among them."""
+    """Select at most `most` rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 
 def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
-    """Whether (n,) stamps lie between poses of the truth that are close together, or next to one."""
+    """Mask (n,) of the stamps between close poses of the truth, or next to one."""
     after = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
     usual = int(np.median(np.diff(known))) if len(known) > 1 else 0
     bridge = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)
@@ -90,7 +90,7 @@ def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
 
 
 def _parameters(one: Run, start: int) -> Results:
-    """What the filter learns, over time: of each state that is uncertain its value and sigma."""
+    """Estimated parameters over time: value and sigma of each uncertain state."""
     rows = _picks(len(one.stamps), PARAMETER_POINTS)
     found: Results = {"t_s": _rounded((one.stamps[rows] - start) * NANOSECOND)}
     for index in range(s.LEARNT.start, s.LEARNT.stop):
@@ -118,7 +118,7 @@ def _innovations(one: Run, start: int) -> Results:
 
 
 def _true_indices(truth: Truth, stamps: Stamps) -> Results:
-    """Indices of the true motion by (1) to (3) and (17) to (19), up to the gauge of eta."""
+    """Indices of the true motion by (1) to (3), (17) to (19), up to the gauge of eta."""
     if truth.twists is None or truth.tracks is None:
         return {}
     columns = [
@@ -158,7 +158,7 @@ def _pose_columns(poses: Floats) -> Results:
 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:
-    """Numbers to five significant digits, or to so many decimals, NaN as None: for pictures."""
+    """Round to five significant digits or to `decimals`, with None for NaN."""
     return [
         None
         if not math.isfinite(value)

@@ -1,7 +1,7 @@
-"""The results of a comparison as plain data: what `results.json` holds, and all else is made from.
+"""Results of a comparison as plain data: the content of `results.json`.
 
 `variants` holds one object for each filter variant with its scores, units in the key names; `series`
-holds decimated time series for the pictures. A score that a log cannot give is null.
+holds decimated time series for the plots. A score that is not available is null.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, scored_intervals, scores, truths_of
 
 FORMAT = 1
-# A time without samples that is worth telling [s].
+# Shortest gap without samples that is reported [s].
 LONG_GAP = 1.0
-# So large a share of the gyro's readings is rejected only where it and the tracks contradict each other.
+# Share of rejected gyro readings from which gyro and tracks contradict each other.
 MANY_REJECTED = 0.05
-# Lists of numbers, which are many, stand in one line of the file; no string holds a line break.
+# Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
 
@@ -55,15 +55,15 @@ def summarise(
     seed: int | None = None,
     inputs: dict[str, Path] | None = None,
 ) -> Results:
-    """Scores, series and provenance of a comparison, ready for `write_results`.
+    """Summarise scores, series and provenance of a comparison for `write_results`.
 
     Args:
         comparison: the runs.
         robot: the robot.
-        command: name of the command that made them.
-        configuration: what the command was told.
-        seed: of a simulated log.
-        inputs: bags that were read, by the name to give them, for their hashes.
+        command: name of the command.
+        configuration: options of the command.
+        seed: seed of a simulated log.
+        inputs: bags that were read, by their displayed names, for their hashes.
     """
     log = comparison.log
     scored = scored_intervals(log)
@@ -125,24 +125,24 @@ def _in_one_line(numbers: re.Match[str]) -> str:
 
 
 def _holes(log: Log) -> list[str]:
-    """What is to be said of times without track speeds or IMU samples."""
+    """Report gaps without track speeds or IMU samples."""
     streams = {"track speeds": log.tracks.stamps}
     if log.imu is not None:
         streams["IMU samples"] = log.imu.stamps
-    told = []
+    notes = []
     for name, stamps in streams.items():
         gaps = np.diff(stamps) * NANOSECOND
         long = gaps[gaps > LONG_GAP]
         if len(long):
-            told.append(
+            notes.append(
                 f"{len(long)} holes of more than {LONG_GAP:.0f} s in the {name}, "
                 f"the longest of {long.max():.1f} s"
             )
-    return told
+    return notes
 
 
 def _doubts(comparison: Comparison) -> list[str]:
-    """What makes the robot file doubtful: readings of the gyro that all variants reject so often."""
+    """Report an inconsistent robot file: all variants reject many gyro readings."""
     shares = []
     for name, one in comparison.runs.items():
         gyro = one.health.sensors.get("gyro")
@@ -152,7 +152,7 @@ def _doubts(comparison: Comparison) -> list[str]:
         return []
     return [
         f"every variant rejects {min(shares):.0%} or more of the gyro's readings: are left and right "
-        "swapped, or is the IMU mounted otherwise than the robot file says? icreckon inspect shows both"
+        "swapped, or is the IMU mounted otherwise than in the robot file? icreckon inspect shows both"
     ]
 
 
@@ -171,7 +171,7 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
 
 
 def _clean(value: Any) -> Any:
-    """The same without NaN and infinity, which JSON does not have, and without numpy's types."""
+    """Convert to JSON types: None for NaN and infinity, no numpy types."""
     if isinstance(value, dict):
         return {key: _clean(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -184,7 +184,7 @@ def _clean(value: Any) -> Any:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a result hangs on."""
+    """Versions of the software that determines a result."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:

@@ -1,4 +1,4 @@
-"""What each variant scores over a log, against its truth or, without one, against another variant."""
+"""Scores of each variant over a log, against the truth or else another variant."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.plot_series import largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
 
-# A time without fixes at least this long is scored as dead reckoning [s].
+# Shortest gap between fixes that is scored as dead reckoning [s].
 SCORED_OUTAGE = 15.0
 
 Results = dict[str, Any]
 
 
 def scored_intervals(log: Log) -> list[tuple[int, int]]:
-    """Where drift is scored: all of a log without fixes, otherwise its long gaps between fixes."""
+    """Intervals of scored drift: a whole log without fixes, else its long outages."""
     if log.fixes is None or len(log.fixes.stamps) == 0:
         return [(log.start, log.end)]
     return without_fixes(log.fixes.stamps, log.start, log.end, SCORED_OUTAGE)
 
 
 def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
-    """The truth as each run is scored against it, by name: a logged one with the run's own lever arm.
+    """Truth for each run, by name; a logged one with the run's own lever arm.
 
     Raises:
         ValueError: the log has no truth.
@@ -58,11 +58,11 @@ def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
 
 
 def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> Results:
-    """Scores against the truth; drift with its intervals is in `replay.comparison.drift_table`.
+    """Score a run against the truth; intervals of drift are in `drift_table`.
 
     Args:
         one: the run.
-        aligned: the truth that it is scored against.
+        aligned: the aligned truth.
         scored: intervals of stamps [ns] in which drift is scored.
     """
     truth = aligned.truth
@@ -89,7 +89,7 @@ def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> 
 
 
 def differences(one: Run, reference: Run) -> Results:
-    """What can be said without a truth: where a variant ends, and how far from another."""
+    """Compare a run with a reference run, without a truth: final pose and distances."""
     estimate, other = one.trajectory, reference.trajectory
     end = estimate.poses[-1]
     apart = relative(other.poses[-1], end)
@@ -112,7 +112,7 @@ def differences(one: Run, reference: Run) -> Results:
 
 
 def _consistency(one: Run) -> Results:
-    """What the filter says of its own measurements and parameters."""
+    """Consistency of a run: statistics of its innovations, and its parameters."""
     health = one.health
     names = one.state_names
     final = dict(zip(names, one.states[-1].tolist(), strict=True))

@@ -1,8 +1,8 @@
-"""Lag and lever arm of a logged truth, found against dead reckoning and taken out before scoring.
+"""Alignment of a logged truth: estimation and removal of lag and lever arm.
 
 A pose from lidar or GPS is stamped late, and it is that of a sensor rather than of `base_link`. Both
-would count as drift. They are found from relative motion over short windows, in which dead reckoning
-is good, and reported.
+would count as drift. They are estimated from relative motion over short windows, in which dead
+reckoning is accurate, and reported.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ LAGS = np.arange(-0.3, 1.0, 0.01)
 GRID_STEP = 0.1
 LAG_WINDOW = 1.0
 LEVER_WINDOW = 2.0
-# Windows across a longer hole in the truth are left out [s].
+# Windows across a longer gap in the truth are omitted [s].
 LARGEST_HOLE = 0.5
-# Share of the windows kept for the lever arm: those in which truth and reckoning agree best.
+# Share of the windows kept for the lever arm: those with the smallest residuals.
 TRIMMED_SHARE = 0.8
-# A lever arm shows only if the robot turned this much within windows, root mean square [rad].
+# Least turning within windows at which a lever arm is observable, root mean square [rad].
 LEAST_TURNING = 0.1
 
 
 @dataclass(frozen=True)
 class TruthAlignment:
-    """What was taken out of a truth.
+    """Lag and lever arm removed from a truth.
 
     Attributes:
-        lag: its stamps were this late [s].
-        lever_arm: the point that it follows, in base_link: x forward, y left [m].
-        truth: the truth of `base_link` itself, at the right time.
+        lag: latency of its stamps [s].
+        lever_arm: position of the tracked point in base_link: x forward, y left [m].
+        truth: the corrected truth of `base_link`.
     """
 
     lag: float
@@ -46,14 +46,14 @@ class TruthAlignment:
 
 
 def align_truth(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
-    """Find and take out lag and lever arm of a truth.
+    """Estimate and remove lag and lever arm of a truth.
 
     Args:
         truth: poses of some point of the robot, late by an unknown lag.
         reckoned: dead reckoning over the same time.
 
     Returns:
-        The alignment; zero lag or lever arm where the log does not show it (too short, no turning).
+        The alignment; zero lag or lever arm if not observable (log too short, no turning).
     """
     lag = _lag(truth.poses, reckoned.pose_series)
     shifted = PoseSeries(truth.poses.stamps - round(lag / NANOSECOND), truth.poses.poses)
@@ -62,14 +62,14 @@ def align_truth(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
 
 
 def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
-    """Find and take out the lever arm alone: the truth is at the right time.
+    """Estimate and remove only the lever arm of a truth without lag.
 
-    Where in the robot a filter's base_link lies, its turning centre in the mean, is for its model and
-    parameters to say. So the same truth has another lever arm for each filter.
+    A filter's base_link is its mean turning centre, which depends on its model and parameters. The same
+    truth therefore has another lever arm for each filter.
 
     Args:
         truth: poses of some point of the robot.
-        reckoned: of a filter over the same time.
+        reckoned: trajectory of a filter over the same time.
     """
     lever = _lever_arm(truth.poses, reckoned.pose_series)
     poses = truth.poses.poses.copy()
@@ -96,7 +96,7 @@ def _windows(
 
 
 def _lag(truth: PoseSeries, reckoned: PoseSeries) -> float:
-    """Lag [s] at which the yaw changes of truth and reckoning agree best, by a parabola."""
+    """Lag [s] with the smallest misfit of yaw changes, refined by a parabola."""
     starts, ends = _windows(truth, reckoned, LAG_WINDOW, margin=float(LAGS[-1]))
     if len(starts) < 10:
         return 0.0
@@ -118,8 +118,8 @@ def _lag(truth: PoseSeries, reckoned: PoseSeries) -> float:
 def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
     """Lever arm (2,) [m] by trimmed least squares.
 
-    A point at l in base_link moves, seen from where it started, by the motion of base_link plus
-    (R - I) l, where R is the rotation within the window.
+    Relative to its start, a point at l in base_link moves by the motion of base_link plus (R - I) l,
+    with R the rotation within the window.
     """
     starts, ends = _windows(truth, reckoned, LEVER_WINDOW, margin=0.0)
     if len(starts) < 10:

@@ -1,4 +1,4 @@
-"""Trajectories, tables and bags for other programs.
+"""Export of trajectories, tables and bags for other programs.
 
-TUM, KITTI, CSV, Parquet, MCAP and ROS 1. Below: `comparison`, `mapping`, `bags`, `base`.
+Formats: TUM, KITTI, CSV, Parquet, MCAP and ROS 1. Below: `comparison`, `mapping`, `bags`, `base`.
 """

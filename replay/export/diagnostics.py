@@ -1,4 +1,4 @@
-"""How a filter fares, over time, as diagnostic_msgs/DiagnosticArray: innovations and uncertainty."""
+"""Filter diagnostics (diagnostic_msgs/DiagnosticArray): innovations, uncertainty."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
 OK, WARN, STALE = 0, 1, 3
-# One message per so much time, over which innovations are looked back [s].
+# Interval of the messages, and the window before each over which innovations are averaged [s].
 INTERVAL = 1.0
 WINDOW = 10.0
-# A sensor whose innovations squared are this many times what they should be deserves a look, if there
-# are enough of them in a window.
+# Mean NIS from which a sensor is reported as WARN, and the fewest innovations in the window for that.
 LARGE_NIS = 4.0
 ENOUGH = 5
 
@@ -40,10 +39,10 @@ class _Sensor(NamedTuple):
     """One component of a sensor at the times of the messages, (m,) each.
 
     Attributes:
-        name: of the component.
-        newest: normalised innovation, NaN where there was none in the window.
-        mean_square: of those in the window, NaN likewise.
-        counted: how many these are.
+        name: name of the component.
+        newest: latest normalised innovation, NaN if there is none in the window.
+        mean_square: mean square of the normalised innovations in the window, NaN likewise.
+        counted: number of innovations in the window.
     """
 
     name: str
@@ -53,10 +52,10 @@ class _Sensor(NamedTuple):
 
 
 def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
-    """The diagnostics of all runs that were filtered, one message per second.
+    """Make the diagnostics of all filtered runs, one message per second.
 
     Args:
-        runs: by name of the variant.
+        runs: the runs by name of the variant.
         hardware: name of the robot.
     """
     filtered = {name: one for name, one in runs.items() if one.innovation_names}
@@ -134,12 +133,12 @@ def _innovation(variant: str, sensor: _Sensor, i: int) -> _Status:
         f"nis_mean_{WINDOW:.0f}s": f"{mean:.3f}",
         f"count_{WINDOW:.0f}s": str(count),
     }
-    told = f"NIS {mean:.2f} over {WINDOW:.0f} s (ideal 1)"
-    return _Status(WARN if large else OK, name, told, values)
+    text = f"NIS {mean:.2f} over {WINDOW:.0f} s (ideal 1)"
+    return _Status(WARN if large else OK, name, text, values)
 
 
 def _counts(variant: str, one: Run) -> _Status:
-    """What became of the measurements of the whole run, which is known at its end."""
+    """Counts of used and rejected measurements of the whole run, for its last message."""
     values = {f"{name}: used": str(sensor.used) for name, sensor in one.health.sensors.items()}
     values |= {f"{what}, rejected": str(count) for what, count in one.health.rejections().items()}
     values["standstill updates"] = str(one.health.standstill_updates)

@@ -1,4 +1,4 @@
-"""Trajectories and tables of a comparison, written to a folder in the formats that were asked for."""
+"""Export of a comparison's trajectories and tables to a folder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write_exports(
     robot: Robot,
     formats: Sequence[str] = DEFAULT_FORMATS,
 ) -> None:
-    """Write the trajectories of a comparison in the formats wanted, see `write_report`."""
+    """Write a comparison's trajectories in some formats; arguments as `write_report`."""
     _write_trajectories(folder, comparison, formats)
     _write_tables(folder, comparison, robot, formats)
     if "mcap" in formats:

@@ -1,11 +1,11 @@
-"""What a result folder is to hold of the trajectories."""
+"""Export formats of trajectories in a result folder."""
 
 from __future__ import annotations
 
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.replay.base.errors import ReplayError
 
-# What each format leaves, for help and messages.
+# Content of each format, for help and messages.
 FORMATS = {
     "tum": "trajectories, t x y z qx qy qz qw",
     "kitti": "trajectories, 3x4 matrices, with files of their times",
@@ -18,7 +18,9 @@ DEFAULT_FORMATS = ("tum", "mcap")
 
 
 def parse_formats(text: str | None) -> tuple[str, ...]:
-    """Formats by their names, separated by commas, in the order of `FORMATS`; None for the default.
+    """Parse comma-separated names of formats into the order of `FORMATS`.
+
+    None gives the default.
 
     Raises:
         ReplayError: there is no such format, or none is named; "none" alone is allowed.

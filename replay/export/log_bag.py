@@ -1,4 +1,4 @@
-"""Writing logs as bags of standard messages."""
+"""Log writer: a log as a bag of standard messages."""
 
 from __future__ import annotations
 
@@ -51,26 +51,26 @@ def write_log(
 ) -> Path:
     """Write a log as a bag, on the topics of the robot's mapping.
 
-    Streams that the robot's file does not map, or maps in a way that cannot be written, go to
-    `replay.mapping.topics.DEFAULT_TOPICS`, and the bag then holds its mapping, by which it is read.
+    Streams without a mapping, or with one that cannot be written, go to
+    `replay.mapping.topics.DEFAULT_TOPICS`. The bag then holds its own mapping for reading it.
 
-    `read_log` with the same robot gives back what was written: stamps exact, track speeds up to
-    the rounding of sprocket_radius, yaw up to that of the quaternion.
+    `read_log` with the same robot restores the log: stamps exactly, track speeds up to the rounding of
+    sprocket_radius, yaw up to that of the quaternion.
 
     Args:
         log: the log.
-        path: where to; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
-            bag gets the suffix `.bag` where it is missing.
+        path: target; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
+            bag gets the suffix `.bag` if it is missing.
         format: "mcap" or "sqlite3" (ROS 2), or "ros1".
         robot: the robot, for its topic mapping, joint names and sprocket radius.
-        overwrite: whether a bag that is there may be replaced.
+        overwrite: whether an existing bag may be replaced.
 
     Returns:
-        The path that was written.
+        The path of the bag.
 
     Raises:
-        ReplayError: a bad mapping, stamps that ROS cannot hold, something is there already, or the
-            file system refuses.
+        ReplayError: a bad mapping, stamps that ROS cannot hold, the path exists, or the file system
+            refuses.
     """
     own = topic_map(robot, f"robot {robot.name!r}")
     topics = writable_topics(own)
@@ -87,17 +87,17 @@ def check_place(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Refuse before a long run what `write_log` would refuse after it; arguments as there.
+    """Check the arguments of `write_log` before a long run.
 
     Raises:
-        ReplayError: a bad mapping, or something is there already that may not be replaced.
+        ReplayError: a bad mapping, or an existing output that may not be replaced.
     """
     topic_map(robot, f"robot {robot.name!r}")
     check_replaceable(bag_path(path, format), overwrite=overwrite, starts=MAGICS)
 
 
 def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
-    """What to send; `topics` names all streams (see `writable_topics`)."""
+    """Messages of a log; `topics` maps all streams (see `writable_topics`)."""
     outboxes = []
     tracks, truth = topics.tracks, topics.truth
     if tracks and len(log.tracks.stamps):
@@ -118,7 +118,7 @@ def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
 
 
 def _mapping(log: Log, topics: TopicMap) -> Outbox:
-    """The mapping of those streams that the log has."""
+    """Mapping of the streams that the log has, as a message."""
     used = TopicMap(
         topics.tracks,
         topics.imu if log.imu is not None else None,

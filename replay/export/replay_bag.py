@@ -1,8 +1,8 @@
-"""A comparison as a bag, to be looked at in Foxglove, RViz or PlotJuggler.
+"""Export of a comparison as a bag for Foxglove, RViz or PlotJuggler.
 
-Frames are those of REP-105. A tf tree gives each frame one parent, so each variant moves a frame of its
-own, `inertia_online/base_link`, in `odom`; `base_link` itself goes with the last variant that was asked
-for (of the filters), and `ground_truth/base_link` with the truth.
+Frames are those of REP-105. A tf tree gives each frame one parent, so each variant has its own frame in
+`odom`, such as `inertia_online/base_link`. `base_link` itself follows the last filter variant that was
+requested, and `ground_truth/base_link` the truth.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from icreckon.replay.export.tables import icr_series
 PATH, MARKERS = "nav_msgs/msg/Path", "visualization_msgs/msg/MarkerArray"
 TRUTH = "ground_truth"
 FIXES_TOPIC, TF_TOPIC = "/fixes", "/tf"
-# At most so many per second; odometry and truth are there with each of their samples.
+# Highest rate of transforms [Hz]; odometry and truth keep all of their samples.
 TF_RATE = 20.0
 MARKER_RATE = 5.0
-# Poses of a path, which is one message.
+# Most poses of a path, which is one message.
 PATH_POSES = 1000
 ICR_DIAMETER = 0.08
 ICR_LINE = 0.015
@@ -45,7 +45,7 @@ SPHERE_LIST, LINE_STRIP = 7, 4
 def write_replay_bag(
     path: Path, form: Format, comparison: Comparison, robot: Robot, *, overwrite: bool = False
 ) -> Path:
-    """Write what the variants made of a log as a bag.
+    """Write the runs of a comparison as a bag.
 
     It holds, with `-` in names of variants written as `_`: `/<variant>/odom` (nav_msgs/Odometry),
     `/<variant>/path` (nav_msgs/Path), `/<variant>/icrs` (visualization_msgs/MarkerArray), `/tf`, `/fixes`
@@ -53,18 +53,17 @@ def write_replay_bag(
     (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
 
     Args:
-        path: where to, see `replay.bags.writer.write_bag`.
+        path: target, as for `replay.bags.writer.write_bag`.
         form: "mcap", "sqlite3" or "ros1".
         comparison: the runs.
         robot: the robot, for its gauge.
-        overwrite: whether a bag that is there may be replaced.
+        overwrite: whether an existing bag may be replaced.
 
     Returns:
         The path.
 
     Raises:
-        ReplayError: stamps that ROS cannot hold, something is there already, or the file system
-            refuses.
+        ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
     log, outboxes = comparison.log, []
     base = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
@@ -98,7 +97,7 @@ def frame_of(variant: str) -> str:
 
 
 def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
-    """nav_msgs/Odometry from odom to a frame; what is not planar has a variance of 1e6."""
+    """nav_msgs/Odometry from odom to a frame; non-planar axes have a variance of 1e6."""
     quaternions = yaw_to_quaternion(trajectory.poses[:, 2])
 
     def packing(messages: Messages) -> Packing:
@@ -145,7 +144,7 @@ def _poses(topic: str, series: PoseSeries) -> Outbox:
 
 
 def _transforms(series: PoseSeries, frame: str) -> Outbox:
-    """From odom to a frame, on /tf."""
+    """Transforms from odom to a frame, on /tf."""
     rows = thinned(series.stamps, TF_RATE)
     stamps, poses = series.stamps[rows], series.poses[rows]
     quaternions = yaw_to_quaternion(poses[:, 2])
@@ -173,7 +172,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
 
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
-    """The whole path as one message at its start."""
+    """Whole path as one message at its start."""
     count = len(series.stamps)
     rows = np.unique(np.linspace(0, count - 1, min(PATH_POSES, count)).astype(int))
     stamps, poses = series.stamps[rows], series.poses[rows]
@@ -198,7 +197,7 @@ def _path(topic: str, series: PoseSeries) -> Outbox:
 def _icrs(
     topic: str, all_stamps: Stamps, indices: Floats, robot: Robot, frame: str, colour: str
 ) -> Outbox:
-    """The ICRs of both tracks as spheres with a line from one to the other, in the robot's frame."""
+    """ICRs of both tracks as spheres joined by a line, in the robot's frame."""
     rows = thinned(all_stamps, MARKER_RATE)
     stamps = all_stamps[rows]
     icrs = icr_series(indices[rows], robot.vehicle.track_gauge)
@@ -253,7 +252,7 @@ def _pose_numbers(
 
 
 def _planar(covariances: Floats) -> Callable[[slice], Floats]:
-    """What gives row-major 6x6 covariances (m, 36) of a part of (n, 3, 3) ones of x, y, yaw."""
+    """Build a getter of a slice of covariances (n, 3, 3) as row-major 6x6 (m, 36)."""
     rows = np.array(PLANAR)
 
     def give(part: slice) -> Floats:
@@ -266,7 +265,7 @@ def _planar(covariances: Floats) -> Callable[[slice], Floats]:
 
 
 def thinned(stamps: Stamps, rate: float) -> Any:
-    """Rows (m,) of stamps [ns], at most `rate` of them in a second, evenly if they are."""
+    """Select rows (m,) of stamps [ns], at most `rate` a second; even stamps stay even."""
     if not len(stamps):
         return np.zeros(0, int)
     slot = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)

@@ -1,6 +1,6 @@
-"""A run as a table of time series, as CSV or Parquet: one row for each pair of track speeds.
+"""Export of a run as a CSV or Parquet table: a row for each pair of track speeds.
 
-Units end the column names. What a row does not know is empty (null).
+Column names end with units. Unknown values are empty (null).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TWIST_COVARIANCES = {
     "cov_v_y_w_m_rad_s2": (1, 2),
     "cov_w_w_rad2_s2": (2, 2),
 }
-# Noise compresses badly, but its bytes of a kind beside each other do so better.
+# Noise compresses badly, but better if bytes of equal significance are grouped.
 ENCODING = "BYTE_STREAM_SPLIT"
 
 
@@ -53,11 +53,11 @@ class IcrSeries(NamedTuple):
 
 
 def icr_series(indices: Floats, gauge: float) -> IcrSeries:
-    """ICRs by (28) to (30).
+    """Compute ICRs by (28) to (30).
 
     Args:
         indices: (n, 3) zeta [m], epsilon [m], eta [-].
-        gauge: of the tracks [m].
+        gauge: track gauge [m].
     """
     icrs = icrs_from_indices(IndexValues(*indices.T), gauge)
     left_x, left_y = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
@@ -66,12 +66,12 @@ def icr_series(indices: Floats, gauge: float) -> IcrSeries:
 
 
 def run_columns(one: Run, robot: Robot, start: int) -> dict[str, Any]:
-    """The columns (n,) of a run by name, float64 where digits matter, otherwise float32.
+    """Columns (n,) of a run by name, float64 if precision matters, otherwise float32.
 
     Args:
         one: the run.
         robot: the robot, for its gauge.
-        start: stamp [ns] that `t_s` counts from.
+        start: stamp of `t_s` = 0 [ns].
     """
     moved = one.trajectory
     columns = _pose_columns(moved.stamps, moved.poses, start)
@@ -112,11 +112,11 @@ def write_run(
         form: "csv" or "parquet".
         one: the run.
         robot: the robot, for its gauge.
-        start: stamp [ns] that `t_s` counts from.
-        overwrite: whether a file that is there may be replaced.
+        start: stamp of `t_s` = 0 [ns].
+        overwrite: whether an existing file may be replaced.
 
     Raises:
-        ReplayError: the file is there already, or cannot be written.
+        ReplayError: the file exists, or cannot be written.
     """
     return _write(path, form, run_columns(one, robot, start), overwrite=overwrite)
 
@@ -124,7 +124,7 @@ def write_run(
 def write_poses(
     path: Path, form: Format, poses: PoseSeries, start: int, *, overwrite: bool = False
 ) -> Path:
-    """Write poses alone as a table, such as the ground truth's; arguments and errors as `write_run`."""
+    """Write poses alone, such as the truth; arguments and errors as `write_run`."""
     columns = _pose_columns(poses.stamps, poses.poses, start)
     return _write(path, form, columns, overwrite=overwrite)
 

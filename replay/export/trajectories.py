@@ -1,7 +1,7 @@
-"""Trajectory files, for `evo` and others.
+"""Trajectory files in the TUM and KITTI formats, for `evo` and others.
 
 TUM: one pose a line, `t x y z qx qy qz qw`, t in seconds. KITTI: one pose a line, the upper three rows of
-its 4x4 matrix one after the other, and the times in a file of their own.
+its 4x4 matrix in sequence, and the times in a separate file.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def write_tum(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Path
     Args:
         path: the file.
         poses: the poses.
-        overwrite: whether a file that is there may be replaced.
+        overwrite: whether an existing file may be replaced.
 
     Returns:
         The path.
 
     Raises:
-        ReplayError: the file is there already, or cannot be written.
+        ReplayError: the file exists, or cannot be written.
     """
     quaternions = yaw_to_quaternion(poses.poses[:, 2])
     with written_beside(path, overwrite=overwrite) as new:
@@ -51,22 +51,22 @@ def write_tum(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Path
 
 
 def write_kitti(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Path:
-    """Write planar poses as a KITTI file, 9 decimals each, and beside it their times.
+    """Write planar poses as a KITTI file, 9 decimals each, and a file of their times.
 
-    The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. The times, in
-    seconds with 9 decimals, one a line, go to the same path with the suffix `.times`, since KITTI files
-    have none.
+    The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. KITTI files
+    have no times. They go to the same path with the suffix `.times`, one a line, in seconds with 9
+    decimals.
 
     Args:
         path: the file.
         poses: the poses.
-        overwrite: whether files that are there may be replaced.
+        overwrite: whether existing files may be replaced.
 
     Returns:
         The path.
 
     Raises:
-        ReplayError: a file is there already, or cannot be written.
+        ReplayError: a file exists, or cannot be written.
     """
     x, y, yaw = poses.poses.T
     cos, sin = np.cos(yaw), np.sin(yaw)
@@ -85,16 +85,16 @@ def write_kitti(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Pa
 
 
 def read_tum(path: Path) -> PoseSeries:
-    """Read a TUM file as planar poses: z, roll and pitch are ignored, stamps exact to 1 ns.
+    """Read a TUM file as planar poses; z, roll and pitch are ignored.
 
-    Lines that start with `#` and empty lines are passed over.
+    Stamps are exact to 1 ns. Lines that start with `#` and empty lines are skipped.
 
     Args:
         path: the file.
 
     Raises:
-        ReplayError: no such file, a line that is not eight finite numbers, a zero quaternion or a
-            stamp that is not after the one before.
+        ReplayError: no such file, a line that is not eight finite numbers, a zero quaternion or
+            stamps that do not increase.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()

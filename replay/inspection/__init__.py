@@ -1,4 +1,4 @@
-"""What a log holds, and the robot file that it suggests.
+"""Inspection of logs, and a proposed robot file.
 
-In: a log nobody prepared. Out: topics, rates, latency, mounting, effective geometry. Below: `reading`.
+In: an unmapped log. Out: topics, rates, latency, mounting, effective geometry. Below: `reading`.
 """

@@ -1,4 +1,4 @@
-"""Guessing which columns of an unknown table are which stream, by their names."""
+"""Guess of the column map of an unknown table, by the names of its columns."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ ENDINGS: tuple[tuple[str, TimeUnit], ...] = (
 
 
 def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
-    """Which columns are which stream; None where no column looks like a time.
+    """Guess the columns of each stream; return None if no column looks like a time.
 
-    Columns of the truth have "truth", "ground" or "icp" in their names, those of commands are passed
-    over.
+    Columns of the truth have "truth", "ground" or "icp" in their names. Columns of commands are
+    skipped.
 
     Args:
         tables: all tables of a log.
@@ -102,10 +102,10 @@ def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
         left, right = sides(list(names))
     if not (left and right) or len(left) != len(right):
         return None
-    said = left[0].lower()
-    if re.search("count|tick|enc", said):
+    column = left[0].lower()
+    if re.search("count|tick|enc", column):
         return TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
-    unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in said), "m/s")
+    unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
     return TrackColumns(left, right, unit, time=time)
 
 
@@ -117,7 +117,7 @@ def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
 
 
 def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
-    # Bare x, y and z are a place rather than rates.
+    # Bare x, y and z are a position rather than rates.
     named = [name for name in names if len(name) > 1]
     rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
     if not rates:

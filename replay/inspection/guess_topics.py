@@ -1,4 +1,4 @@
-"""Guessing which topic of an unknown bag is which stream, by types and names."""
+"""Guess of the topic map of an unknown bag, by types and names."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 LEFT = {"l", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 PLACEHOLDER_SIGMA = 0.05
-"""Of fixes without a covariance [m], and of headings [rad], until someone fills in the right one."""
+"""Placeholder sigma of fixes without a covariance [m] and of headings [rad], for the user to replace."""
 
 
 class Sample(NamedTuple):
-    """A topic: its type, number of messages, and some decoded ones (of some types only)."""
+    """A topic: type, number of messages, and some decoded ones (of some types only)."""
 
     msgtype: str
     number: int
@@ -42,21 +42,21 @@ class Sample(NamedTuple):
 
 
 def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
-    """Which topic is which stream.
+    """Guess the topic of each stream.
 
-    Track speeds come from a JointState with velocities of joints with a left and a right, or else
-    from an odometry; the IMU is the fastest topic that measures rates, and another Imu with an
-    orientation but no rates is a heading; poses are the truth where the topic's name says "truth" or
-    "ground", otherwise fixes.
+    Track speeds come from a JointState with velocities of left and right joints, or else from an
+    odometry. The IMU is the fastest topic that measures rates; another Imu with an orientation but no
+    rates is a heading. Poses are the truth if the topic's name contains "truth" or "ground", otherwise
+    fixes.
 
     Args:
-        samples: the topics by name; those without messages are passed over.
+        samples: the topics by name; those without messages are skipped.
 
     Returns:
-        The mapping; None for what was not found.
+        The mapping; None for streams that were not found.
     """
     found = {topic: sample for topic, sample in sorted(samples.items()) if sample.number}
-    told = {topic: sample for topic, sample in found.items() if is_truth(topic)}
+    truths = {topic: sample for topic, sample in found.items() if is_truth(topic)}
     own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
     tracks = _tracks(own)
     taken = {tracks.topic} if tracks else set()
@@ -64,13 +64,13 @@ def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
         tracks=tracks,
         imu=_imu(own),
         fixes=_fixes({topic: sample for topic, sample in own.items() if topic not in taken}),
-        truth=_truth(told, tracks),
+        truth=_truth(truths, tracks),
         heading=_heading(own),
     )
 
 
 def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Which joints drive the left and which the right side, by their names."""
+    """Select the driving joints of the left and the right side, by their names."""
 
     def on(side: str, abbreviations: set[str]) -> list[str]:
         return [
@@ -87,12 +87,12 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def is_truth(topic: str) -> bool:
-    """Whether a topic or a column is the truth, by its name."""
+    """Test for a topic or column of the truth, by its name."""
     return "truth" in topic.lower() or "ground" in topic.lower()
 
 
 def is_command(topic: str) -> bool:
-    """Whether a topic or a column is a command and no measurement, by its name."""
+    """Test for a topic or column of commands instead of measurements, by its name."""
     return re.search(r"cmd|command|desired|target|setpoint", topic.lower()) is not None
 
 

@@ -1,7 +1,7 @@
-"""How an IMU is mounted and how noisy it is, as far as a log shows it.
+"""Mounting and noise of an IMU, estimated from a log.
 
-Gravity says which way is up; the track speeds say which way is forward (the accelerometer must
-follow the speed's changes and the centripetal acceleration), and when the robot stood still.
+Gravity gives the vertical. The track speeds give the forward direction, since the accelerometer must
+follow the changes of speed and the centripetal acceleration, and the times of standstill.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 
 STILL_SPEED = 0.005
-"""Track speeds below this share of the fastest count as none [-]."""
+"""Track speeds below this share of the fastest count as zero [-]."""
 STILL_MARGIN = 0.5
 """Time after a stop and before a start that does not count as standstill [s]."""
 ENOUGH_STILL = 2.0
-"""Standstill from which a bias can be told [s]."""
+"""Shortest standstill from which a bias is estimated [s]."""
 ABSURD = 1e6
-"""No IMU reads as much, in rad/s or m/s²; a track speed in rad/s neither."""
+"""Implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s."""
 SMOOTHING = 0.5
 """Time over which accelerations are averaged before they are compared [s]."""
 CLEAR_SCORE = 0.4
-"""Sum of two correlations from which on a heading of the mount is believed [-]."""
+"""Smallest sum of two correlations at which a yaw of the mount is accepted [-]."""
 
 
 @dataclass(frozen=True)
 class Mounting:
-    """What a log tells about its IMU.
+    """Mounting and noise of an IMU, estimated from a log.
 
     Attributes:
-        rotation_rpy_deg: roll, pitch by which the mean specific force points up, and yaw to the
+        rotation_rpy_deg: roll and pitch at which the mean specific force points up, and yaw to the
             next 90 deg [deg].
-        yaw_shown: whether the track speeds showed that yaw; otherwise it is 0 because unknown.
+        yaw_shown: whether the track speeds show that yaw; otherwise it is unknown, and set to 0.
         specific_force: (3,) mean specific force in the IMU's axes [m/s²].
-        still_seconds: how long the robot stood still, of what was logged [s].
-        gyro_axes: "z" where the other two gyros read zero all the time, otherwise "xyz".
-        turning_correlation: of the rate about the vertical with V_r - V_l, or None where the
-            track speeds do not show any turning.
+        still_seconds: duration of standstill in the log [s].
+        gyro_axes: "z" if the other two gyros always read zero, otherwise "xyz".
+        turning_correlation: correlation of the rate about the vertical with V_r - V_l, or None without
+            turning in the track speeds.
         gyro_bias: (3,) mean rates at standstill in the IMU's axes [rad/s], or None.
-        gyro_noise_density: of the rate about the vertical at standstill [rad/s/√Hz], or None.
-        accelerometer_noise_density: of the specific force to the left, vibration, slopes and all that
-            does not follow from the tracks' motion included, over half a second [m/s²/√Hz], or None.
+        gyro_noise_density: noise density of the vertical rate at standstill [rad/s/√Hz], or None.
+        accelerometer_noise_density: noise density of the specific force to the left over half a second,
+            including vibration, slopes and all else beyond the tracks' motion [m/s²/√Hz], or None.
     """
 
     rotation_rpy_deg: tuple[float, float, float]
@@ -61,9 +61,10 @@ class Mounting:
 
 
 def estimate_mounting(log: Log) -> Mounting | None:
-    """The mounting and noise of a log's IMU; None where it has no IMU or no accelerometer.
+    """Estimate the mounting and noise of a log's IMU.
 
-    None too where its readings are so far off that they show nothing (1e200 m/s², say).
+    Returns:
+        The estimate, or None if there is no IMU, no accelerometer, or readings are absurd (1e200 m/s²).
     """
     imu = log.imu
     if imu is None or imu.linear_acceleration is None or len(imu.stamps) < 2:
@@ -99,9 +100,9 @@ def estimate_mounting(log: Log) -> Mounting | None:
 def forward_yaw(
     tracks: TrackSpeedSeries, stamps: NDArray[np.int64], horizontal: Floats, vertical: Floats
 ) -> float | None:
-    """Yaw of a levelled mount to the next 90 deg, or None where the log does not show it.
+    """Estimate the yaw of a levelled mount to the next 90 deg; None if not observable.
 
-    Of the four candidates the one whose forward axis follows the change of the tracks' mean speed
+    The result is the candidate of four whose forward axis follows the change of the tracks' mean speed
     v, and whose left axis follows v w; both are averaged over half a second.
 
     Args:
@@ -134,7 +135,7 @@ def forward_yaw(
 
 
 def vertical_rate(imu: ImuSeries, mounting: Mounting) -> Floats:
-    """(n,) rate about the vertical [rad/s] of an IMU that is mounted so."""
+    """Rate about the vertical (n,) [rad/s] of an IMU with a mounting."""
     roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
     upward = rpy_to_matrix(roll, pitch, 0.0)[2]
     rates = imu.angular_velocity
@@ -144,17 +145,17 @@ def vertical_rate(imu: ImuSeries, mounting: Mounting) -> Floats:
 
 
 def level(specific_force: Floats) -> tuple[float, float, float]:
-    """Roll, pitch and yaw = 0 [deg] of a mount in which gravity gives this specific force (3,)."""
+    """Roll, pitch and yaw = 0 [deg] of a mount, from the mean specific force (3,)."""
     x, y, z = specific_force
     roll, pitch = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
     return float(np.degrees(roll)), float(np.degrees(pitch)), 0.0
 
 
 def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of the stamps (n,) [ns] lie well inside a time in which both tracks stood still.
+    """Mask (n,) of the stamps [ns] that lie well inside a standstill of both tracks.
 
-    A stop counts from the first to the last of at least two track-speed samples in a row that are
-    as good as zero, less a margin at either end.
+    A stop lasts from the first to the last of at least two consecutive track-speed samples of about
+    zero, less `STILL_MARGIN` at each end.
     """
     result = np.zeros(len(stamps), dtype=bool)
     if not len(tracks.stamps):
@@ -170,7 +171,7 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
 
 
 def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
-    """Correlation of V_r - V_l with the rate about the vertical, or None where either is constant.
+    """Correlation of V_r - V_l with the vertical rate; None if one is constant.
 
     Args:
         tracks: the track speeds.
@@ -193,10 +194,10 @@ def _density_while_driving(
     still: NDArray[np.bool_],
     step: float,
 ) -> float | None:
-    """Density of what the horizontal specific forces have besides the change of the speed and v w.
+    """Noise density of horizontal specific forces beyond the change of speed and v w.
 
-    The larger of that of neighbouring samples, which is fast vibration, and that of means over
-    `SMOOTHING`, which slopes and shocks add to.
+    It is the larger of two: of neighbouring samples (fast vibration), and of means over `SMOOTHING`
+    (with slopes and shocks).
     """
     driving = ~still
     if driving.sum() <= 10:
@@ -225,6 +226,6 @@ def _density_while_driving(
 
 
 def _density(values: Floats, where: NDArray[np.bool_], step: float) -> float:
-    """Density of the noise in some samples, from the differences of neighbours (white noise)."""
+    """White noise density of some samples, from the differences of neighbours."""
     neighbours = where[1:] & where[:-1]
     return float(np.diff(values)[neighbours].std() / np.sqrt(2.0) * np.sqrt(step))

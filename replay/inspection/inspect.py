@@ -1,4 +1,4 @@
-"""Inspection: what a log holds, topic by topic, and a robot file to start from."""
+"""Inspection of a log, topic by topic, with a proposed robot file."""
 
 from __future__ import annotations
 
@@ -42,27 +42,27 @@ from icreckon.replay.reading.tables import Table, is_table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
 MOST_STOPS = 8
-"""So many standstills are listed."""
+"""Highest number of standstills that are listed."""
 NO_ESTIMATES = WheelEstimates(None, "", None)
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
-"""A robot by whose file rates are read as speeds: its radius is 1 m."""
+"""Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """What a bag holds.
+    """Result of an inspection.
 
     Attributes:
         path: the log, or the first of its files.
         duration: from the first to the last message, by time of recording [s].
-        topics: one report for each topic, by name; of tables one for each column.
-        mapping: which topic is which stream, as guessed.
-        mounting: what the log tells about its IMU, or None.
-        findings: what the log shows: clocks, standstills, gyro bias, units that look wrong.
-        dropped: what screening would drop, as in `Log`.
-        notes: what is worth telling of the bag.
-        proposed_robot_file: a robot file to start from, as TOML; what no log can tell is a
-            placeholder, marked in a comment.
+        topics: one report for each topic, by name; for tables one for each column.
+        mapping: guessed topic of each stream.
+        mounting: estimated mounting of the IMU, or None.
+        findings: findings about clocks, standstills, gyro bias, suspicious units.
+        dropped: samples that screening would drop, as in `Log`.
+        notes: findings about the files, such as a broken index.
+        proposed_robot_file: a robot file to start from, as TOML; values that no log contains are
+            placeholders, marked in a comment.
     """
 
     path: Path
@@ -79,14 +79,14 @@ class Inspection:
 def inspect(
     path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
 ) -> Inspection:
-    """Look into a log; a bag that was cut short is looked into up to the break.
+    """Inspect a log; a bag that was cut short is inspected up to the break.
 
     Args:
         path: the file or folder, or several that make one log, as for `read_log`.
         definitions: message types that bags lack, as for `read_log`.
 
     Raises:
-        ReplayError: no such file, no bag or table, or nothing of it can be read.
+        ReplayError: no such file, no bag or table, or nothing of it is readable.
     """
     paths = as_paths(path)
     surveys, notes, tables = _look_through(paths, definitions)
@@ -153,7 +153,7 @@ def inspect(
 
 
 def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency]:
-    """How late streams are against the gyro, of those that clearly are, by purpose."""
+    """Significant latencies of streams against the gyro, by purpose."""
     if log.imu is None or vertical is None:
         return {}
     found = {}
@@ -168,7 +168,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency]:
 def _look_through(
     paths: Sequence[Path], definitions: Definitions
 ) -> tuple[dict[tuple[str, str], Survey], list[str], list[Table]]:
-    """One pass over all files: their topics by name and type, what is worth telling, the tables."""
+    """Survey all files in one pass: topics by name and type, notes, tables."""
     surveys: dict[tuple[str, str], Survey] = {}
     notes: list[str] = []
     tables = []
@@ -177,8 +177,8 @@ def _look_through(
             tables.append(Table(path))
             continue
         read = partial(survey_bag, source=str(path), definitions=definitions)
-        found, told = over_bag(path, read)
-        notes += told
+        found, remarks = over_bag(path, read)
+        notes += remarks
         for survey in found:
             name = (survey.channel.topic, survey.channel.msgtype)
             if name in surveys:
@@ -241,8 +241,8 @@ def _findings(
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
     yield from (
-        f"suspicious: {said}"
-        for said in unit_suspicions(
+        f"suspicious: {text}"
+        for text in unit_suspicions(
             log,
             mounting,
             estimates,
@@ -262,7 +262,7 @@ def _mapped_purposes(mapping: TopicMap) -> list[str]:
 
 
 def _with_clocks(mapping: TopicMap, clocks: dict[str, Choice]) -> TopicMap:
-    """The mapping with the time of recording where that was chosen."""
+    """Set the time of recording in the mapping for the streams that use it."""
     changes = {
         purpose: replace(getattr(mapping, purpose), time="recording")
         for purpose in _mapped_purposes(mapping)
@@ -272,7 +272,7 @@ def _with_clocks(mapping: TopicMap, clocks: dict[str, Choice]) -> TopicMap:
 
 
 def _repeated_shares(log: Log) -> dict[str, float]:
-    """Share of values that only repeat the one before, of tracks that move; of samples, of the IMU."""
+    """Shares of repeated values of moving tracks and of repeated IMU samples."""
     shares = {}
     speeds = log.tracks.speeds
     moving = (speeds[:-1] != 0.0).any(axis=1)

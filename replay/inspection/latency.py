@@ -1,8 +1,8 @@
-"""How late track speeds and headings are against the gyro, by the turning that both see.
+"""Latency of track speeds and headings against the gyro, from yaw changes.
 
-Drivers report a speed that was averaged, filtered or fetched a while ago, and loggers repeat it until
-the next one. A speed that comes 0.2 s late puts a robot that has started or stopped since 0.2 s of
-driving off, which is more than slip does in such a time. Neither a truth nor fixes are needed to see it.
+Drivers report a speed that was averaged, filtered or sampled earlier, and loggers repeat it until the
+next one. A latency of 0.2 s at a start or stop is an error of 0.2 s of driving, which exceeds the effect
+of slip in that time. The estimate needs neither truth nor fixes.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.replay.base.lag_search import beside_lowest
 
 LATENCIES = np.arange(-0.5, 1.0, 0.02)
-"""Those tried [s]; negative where the gyro is late."""
+"""Grid of candidate latencies [s]; negative if the gyro is late."""
 WINDOW, WINDOW_STEP = 1.0, 0.1
-"""Turning is compared over windows of this length that start so often [s]."""
+"""Length and spacing of the windows over which yaw changes are compared [s]."""
 LEAST_TURNING = 0.02
-"""Turning within the windows from which on a latency can show, root mean square [rad]."""
+"""Smallest yaw change in the windows, root mean square, at which a latency is observable [rad]."""
 LARGEST_HOLE = 0.5
-"""Windows with a longer time without samples are left out [s]."""
+"""Windows with a longer gap between samples are omitted [s]."""
 TRIMMED_SHARE = 0.8
-"""Share of the windows that count: those in which both agree best."""
+"""Share of the windows that is used: those with the smallest residuals."""
 BLOCKS = 8
-"""Stretches of the log that are left out in turn for the standard error (jackknife)."""
+"""Blocks of the log that are left out in turn for the standard error (jackknife)."""
 LEAST_CORRELATION = 0.7
-"""Tracks and gyro that agree less show no latency [-]."""
+"""Smallest correlation of tracks and gyro at which a latency is estimated [-]."""
 CERTAIN, LEAST = 0.04, 0.03
-"""A latency is told where it is known this well, and is at least this and three standard errors [s]."""
+"""Largest standard error and smallest size of a significant latency (over 3 standard errors) [s]."""
 
 
 class Latency(NamedTuple):
-    """How much later one sensor's stamps are than another's.
+    """Latency of one sensor's stamps against another's.
 
     Attributes:
         seconds: estimate [s].
@@ -48,21 +48,21 @@ class Latency(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """Whether there is one to speak of, and it is known well enough to be taken out."""
+        """True if the latency is significant and certain enough to be corrected."""
         return self.sigma <= CERTAIN and abs(self.seconds) > max(3.0 * self.sigma, LEAST)
 
 
 def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Latency | None:
-    """How late the stamps of track speeds are against those of the gyro.
+    """Estimate the latency of track speeds against the gyro.
 
     Args:
         tracks: the track speeds, in any unit; each holds until the next.
-        imu: for its stamps.
+        imu: the IMU, for its stamps.
         vertical: (n,) its rate about the vertical [rad/s].
 
     Returns:
-        The latency, or None where the log does not show it: too short, too little turning, or tracks
-        and gyro that do not agree.
+        The latency, or None if it is not observable: the log is too short, there is too little turning,
+        or tracks and gyro disagree.
     """
     if len(tracks.stamps) < 2:
         return None
@@ -75,19 +75,19 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
 def heading_latency(
     stamps: Stamps, yaw: Floats, imu: ImuSeries, vertical: Floats
 ) -> Latency | None:
-    """How late the stamps of a heading are against those of the gyro; None as for `track_latency`.
+    """Estimate the latency of a heading against the gyro; None as for `track_latency`.
 
     Args:
-        stamps: (m,) of the heading [ns].
+        stamps: (m,) stamps of the heading [ns].
         yaw: (m,) the heading [rad].
-        imu: for its stamps.
+        imu: the IMU, for its stamps.
         vertical: (n,) its rate about the vertical [rad/s].
     """
     return _latency(stamps, np.unwrap(yaw), imu, vertical)
 
 
 def _latency(stamps: Stamps, angle: Floats, imu: ImuSeries, vertical: Floats) -> Latency | None:
-    """How late an angle (m,), in any unit, is against the integral of the gyro."""
+    """Estimate the latency of an angle (m,), in any unit, against the integrated gyro."""
     if len(stamps) < 2 or len(imu.stamps) < 2:
         return None
     margin = float(np.abs(LATENCIES).max())
@@ -110,8 +110,8 @@ def _latency(stamps: Stamps, angle: Floats, imu: ImuSeries, vertical: Floats) ->
     values = np.array([part.latency for part in parts if part is not None])
     if len(values) < BLOCKS:
         return None
-    spread = float(np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean()) ** 2).sum()))
-    return Latency(best.latency, spread)
+    sigma = float(np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean()) ** 2).sum()))
+    return Latency(best.latency, sigma)
 
 
 class _Best(NamedTuple):
@@ -120,7 +120,7 @@ class _Best(NamedTuple):
 
 
 def _best(turned: Floats, shifted: Floats) -> _Best | None:
-    """The latency of the smallest misfit after a straight line, by a parabola through it."""
+    """Latency of the smallest misfit of a straight line, refined by a parabola."""
     misfits = np.array([_misfit(turned, row) for row in shifted])
     if not np.isfinite(misfits).all():
         return None
@@ -144,7 +144,7 @@ def _misfit(turned: Floats, other: Floats) -> float:
 
 
 def _turned(stamps: Stamps, angle: Floats, origin: int, starts: Floats) -> Floats:
-    """What an angle changes by within the windows."""
+    """Change of an angle within the windows."""
     seconds = (stamps - origin) * NANOSECOND
     return np.asarray(
         np.interp(starts + WINDOW, seconds, angle) - np.interp(starts, seconds, angle)
@@ -152,7 +152,7 @@ def _turned(stamps: Stamps, angle: Floats, origin: int, starts: Floats) -> Float
 
 
 def _whole(stamps: Stamps, origin: int, starts: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
-    """Which windows, widened by a margin, hold no hole of the stamps."""
+    """Mask of the windows that, widened by a margin, have no gap in the stamps."""
     seconds = (stamps - origin) * NANOSECOND
     holes = pieces(stamps, LARGEST_HOLE)
     first = np.searchsorted(seconds, starts - margin, side="right") - 1

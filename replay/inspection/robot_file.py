@@ -1,4 +1,4 @@
-"""A proposed robot file: what a log shows, and placeholders for what no log can tell."""
+"""Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ def robot_file_text(
     heading_offset: float | None,
     track_latency: Latency | None = None,
 ) -> str:
-    """The text of a robot file that `load_robot` and `topic_map` accept.
+    """Format a robot file that `load_robot` and `topic_map` accept.
 
     Args:
         path: the bag, for the robot's name.
-        mapping: the topics as guessed.
-        mounting: what the log tells about the IMU, or None.
+        mapping: the guessed topics.
+        mounting: estimated mounting of the IMU, or None.
         log: the log read by that mapping with a sprocket radius of 1 m, or None.
-        estimates: what the log says of the wheels.
-        clocks: which clock stamps each stream, and why, by purpose.
-        heading_offset: from a heading to the direction of driving [deg], or None.
-        track_latency: how late the track speeds are against the gyro, where they clearly are.
+        estimates: estimated effective radius and track.
+        clocks: clock of each stream and the reason of its choice, by purpose.
+        heading_offset: offset from a heading to the direction of driving [deg], or None.
+        track_latency: latency of the track speeds against the gyro, if significant.
     """
     lines = [
         f"{FIRST_WORDS} {path.name}: check every line.",
@@ -58,7 +58,7 @@ def robot_file_text(
 
 
 def in_rates(mapping: TopicMap) -> bool:
-    """Whether the mapping's track speeds are multiplied by the sprocket radius."""
+    """Test for track speeds that are multiplied by the sprocket radius."""
     if mapping.columns is not None and mapping.columns.tracks is not None:
         return mapping.columns.tracks.unit not in OF_GROUND
     tracks = mapping.tracks
@@ -66,12 +66,12 @@ def in_rates(mapping: TopicMap) -> bool:
 
 
 def has_tracks(mapping: TopicMap) -> bool:
-    """Whether the mapping has track speeds."""
+    """Test for track speeds in the mapping."""
     return mapping.tracks is not None or bool(mapping.columns and mapping.columns.tracks)
 
 
 def _vehicle(mapping: TopicMap, log: Log | None, estimates: WheelEstimates) -> list[str]:
-    # Not a number: a robot file that was not completed is refused rather than believed.
+    # Not a number, so that an incomplete robot file is refused.
     radius_matters = in_rates(mapping)
     lines = [
         "[vehicle]",
@@ -90,20 +90,20 @@ def _vehicle(mapping: TopicMap, log: Log | None, estimates: WheelEstimates) -> l
             lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
         else:
             lines.append(f"# Fastest in the log: {fastest:.1f} m/s.")
-    way, track = estimates.way_ratio, estimates.track_ratio
-    if radius_matters and way is not None:
+    radius, track = estimates.way_ratio, estimates.track_ratio
+    if radius_matters and radius is not None:
         lines.append(
-            f"# Effective radius by the {estimates.way_source}: {way:.3f} m, where it hardly turned."
+            f"# Effective radius by the {estimates.way_source}: {radius:.3f} m, where it hardly turned."
         )
     if track is not None:
-        size = _effective_track(mapping, track, way)
+        size = _effective_track(mapping, track, radius)
         lines.append(f"# Effective track by the gyro: {size}; eta0 is it over track_gauge.")
     return lines
 
 
-def _effective_track(mapping: TopicMap, track: float, way: float | None) -> str:
+def _effective_track(mapping: TopicMap, track: float, radius: float | None) -> str:
     if in_rates(mapping):
-        known = "" if way is None else f", {track * way:.2f} m"
+        known = "" if radius is None else f", {track * radius:.2f} m"
         return f"{track:.3g} times the effective radius{known}"
     if mapping.tracks is not None and not mapping.tracks.left:
         # Speed and yaw rate of a controller are read with a gauge of 1 m here.
@@ -160,12 +160,12 @@ def _seen_of_noise(log: Log | None) -> str:
 def _turning_comment(correlation: float | None) -> str:
     if correlation is None:
         return "# No track speeds to check the sign of turning with."
-    said = f"# Track speeds and the rate about the vertical have a correlation of {correlation:.2f}"
+    text = f"# Track speeds and the rate about the vertical have a correlation of {correlation:.2f}"
     if correlation > 0.3:
-        return f"{said}: the sign of turning is right."
+        return f"{text}: the sign of turning is right."
     if correlation < -0.3:
-        return f"{said}: TURNS THE WRONG WAY, left and right may be swapped."
-    return f"{said}: too little to check the sign of turning."
+        return f"{text}: TURNS THE WRONG WAY, left and right may be swapped."
+    return f"{text}: too little to check the sign of turning."
 
 
 def _latency_lines(latency: Latency | None) -> list[str]:
@@ -229,7 +229,7 @@ def _log(
 
 
 def columns_text(columns: ColumnMap, track_latency: Sequence[str] = ()) -> list[str]:
-    """The lines of a column map, with one of the tracks' latency."""
+    """Format a column map, with the lines of the tracks' latency."""
     lines = ["[log.columns]", f"time = {_text(columns.time)}"]
     lines.append(f"time_unit = {_text(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):

@@ -1,4 +1,4 @@
-"""Surveys: one pass over a bag's messages, topic by topic."""
+"""Survey of a bag's messages, topic by topic, in one pass."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.reading.message_rows import imu_row
 
 SAMPLES = 200
-"""Messages of a topic that are looked into to guess what it is."""
+"""Messages of a topic that are decoded to guess its stream."""
 SHAPE_CHECKS: dict[str, Callable[[Any], object]] = {
     JOINT_STATE: lambda message: (message.name, message.velocity),
     IMU: imu_row,
     NAVSATFIX: lambda message: (message.status.status, message.position_covariance_type),
 }
-"""The types that are looked into; each raises when a definition is not the one of that name."""
+"""Checks of the decoded types; each raises if a definition is not the standard one of its name."""
 GAP = 5.0
-"""So many times the usual time between two messages is a gap [-]."""
+"""Smallest gap as a multiple of the usual interval between two messages [-]."""
 
 
 @dataclass(frozen=True)
 class TopicReport:
-    """What a topic holds.
+    """Statistics of a topic.
 
     Attributes:
         topic: name.
         msgtype: message type.
-        frame_id: frame of the first message, "" where it has none.
+        frame_id: frame of the first message, "" if it has none.
         count: number of messages.
         mean_rate: messages per second of recording [Hz], or None for fewer than two.
         largest_gap: longest time between two messages, by recording [s], or None likewise.
-        gaps: how many times between two messages are more than `GAP` times the usual one, or None.
+        gaps: number of intervals longer than `GAP` times the usual one, or None.
         clock_offset: median of header stamp minus time of recording [s], or None without headers.
-        repeated_share: share of what only repeats the one before: of the values of track speeds
+        repeated_share: share of samples equal to the previous one: of the values of track speeds
             while the tracks moved, of the samples of the IMU; None for other topics.
     """
 
@@ -61,12 +61,12 @@ class TopicReport:
 
 @dataclass
 class Survey:
-    """What was found of a topic.
+    """Data gathered from a topic.
 
     Attributes:
         channel: the topic and its type.
         recorded: times of recording [ns].
-        offsets: header stamps less these [ns], of messages with a header.
+        offsets: header stamp minus time of recording [ns], of messages with a header.
         frame_id: frame of the first message that has one.
         messages: some decoded ones, of the types in `SHAPE_CHECKS`.
     """
@@ -78,14 +78,14 @@ class Survey:
     messages: list[Any] = field(default_factory=list)
 
     def extend(self, other: Survey) -> None:
-        """Add what was found of the topic in another file."""
+        """Append the survey of the topic in another file."""
         self.recorded.extend(other.recorded)
         self.offsets.extend(other.offsets)
         self.frame_id = self.frame_id or other.frame_id
         self.messages.extend(other.messages[: SAMPLES - len(self.messages)])
 
     def report(self) -> TopicReport:
-        """The same as figures."""
+        """Compute the statistics of the topic."""
         times = np.sort(np.array(self.recorded, dtype=np.int64))
         several = len(times) > 1 and times[-1] > times[0]
         steps = np.diff(times)
@@ -104,22 +104,22 @@ class Survey:
 
 
 def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Survey], list[str]]:
-    """Look at all messages of a bag.
+    """Survey all messages of a bag.
 
     Args:
         bag: the bag.
         source: its name, for messages.
-        definitions: message types that it may lack.
+        definitions: definitions of message types that it may lack.
 
     Returns:
-        A survey of each of its channels, and what is worth telling of the bag.
+        A survey of each of its channels, and the notes of the bag.
     """
     surveys = {channel: Survey(channel) for channel in bag.counts}
     headers = {channel: header_reader(channel) for channel in surveys}
     decoders = {}
     for channel in surveys:
         if channel.msgtype in SHAPE_CHECKS:
-            # A type that cannot be decoded is listed all the same.
+            # Types that cannot be decoded are still listed.
             with suppress(ReplayError):
                 decoders[channel] = decoder(channel, source, definitions)
     for record in bag.messages({channel.topic for channel in surveys}):

@@ -1,4 +1,4 @@
-"""What a log says of units, wheels and standstills, before any filter: first estimates and suspicions."""
+"""First estimates of wheels, units and standstills from a log, without a filter."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from icreckon.replay.inspection.imu_mounting import ABSURD, STILL_MARGIN, Mounti
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.1
-"""A mean specific force that is off by more than this share is suspicious [-]."""
+"""Relative error of the mean specific force from which it is suspicious [-]."""
 FAST_TURNING = 6.0
-"""A ground robot hardly turns faster [rad/s]."""
+"""Yaw rate that a ground robot hardly exceeds [rad/s]."""
 FAST_SPEED, FAST_RATE = 20.0, 120.0
-"""Nor does it drive, or turn its wheels, faster [m/s, rad/s]."""
+"""Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
 DEGREES = (20.0, 180.0)
-"""Yaw rates this many times those of the odometry are in degrees (57.3, with some slip)."""
+"""Ratio range to the odometry's yaw rates at which rates are in degrees (57.3, with some slip)."""
 TOO_MUCH_TURNING = 2.5
-"""Slip makes odometry overestimate the yaw rate, but hardly by this much [-]."""
+"""Factor by which slip hardly makes odometry overestimate the yaw rate [-]."""
 STRAIGHT = 1.0
-"""Turning within a window up to which its way is taken for an arc [rad]."""
+"""Largest turning within a window at which its path is assumed an arc [rad]."""
 WINDOWS = {"truth": 2.0, "fixes": 10.0}
 FEWEST_WINDOWS = 5
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
-"""A course over ground: least way [m], longest time [s]; least mean vector of its offsets [-]."""
+"""Course over ground: least distance [m], longest time [s]; least mean vector of its offsets [-]."""
 CLEAR_TURNING = 0.7
-"""Correlation of turning from which on an effective track is believed [-]."""
+"""Smallest correlation of turning at which an effective track is estimated [-]."""
 
 
 class WheelEstimates(NamedTuple):
-    """What the way over ground and the gyro say of the wheels, None where they say nothing.
+    """Estimates of the wheels from ground distance and gyro; None if unknown.
 
     Attributes:
-        way_ratio: way over ground over that of the track speeds: where these are rates [rad/s], the
-            effective radius [m], otherwise 1 [-].
-        way_source: "truth" or "fixes".
-        track_ratio: V_r - V_l over the yaw rate: effective track over effective radius where track
-            speeds are rates [-], otherwise the effective track [m].
+        way_ratio: distance over ground over that of the track speeds: the effective radius [m] if these
+            are rates [rad/s], otherwise 1 [-].
+        way_source: source of the distance over ground, "truth" or "fixes".
+        track_ratio: V_r - V_l over the yaw rate: effective track over effective radius [-] if track
+            speeds are rates, otherwise the effective track [m].
     """
 
     way_ratio: float | None
@@ -49,12 +49,12 @@ class WheelEstimates(NamedTuple):
 
 
 def wheel_estimates(log: Log, vertical: Floats | None, correlation: float | None) -> WheelEstimates:
-    """First estimates of the effective radius and track.
+    """Estimate the effective radius and track.
 
     Args:
         log: the log; its track speeds may be rates.
         vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
-        correlation: of that with V_r - V_l, or None.
+        correlation: correlation of that rate with V_r - V_l, or None.
     """
     track_ratio = None
     speeds = log.tracks.speeds
@@ -76,34 +76,34 @@ def wheel_estimates(log: Log, vertical: Floats | None, correlation: float | None
         source, stamps, places = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
     else:
         return WheelEstimates(None, "", track_ratio)
-    ratio = _way_ratio(log, vertical, stamps, places, WINDOWS[source])
+    ratio = _distance_ratio(log, vertical, stamps, places, WINDOWS[source])
     return WheelEstimates(ratio, source, track_ratio)
 
 
-def _way_ratio(
+def _distance_ratio(
     log: Log, vertical: Floats, stamps: Stamps, places: Floats, window: float
 ) -> float | None:
-    """Median of chord over way of the tracks, of windows [s] of gentle driving."""
-    assert log.imu is not None  # noqa: S101 - the caller has looked
+    """Median ratio of chord to track distance over windows [s] of gentle driving."""
+    assert log.imu is not None  # noqa: S101 - checked by the caller
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = np.arange(start, end, round(window / NANOSECOND))
     if len(edges) < FEWEST_WINDOWS + 1:
         return None
     mean = log.tracks.speeds.mean(axis=1)
-    way = np.interp(edges, log.tracks.stamps, _integral(log.tracks.stamps, mean))
+    distance = np.interp(edges, log.tracks.stamps, _integral(log.tracks.stamps, mean))
     turned, yaw = (
         np.interp(edges, log.imu.stamps, _integral(log.imu.stamps, rate))
         for rate in (np.abs(vertical), vertical)
     )
     at = np.column_stack([np.interp(edges, stamps, column) for column in places.T])
-    # The chord of an arc that turns by so much.
+    # Ratio of chord to arc for this turning.
     shortened = np.sinc(np.diff(yaw) / (2.0 * np.pi))
-    chords, ways = np.hypot(*np.diff(at, axis=0).T), np.abs(np.diff(way)) * shortened
+    chords, arcs = np.hypot(*np.diff(at, axis=0).T), np.abs(np.diff(distance)) * shortened
     gaps = np.diff(np.searchsorted(stamps, edges)) < 2
-    straight = (np.diff(turned) < STRAIGHT) & (ways > 0.3 * np.abs(mean).max() * window) & ~gaps
+    straight = (np.diff(turned) < STRAIGHT) & (arcs > 0.3 * np.abs(mean).max() * window) & ~gaps
     if straight.sum() < FEWEST_WINDOWS:
         return None
-    return float(np.median(chords[straight] / ways[straight]))
+    return float(np.median(chords[straight] / arcs[straight]))
 
 
 def _integral(stamps: Stamps, values: Floats) -> Floats:
@@ -112,7 +112,7 @@ def _integral(stamps: Stamps, values: Floats) -> Floats:
 
 
 def standstills(log: Log) -> list[tuple[float, float]]:
-    """When both tracks stood still: seconds from the log's start, of stops of a second and more."""
+    """Standstills of a second or more: (start, end) since the log's start [s]."""
     if not len(log.tracks.stamps):
         return []
     still = standstill(log.tracks, log.tracks.stamps)
@@ -135,15 +135,15 @@ def unit_suspicions(
     rates: bool,
     from_twist: bool,
 ) -> list[str]:
-    """What looks as if it were in another unit.
+    """Report values that seem to be in another unit.
 
     Args:
         log: the log; its track speeds may be rates.
-        mounting: what the log tells about the IMU, or None.
-        estimates: as of `wheel_estimates`.
+        mounting: estimated mounting of the IMU, or None.
+        estimates: result of `wheel_estimates`.
         vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
         rates: whether track speeds are in rad/s.
-        from_twist: whether they were made of speed and yaw rate, with a gauge of 1 m.
+        from_twist: whether they were computed from speed and yaw rate, with a gauge of 1 m.
     """
     found = []
     if mounting is not None:
@@ -167,14 +167,14 @@ def unit_suspicions(
             found.append(f"track speeds of {fast:.3g}; m/s, or rather mm/s?")
     if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:
         found.append(
-            f"the way over ground is {estimates.way_ratio:.3g} times that of the track speeds, "
+            f"the distance over ground is {estimates.way_ratio:.3g} times that of the track speeds, "
             f"by the {estimates.way_source}"
         )
     return found
 
 
 def _turning_suspicion(log: Log, vertical: Floats) -> list[str]:
-    """Of track speeds made of speed and yaw rate with a gauge of 1 m, so that V_r - V_l is that rate."""
+    """Check the yaw rate of a twist, which is V_r - V_l for a gauge of 1 m."""
     turning = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std())
     gyro = float((vertical - vertical.mean()).std())
     if not (turning > 0.0 and gyro > 0.0):
@@ -197,7 +197,7 @@ def _unit_of_gravity(force: float) -> str:
 
 
 def heading_offset(log: Log) -> float | None:
-    """From a measured heading to the course over ground [deg], or None where that is not clear."""
+    """Offset from measured heading to course over ground [deg]; None if not clear."""
     headings = [one for one in log.others if isinstance(one, HeadingFix)]
     if log.fixes is None or len(log.fixes.stamps) < 2 or len(headings) < 2:
         return None

@@ -1,4 +1,4 @@
-"""Which topic, field or column is which sensor, in which units.
+"""Mapping from topics, fields and columns to sensors and units.
 
 In: the `[log]` table of a robot file. Out: checked maps. Below: `base`.
 """

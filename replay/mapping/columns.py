@@ -1,4 +1,4 @@
-"""The column map: which columns of a table (CSV, Parquet) are which stream.
+"""Column map: columns of a table (CSV, Parquet) for each stream.
 
 It is the `[log.columns]` table of a robot file.
 """
@@ -23,11 +23,11 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         left: columns of the left side, which are averaged.
         right: columns of the right side.
-        unit: of their values.
-        counts_per_turn: of the sprocket, for unit "counts".
-        wrap: where the counter starts again, in `unit`; None if it does not.
-        time: column of their time where it is not that of the map.
-        latency: how late these stamps are, which is taken off them [s].
+        unit: unit of their values.
+        counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
+        wrap: range of the counter, in `unit`; None if it does not wrap.
+        time: column of their time, if other than the map's.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     left: tuple[str, ...]
@@ -52,10 +52,10 @@ class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         angular_velocity: columns of x, y and z, or of z alone.
         linear_acceleration: columns of x, y and z (specific force); empty for none.
-        rate_unit: of the angular velocity.
-        acceleration_unit: of the acceleration.
-        time: column of their time where it is not that of the map.
-        latency: how late these stamps are, which is taken off them [s].
+        rate_unit: unit of the angular velocity.
+        acceleration_unit: unit of the acceleration.
+        time: column of their time, if other than the map's.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     angular_velocity: tuple[str, ...]
@@ -84,13 +84,13 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         longitude: column [deg].
         altitude: column [m], or None.
         sigma: column of the standard deviation of each coordinate [m], or None.
-        position_sigma: the same for all rows [m], where there is no column of it.
-        heading_sigma: standard deviation of yaw [rad]; fixes have no heading where left out.
-        least_sigma: what rows that claim to be better are taken for [m].
+        position_sigma: standard deviation of each coordinate for all rows [m], without `sigma`.
+        heading_sigma: standard deviation of yaw [rad]; without it, fixes have no heading.
+        least_sigma: lower bound of the standard deviations of the rows [m].
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
-        source: what the truth is, for reports.
-        time: column of their time where it is not that of the map.
-        latency: how late these stamps are, which is taken off them [s].
+        source: name of the reference system of the truth, for reports.
+        time: column of their time, if other than the map's.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     x: str | None = None
@@ -121,14 +121,14 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which columns are which stream; None where the tables have none of it.
+    """Columns of each stream; None if the tables lack the stream.
 
-    A stream is read from each file that has all of its columns. Cells that are empty in all columns
-    of a stream are rows of other streams.
+    A stream is read from each file that has all of its columns. A row whose cells are empty in all
+    columns of a stream belongs to other streams.
 
     Attributes:
         time: column of the time.
-        time_unit: its unit, where the column holds numbers and no timestamps.
+        time_unit: its unit, if the column holds numbers and not timestamps.
         tracks: columns of the track speeds.
         imu: columns of the IMU.
         fixes: columns of the fixes.

@@ -1,4 +1,4 @@
-"""Field paths: «wheels.left.rate» or «data[0]» of a message of any type."""
+"""Field paths such as «wheels.left.rate» or «data[0]», for messages of any type."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 
 def field_getter(path: str) -> Callable[[Any], float]:
-    """A function that takes a field of a message as a number.
+    """Build a getter of a field of a message as a number.
 
-    The function raises `ReplayError` where a field is not there or no number, and IndexError where
-    an array is too short.
+    The getter raises `ReplayError` if a field is missing or not a number, and IndexError if an array
+    is too short.
 
     Args:
-        path: names with dots between them, and indices of arrays.
+        path: names separated by dots, and indices of arrays.
 
     Raises:
-        ReplayError: the path is none.
+        ReplayError: the path is invalid.
     """
     steps: list[str | int] = []
     position = 0
@@ -56,7 +56,7 @@ def _fields_of(value: Any) -> str:
 
 
 class FieldReader:
-    """Called with a message: the means of the fields of either side, (left, right)."""
+    """Reader of a message: the means of the fields of each side, (left, right)."""
 
     def __init__(self, left: Sequence[str], right: Sequence[str]) -> None:
         self._sides = [[field_getter(path) for path in side] for side in (left, right)]

@@ -1,4 +1,4 @@
-"""Geodesy: latitude and longitude as metres east and north of an origin."""
+"""Geodesy: latitude and longitude to metres east and north of an origin."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def check_origin(origin: Origin | None) -> None:
     """Refuse an origin that is not on the globe.
 
     Raises:
-        ValueError: what is wrong.
+        ValueError: a coordinate is not finite or out of range.
     """
     if origin is None:
         return
@@ -26,9 +26,9 @@ def check_origin(origin: Origin | None) -> None:
 
 
 def on_globe(places: Floats) -> NDArray[np.bool_]:
-    """Which of the places (n, 3 or more: latitude, longitude [deg], ...) can be one.
+    """Mask (n,) of valid places (n, 3 or more: latitude, longitude [deg], ...).
 
-    Zero for both is what a receiver without a fix says.
+    Zero for both is invalid: receivers without a fix report it.
     """
     latitude, longitude = places[:, 0], places[:, 1]
     with np.errstate(invalid="ignore"):
@@ -37,12 +37,12 @@ def on_globe(places: Floats) -> NDArray[np.bool_]:
 
 
 def east_north(places: Floats, origin: Origin) -> Floats:
-    """(n, 2) metres east and north of an origin, in the plane that touches the ellipsoid there.
+    """Convert geodetic places to (n, 2) metres east and north of an origin.
 
     Args:
-        places: (n, 3) latitude, longitude [deg], altitude [m]; NaN for an altitude that is not
-            known, which is then the origin's.
-        origin: of the plane.
+        places: (n, 3) latitude, longitude [deg], altitude [m]; an altitude of NaN is replaced by
+            the origin's.
+        origin: point at which the plane is tangent to the ellipsoid.
     """
     from pymap3d import geodetic2enu
 

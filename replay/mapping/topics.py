@@ -1,7 +1,7 @@
-"""The topic mapping: which topic of a bag is which stream.
+"""Topic mapping: topics of a bag for each stream.
 
-It is the `[log]` table of a robot file. Where that cannot say all that a bag is written with, the bag
-itself holds its mapping, as JSON on `MAPPING_TOPIC`.
+It is the `[log]` table of a robot file. If that table cannot describe a written bag, the bag holds its
+own mapping, as JSON on `MAPPING_TOPIC`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import TrackUnit, check_latency, check_unit
 
 Clock = Literal["auto", "header", "recording"]
-"""What stamps a stream: header stamps, the time of recording, or what `replay.reading.clocks` chooses."""
+"""Clock of a stream: header stamps, time of recording, or the choice of `replay.reading.clocks`."""
 
 
 def _require_positive(name: str, value: float | None) -> None:
@@ -39,18 +39,18 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         topic: name; sensor_msgs/JointState, nav_msgs/Odometry, geometry_msgs/TwistStamped, or any
-            other type whose fields `left` and `right` name.
-        left: joints of the left side (JointState), which are averaged, or the fields of it in a
-            message of another type, as "wheels.left.rate" or "data[0]".
-        right: those of the right side.
-        gauge: track gauge by which the robot's controller made speed and yaw rate of track speeds
-            [m] (Odometry, TwistStamped); the vehicle's where left out.
-        unit: of the values of `left` and `right`; what adds up ("counts", "rad", ...) is taken from
-            the position of the joints.
-        counts_per_turn: of the sprocket, for unit "counts".
-        wrap: where the counter starts again, in `unit`; None if it does not.
-        time: which clock stamps it.
-        latency: how late these stamps are, which is taken off them [s].
+            other type, if `left` and `right` name its fields.
+        left: joints of the left side (JointState) or fields of a message of another type, as
+            "wheels.left.rate" or "data[0]"; their mean is used.
+        right: joints or fields of the right side.
+        gauge: track gauge with which the robot's controller computes speed and yaw rate from track
+            speeds [m] (Odometry, TwistStamped); the vehicle's if left out.
+        unit: unit of the values of `left` and `right`; cumulative units ("counts", "rad", ...) use the
+            position of the joints.
+        counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
+        wrap: range of the counter, in `unit`; None if it does not wrap.
+        time: clock of the stamps.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
@@ -77,8 +77,8 @@ class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         topic: name.
-        time: which clock stamps it.
-        latency: how late these stamps are, which is taken off them [s].
+        time: clock of the stamps.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
@@ -96,15 +96,16 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         topic: name; geometry_msgs/PoseWithCovarianceStamped or PoseStamped, nav_msgs/Odometry,
             sensor_msgs/NavSatFix (then `odom` is east and north from `origin`), or tf
             (tf2_msgs/TFMessage, geometry_msgs/TransformStamped) with `frames`.
-        position_sigma: standard deviation of each coordinate where a message has no covariance [m].
-        heading_sigma: the same of yaw [rad]; where left out, such a message has no heading.
-        least_sigma: what messages that claim to be better are taken for [m]: errors of GPS wander, and
-            a filter takes each fix for an independent one.
-        frames: of tf, the frame that the fixes are in and that of the robot, ["map", "base_link"].
+        position_sigma: standard deviation of each coordinate if a message has no covariance [m].
+        heading_sigma: standard deviation of yaw if a message has no covariance [rad]; if left out, such
+            a message has no heading.
+        least_sigma: lower bound of the messages' standard deviations [m]: errors of GPS are
+            correlated over time, but a filter assumes independent fixes.
+        frames: for tf, the frame of the fixes and that of the robot, ["map", "base_link"].
         origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
-            where left out.
-        time: which clock stamps it.
-        latency: how late these stamps are, which is taken off them [s].
+            if left out.
+        time: clock of the stamps.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
@@ -131,10 +132,10 @@ class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         topic: name; sensor_msgs/Imu, of which only the orientation is read, or
             geometry_msgs/QuaternionStamped.
-        sigma: standard deviation where a message has no covariance [rad].
-        offset_deg: what to add to get the direction of driving from what is measured [deg].
-        time: which clock stamps it.
-        latency: how late these stamps are, which is taken off them [s].
+        sigma: standard deviation if a message has no covariance [rad].
+        offset_deg: offset added to the measurement to get the direction of driving [deg].
+        time: clock of the stamps.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
@@ -158,11 +159,11 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             nav_msgs/Odometry (which gives the twist too), or tf with `frames`.
         twist: the body velocity (geometry_msgs/TwistStamped), or None.
         tracks: the true track speeds (JointState, joints as in `[log.tracks]`), or None.
-        source: what the truth is ("lidar map", say), for reports; the topic where left out.
-        source_topic: a topic that says it instead (std_msgs/String), or None.
-        frames: of tf, the frame that the truth is in and that of the robot.
-        time: which clock stamps it.
-        latency: how late these stamps are, which is taken off them [s].
+        source: name of the reference system ("lidar map"), for reports; the topic if left out.
+        source_topic: a topic with that name (std_msgs/String), or None.
+        frames: for tf, the frame of the truth and that of the robot.
+        time: clock of the stamps.
+        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
@@ -180,7 +181,7 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a robot's logs keep each stream; None where they have none of it.
+    """Topics of each stream; None if a robot's logs lack the stream.
 
     Attributes:
         tracks: topic of the track speeds.
@@ -188,7 +189,7 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         fixes: topic of the fixes.
         truth: topics of the truth.
         heading: topic of a heading without a position.
-        columns: the same for logs that are tables (CSV, Parquet).
+        columns: columns of each stream, for logs that are tables (CSV, Parquet).
     """
 
     tracks: TrackTopic | None = None
@@ -205,7 +206,7 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 _Topic = TypeVar("_Topic", TrackTopic, ImuTopic | None, FixTopic | None, TruthTopic)
 
-# Where bags that are written keep what the robot's file does not say.
+# Topics of written bags for streams that the robot file does not map.
 DEFAULT_TRACKS = TrackTopic("/joint_states", ("left_track_joint",), ("right_track_joint",))
 DEFAULT_TRUTH = TruthTopic(
     "/ground_truth/pose",
@@ -220,15 +221,15 @@ MAPPING_TOPIC = "/icreckon/topics"
 
 
 def writable_topics(own: TopicMap) -> TopicMap:
-    """A mapping on which every stream can be written.
+    """Complete a mapping so that every stream can be written.
 
     Args:
         own: the robot file's mapping.
 
     Returns:
-        The same, with `DEFAULT_TOPICS` for what it does not name and for track speeds without joint
-        names, which are written as JointState; `DEFAULT_TOPICS` altogether where two streams would
-        come to share a topic.
+        That mapping, with `DEFAULT_TOPICS` for streams it does not map and for track speeds without
+        joint names, which are written as JointState; `DEFAULT_TOPICS` alone if two streams would
+        share a topic.
     """
     tracks, fixes = own.tracks, own.fixes
     if tracks is None or not tracks.left or tracks.unit != "rad/s":
@@ -236,11 +237,11 @@ def writable_topics(own: TopicMap) -> TopicMap:
     if fixes is None or fixes.frames is not None:
         fixes = DEFAULT_TOPICS.fixes
     by_topic = own.truth is not None and own.truth.frames is None
-    said = msgspec.structs.asdict(own.truth) if own.truth is not None and by_topic else {}
+    given = msgspec.structs.asdict(own.truth) if own.truth is not None and by_topic else {}
     truth = msgspec.structs.replace(
-        DEFAULT_TRUTH, **{key: value for key, value in said.items() if value is not None}
+        DEFAULT_TRUTH, **{key: value for key, value in given.items() if value is not None}
     )
-    # What is written is stamped in time.
+    # Written stamps have no latency.
     full = TopicMap(
         _in_time(tracks), _in_time(own.imu or DEFAULT_TOPICS.imu), _in_time(fixes), _in_time(truth)
     )
@@ -254,11 +255,11 @@ def _in_time(stream: _Topic) -> _Topic:
 
 
 def topic_map(robot: Robot, source: str) -> TopicMap:
-    """The `[log]` table of a robot file, checked.
+    """Convert and check the `[log]` table of a robot file.
 
     Args:
         robot: the robot.
-        source: name of its file, for messages.
+        source: name of its file, for error messages.
 
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.

@@ -1,4 +1,4 @@
-"""From what track sensors count to track speeds: rates, speeds, angles, encoder counts."""
+"""Conversion of track sensor units (rates, angles, counts, ...) to track speeds."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ OF_SPROCKET = {
 }
 """Rates and angles of the sprocket in rad/s and rad; counts depend on the encoder."""
 OF_GROUND = {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "m": 1.0, "mm": 1e-3}
-"""Speeds and ways of the track in m/s and m."""
+"""Speeds and distances of the track in m/s and m."""
 ADDS_UP = {"rad", "deg", "turns", "counts", "m", "mm"}
-"""Units of what is counted from the start on, whose differences are the motion."""
+"""Cumulative units, whose differences are the motion."""
 
 LONGEST_DIFFERENCE = 1.0
-"""Samples of a counter that are further apart give no speed [s]."""
+"""Longest interval between two samples of a counter that gives a speed [s]."""
 TOO_FAST = 10.0
-"""A counter has jumped where the speed is this many times the fastest track's [-]."""
+"""A counter has jumped if its speed is more than this multiple of the fastest track's [-]."""
 
 
 def check_unit(
     unit: TrackUnit, counts_per_turn: float | None, wrap: float | None, on_a_side: int
 ) -> None:
-    """Refuse a unit that does not go with what else is said.
+    """Refuse a unit that contradicts the other settings.
 
     Args:
-        unit: of the values.
-        counts_per_turn: of the sprocket.
-        wrap: where counters start again, in `unit`.
-        on_a_side: how many values a side has at most.
+        unit: unit of the values.
+        counts_per_turn: encoder counts per turn of the sprocket, or None.
+        wrap: range of the counters, in `unit`, or None.
+        on_a_side: highest number of values of a side.
 
     Raises:
-        ValueError: what is missing or wrong.
+        ValueError: a setting is missing, contradictory or out of range.
     """
     for name, value in (("counts_per_turn", counts_per_turn), ("wrap", wrap)):
         if value is not None and not (math.isfinite(value) and value > 0):
@@ -59,7 +59,7 @@ def check_unit(
 
 
 def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | None) -> float:
-    """What to multiply values of a unit by to get m/s, or m where they add up."""
+    """Factor from a unit to m/s, or to m for cumulative units."""
     if unit in OF_GROUND:
         return OF_GROUND[unit]
     angle = 2.0 * math.pi / (counts_per_turn or 1.0) if unit == "counts" else OF_SPROCKET[unit]
@@ -67,22 +67,22 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
 
 
 def differences(
-    stamps: Stamps, ways: Floats, wrap: float | None, fastest: float
+    stamps: Stamps, distances: Floats, wrap: float | None, fastest: float
 ) -> tuple[Stamps, Floats, dict[str, int]]:
     """Mean speeds between the samples of two counters.
 
     Args:
         stamps: (n,) [ns], rising.
-        ways: (n, 2) what the counters say [m].
-        wrap: where they start again [m], or None.
+        distances: (n, 2) readings of the counters [m].
+        wrap: range of the counters [m], or None.
         fastest: highest speed of a track [m/s].
 
     Returns:
-        (m,) stamps in the middle between two samples, (m, 2) speeds [m/s], and how many differences
-        were left out, by reason.
+        (m,) stamps in the middle between two samples, (m, 2) speeds [m/s], and numbers of omitted
+        differences, by reason.
     """
     seconds = np.diff(stamps) * NANOSECOND
-    steps = np.diff(ways, axis=0)
+    steps = np.diff(distances, axis=0)
     if wrap is not None:
         steps = (steps + 0.5 * wrap) % wrap - 0.5 * wrap
     speeds = steps / seconds[:, None]
@@ -98,14 +98,14 @@ def differences(
 
 
 LONGEST = 10.0
-"""Stamps that are later than this are another clock's [s]."""
+"""Longest latency; later stamps come from another clock [s]."""
 
 
 def check_latency(latency: float) -> None:
-    """Refuse what cannot be a latency.
+    """Refuse an invalid latency [s].
 
     Raises:
-        ValueError: it is no number, or more than `LONGEST`.
+        ValueError: it is not a number, or its magnitude exceeds `LONGEST`.
     """
     if not (math.isfinite(latency) and abs(latency) <= LONGEST):
         raise ValueError(

@@ -1,4 +1,4 @@
-"""From the messages of a bag, or the rows of a table, to a `Log`.
+"""Log reading: from the messages of bags and the rows of tables to a `Log`.
 
 Streams of rows for each topic, clocks, tf, units, order. Below: `mapping`, `bags`, `base`.
 """

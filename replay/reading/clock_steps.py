@@ -1,7 +1,7 @@
-"""Clocks that were set while a log was recorded.
+"""Clock steps: clocks that were set while a log was recorded.
 
-Where only the headers' clock was, the times of recording tell by how much. Where the recorder's was set
-back too, bags hold two times one over the other, which nothing can take apart again.
+A step of only the headers' clock shows against the times of recording and is corrected. If the
+recorder's clock was set back too, two periods overlap in the bag and cannot be separated.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 
 STEP = 0.5
-"""Header stamps that jump by more than this against the time of recording may be a clock's step [s]."""
+"""Smallest jump of header stamps against the time of recording that may be a clock step [s]."""
 LASTING = 20
-"""So many messages in a row must go by the new clock; fewer are stamps that are wrong, to be dropped."""
+"""Fewest consecutive messages with the new offset; shorter runs are wrong stamps, to be dropped."""
 WINDOW = 0.5
-"""Samples are counted over windows of this length [s]."""
+"""Length of the windows over which samples are counted [s]."""
 MANY, TOO_MANY, FEWEST_WINDOWS = 1.7, 2.3, 2
-"""Times one over the other have this many times the usual number of samples, for so many windows."""
+"""Overlap: range of the ratio to the median number of samples [-], and the fewest windows of it."""
 
 
 def without_steps(stamped: Stamps, recorded: Stamps) -> tuple[Stamps, list[tuple[int, float]]]:
-    """Header stamps as if their clock had not been set on the way.
+    """Remove clock steps from header stamps.
 
-    A step is where the header stamps jump from one message to the next while the times of recording
-    go on evenly, and the new difference between the two lasts.
+    At a step, the header stamps jump from one message to the next, the times of recording do not, and
+    the new difference between the two lasts.
 
     Args:
         stamped: (n,) header stamps [ns], in the order of recording.
         recorded: (n,) times of recording [ns], ascending.
 
     Returns:
-        (n,) stamps by the clock that was there first, and for each step the place of the first message
-        after it and by how much the clock was set [s].
+        (n,) stamps by the initial clock, and for each step the index of the first message after it and
+        its size [s].
     """
     if len(stamped) <= LASTING:
         return stamped, []
@@ -58,10 +58,10 @@ def without_steps(stamped: Stamps, recorded: Stamps) -> tuple[Stamps, list[tuple
 
 
 def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
-    """When there are about twice as many samples as else: from one stamp to another [ns].
+    """Find intervals (start, end) [ns] with about twice the usual rate of samples.
 
     Args:
-        stamps: (n,) in order, equal ones included [ns].
+        stamps: (n,) ascending, equal ones included [ns].
     """
     if len(stamps) < 10 * LASTING:
         return []
@@ -81,7 +81,7 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
 
 
 def in_both(one: list[tuple[int, int]], other: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The times that are in both lists, widened by a window on either side [ns]."""
+    """Intersect two lists of intervals [ns], widened by `WINDOW` on each side."""
     width = round(WINDOW / NANOSECOND)
     found = []
     for a, b in one:

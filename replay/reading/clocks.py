@@ -1,7 +1,7 @@
-"""Which clock stamps a stream: the headers' own, or the recorder's.
+"""Choice of the clock of each stream: header stamps or the time of recording.
 
-Header stamps tell when something was measured, the time of recording when it came in; so headers are
-better as long as their clocks agree with one another.
+Header stamps are times of measurement, times of recording are times of arrival. Header stamps are
+better if their clocks agree with one another.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from icreckon.replay.mapping.topics import Clock
 CLOCKS_APART = 1.0
 """Header stamps whose offsets differ by more than this come from different clocks [s]."""
 SAME = 0.0005
-"""They are called the same as the time of recording below this offset [s]."""
+"""Offset below which header stamps are reported as equal to the time of recording [s]."""
 DAY = 86_400.0
 
 
 class Evidence(NamedTuple):
-    """What a stream shows of its clock.
+    """Evidence about the clock of a stream.
 
     Attributes:
         topic: its topic.
-        asked: what the robot file says.
-        offset: median of header stamp less time of recording [s]; None without headers.
-        constant: whether all of several header stamps are the same.
+        asked: the robot file's setting.
+        offset: median of header stamp minus time of recording [s]; None without headers.
+        constant: whether all of several header stamps are equal.
     """
 
     topic: str
@@ -35,7 +35,7 @@ class Evidence(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A clock and why it was chosen; `by_default` where there was nothing to decide."""
+    """A clock and the reason of its choice; `by_default` if there was no alternative."""
 
     clock: Literal["header", "recording"]
     reason: str
@@ -43,13 +43,13 @@ class Choice(NamedTuple):
 
 
 def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
-    """The clock of each stream.
+    """Choose the clock of each stream.
 
-    Header stamps are used where the streams' header clocks agree. Where they do not, those within
-    `CLOCKS_APART` of the recorder's clock are, and the others go by the time of recording.
+    Header stamps are used if the streams' header clocks agree. If not, streams within `CLOCKS_APART`
+    of the recorder's clock keep header stamps, and the others use the time of recording.
 
     Args:
-        streams: by purpose.
+        streams: evidence of each stream, by purpose.
     """
     usable = {
         purpose: stream.offset
@@ -66,7 +66,7 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
 
 def _choice(stream: Evidence, agree: bool) -> Choice:
     if stream.asked != "auto":
-        return Choice(stream.asked, "as the robot file says", by_default=True)
+        return Choice(stream.asked, "as set in the robot file", by_default=True)
     if stream.offset is None:
         return Choice("recording", "the messages have no header", by_default=False)
     if stream.constant:

@@ -1,7 +1,8 @@
-"""IMU and joint messages read straight from their bytes, several times as fast as by decoding them.
+"""Fast readers of IMU and joint messages, directly from their bytes.
 
-These two make nearly all of a log. A quick reader is for the definition that it was written for, and
-gives what decoding would give; what it does not know it leaves to that (`NotQuickError`).
+They are several times as fast as decoding, and these two types are nearly all of a log. A fast reader
+supports one type definition and returns the same rows as decoding. It raises `NotQuickError` for
+messages that must be decoded.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ PARTS = {
 HEADER_PARTS = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 LITTLE_ENDIAN_CDR = b"\0\1"
 CDR_ORIGIN = 4
-"""Alignment counts from behind the encapsulation header."""
+"""Origin of alignment: the end of the encapsulation header."""
 MOST_PADDING = 3
 
 ROS1_HEADER, ROS2_HEADER = Struct("<4I"), Struct("<iII")
@@ -33,27 +34,27 @@ IMU_NUMBERS = Struct("<37d")
 
 
 class Quick(NamedTuple):
-    """What was read of a message: the header's stamp [ns], and a row, None if it is of no interest."""
+    """Header stamp [ns] and row of a message; the row is None if it is of no interest."""
 
     stamp: int
     row: Row | None
 
 
 class NotQuickError(Exception):
-    """These bytes are for the ordinary way of decoding."""
+    """The bytes must be decoded in the ordinary way."""
 
 
 QuickReader = Callable[[bytes], Quick]
 
 
 def quick_reader(channel: Channel, reader: RowReader) -> QuickReader | None:
-    """A function that does what decoding and a reader of rows do; None if there is none.
+    """Build a fast equivalent of decoding and a row reader; None if there is none.
 
-    The function raises `NotQuickError` or struct.error on bytes that it cannot read.
+    The reader raises `NotQuickError` or struct.error on bytes that it cannot read.
 
     Args:
         channel: the channel.
-        reader: what to take of a decoded message.
+        reader: the row reader for decoded messages.
     """
     if not _is_standard(channel):
         return None
@@ -67,7 +68,7 @@ def quick_reader(channel: Channel, reader: RowReader) -> QuickReader | None:
 
 @cache
 def _is_standard(channel: Channel) -> bool:
-    """Whether a channel's type is one that is known here, defined as ROS defines it."""
+    """Test that a channel's type is supported here and has the standard definition."""
     if channel.msgtype not in PARTS or channel.encoding not in ("ros1", "cdr"):
         return False
     standard = standard_types(ros1=channel.encoding == "ros1")
@@ -82,7 +83,7 @@ def _is_standard(channel: Channel) -> bool:
 
 
 def _ros1_header(data: bytes) -> tuple[int, int]:
-    """Stamp [ns], and where the header ends."""
+    """Stamp [ns] and offset of the end of the header."""
     _, seconds, nanoseconds, length = ROS1_HEADER.unpack_from(data)
     return seconds * NANOSECONDS + nanoseconds, 16 + length
 
@@ -114,7 +115,12 @@ def _imu_cdr(data: bytes) -> Quick:
 
 
 def _imu_numbers(numbers: tuple[float, ...]) -> Row:
-    """Of orientation (4), its covariance (9), rates (3), covariance (9), forces (3), covariance (9)."""
+    """Row of an IMU message.
+
+    Args:
+        numbers: orientation (4), its covariance (9), rates (3), covariance (9), specific forces (3),
+            covariance (9).
+    """
     rates, forces = numbers[13:16], numbers[25:28]
     if numbers[16] == ABSENT:
         rates = (NAN, NAN, NAN)
@@ -124,7 +130,7 @@ def _imu_numbers(numbers: tuple[float, ...]) -> Row:
 
 
 class _QuickJoints:
-    """Reads JointState messages whose names are those of the message before, which it remembers."""
+    """Fast reader of JointState that caches the layout of the previous names."""
 
     def __init__(self, reader: JointReader, ros1: bool) -> None:
         self._reader, self._ros1 = reader, ros1

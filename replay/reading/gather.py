@@ -1,4 +1,4 @@
-"""Gathering: the streams of a mapping out of one or several files, bags and tables, as one log."""
+"""Gathering of the streams of a mapping from bags and tables that make one log."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ Progress = Callable[[float], None]
 
 @dataclass
 class Gathered:
-    """What was found in some files.
+    """Streams gathered from some files.
 
     Attributes:
         source: name of the files, for messages.
-        mapping: by which the streams were gathered.
-        streams: those that are there, by purpose.
-        found: the topics that are there, with their types; columns for tables.
-        notes: what is worth telling of the files.
-        truth_source: what the truth is, as the files say, or None.
+        mapping: the mapping that was used.
+        streams: the available streams, by purpose.
+        found: the available topics with their types; columns for tables.
+        notes: findings about the files, for the user.
+        truth_source: name of the truth's reference system in the files, or None.
     """
 
     source: str
@@ -57,10 +57,10 @@ class Gathered:
 
 
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
-    """One or several paths of files that make one log.
+    """Convert one or several paths of files that make one log to a list.
 
     Raises:
-        ReplayError: none at all, or one twice.
+        ReplayError: there is no path, or one is given twice.
     """
     paths = [Path(path)] if isinstance(path, Path | str) else [Path(one) for one in path]
     if not paths:
@@ -74,7 +74,7 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
 
 
 def source_name(paths: Sequence[Path]) -> str:
-    """What to call some paths in messages."""
+    """Name of some paths in messages."""
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
     return f"{paths[0]}{more}"
 
@@ -91,14 +91,13 @@ def gather(
 
     Args:
         paths: bags and tables that make one log.
-        mapping: which topic or column is which stream.
-        own_mapping: whether a mapping that a bag holds is used instead.
-        definitions: of message types that bags may lack.
-        progress: called now and then with the share of the messages that is read, 0 to 1.
+        mapping: topic or columns of each stream.
+        own_mapping: whether a mapping in a bag takes precedence.
+        definitions: definitions of message types that bags may lack.
+        progress: called periodically with the share of the messages that is read, 0 to 1.
 
     Raises:
-        ReplayError: no bag or table, no track speeds where the mapping has them, or a message type
-            that a stream cannot be read from.
+        ReplayError: no bag or table, no track speeds although mapped, or an unsupported message type.
     """
     result = Gathered(source_name(paths), mapping)
     bags = [path for path in paths if path.is_dir() or not is_table(path)]
@@ -130,7 +129,7 @@ def gather(
 
 
 def _part_of(progress: Progress | None, number: int, parts: int) -> Progress:
-    """Progress of one of several parts, as progress of all."""
+    """Convert the progress of one of several parts to that of the whole."""
 
     def report(done: float) -> None:
         if progress is not None:
@@ -140,7 +139,7 @@ def _part_of(progress: Progress | None, number: int, parts: int) -> Progress:
 
 
 def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Definitions) -> None:
-    """Take the mapping that a bag holds, if one does, in place of the robot file's."""
+    """Replace the robot file's mapping by that of a bag, if a bag holds one."""
     for path in bags:
         read = partial(_first_text, path=path, topic=MAPPING_TOPIC, definitions=definitions)
         text, notes = over_bag(path, read)
@@ -161,7 +160,7 @@ def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Defini
 def _first_text(
     bag: Bag, path: Path, topic: str, definitions: Definitions
 ) -> tuple[str | None, list[str]]:
-    """The first std_msgs/String on a topic that can be read, or None; and what went wrong."""
+    """First readable std_msgs/String on a topic, or None; and the errors."""
     notes: list[str] = []
     if all(channel.topic != topic for channel in bag.counts):
         return None, notes
@@ -222,13 +221,13 @@ def _of_bag(
 def wanted_streams(
     mapping: TopicMap, source: str, definitions: Definitions, types: dict[str, str]
 ) -> Iterator[Stream]:
-    """The streams of a mapping, empty.
+    """Yield the streams of a mapping, still empty.
 
     Args:
-        mapping: which topic is which stream.
+        mapping: topic of each stream.
         source: name of the bag, for messages.
-        definitions: of message types that the bag may lack.
-        types: the type of the messages of each topic.
+        definitions: definitions of message types that the bag may lack.
+        types: message type of each topic.
     """
 
     def stream(purpose: str, topic: str, time: Clock, readers: dict[str, RowReader]) -> Stream:
@@ -277,7 +276,7 @@ def _poses(
 
 
 def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:
-    """Note what of the mapping is nowhere in the files; refuse if it is the track speeds."""
+    """Note mapped streams that the files lack; refuse if the track speeds are missing."""
     there = ", ".join(sorted(result.found)) or "none at all"
     missing: dict[str, list[str]] = {}
     if bags:
@@ -293,15 +292,15 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
             missing.setdefault(purpose, []).append(
                 f"columns {', '.join(listed_names)} for {purpose} are not all in one table"
             )
-    for purpose, said in missing.items():
+    for purpose, texts in missing.items():
         if purpose in result.streams:
             continue
         if purpose == "tracks":
             raise ReplayError(
-                f"{result.source}: {' and '.join(said)}; there is {there}. Name the right one in "
+                f"{result.source}: {' and '.join(texts)}; there is {there}. Name the right one in "
                 "the robot file's [log.tracks], or leave that table out"
                 if bags
-                else f"{result.source}: {' and '.join(said)}; there is {there}. Correct the robot "
+                else f"{result.source}: {' and '.join(texts)}; there is {there}. Correct the robot "
                 "file's [log.columns.tracks], or leave that table out"
             )
-        result.notes.append(f"{' and '.join(said)}; there is {there}")
+        result.notes.append(f"{' and '.join(texts)}; there is {there}")

@@ -1,4 +1,4 @@
-"""From messages to rows of numbers: what each stream takes of each message type."""
+"""Row readers: from messages of each type to the rows of numbers of a stream."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, Unusable
 def track_readers(
     left: Sequence[str], right: Sequence[str], positions: bool = False
 ) -> dict[str, RowReader]:
-    """Rows for track speeds.
+    """Build the row readers of track speeds, by message type.
 
     Args:
         left: joints of the left side.
         right: joints of the right side.
-        positions: whether to take the joints' positions instead of their velocities.
+        positions: whether to use the joints' positions instead of their velocities.
 
     Returns:
-        Of JointState the means (left, right), as they are; of Odometry and TwistStamped the forward
-        speed [m/s] and the yaw rate [rad/s].
+        Readers with these rows: for JointState the means (left, right) in the message's unit; for
+        Odometry and TwistStamped the forward speed [m/s] and the yaw rate [rad/s].
     """
     readers: dict[str, RowReader] = {ODOMETRY: _odometry_speeds, TWIST: _twist_speeds}
     if left and right:
@@ -43,11 +43,11 @@ def track_readers(
 
 
 class JointReader:
-    """Called with a JointState: means of the sides (left, right); None if it has no such joint.
+    """Reader of JointState: means of the sides (left, right); None without joints.
 
     Attributes:
-        seen: names of the joints that were met.
-        positions: whether positions are taken instead of velocities.
+        seen: names of the joints found so far.
+        positions: whether positions are used instead of velocities.
     """
 
     def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
@@ -63,7 +63,7 @@ class JointReader:
         return self.means(message.position if self.positions else message.velocity, places)
 
     def places(self, names: tuple[str, ...]) -> list[list[int]]:
-        """Places of the joints of either side among some names; none if no joint is there."""
+        """Indices of the joints of each side in some names; empty if no joint is found."""
         places = self._places.get(names)
         if places is None:
             places = self._places[names] = self._find(names)
@@ -91,7 +91,7 @@ def _twist_speeds(message: Any) -> Row:
 
 
 def imu_row(message: Any) -> Row:
-    """Angular velocity and specific force, NaN where the message says that it has none."""
+    """Angular velocity and specific force; NaN if the message marks them as absent."""
     rate, force = message.angular_velocity, message.linear_acceleration
     rates = (rate.x, rate.y, rate.z)
     forces = (force.x, force.y, force.z)
@@ -114,7 +114,7 @@ def _pose(pose: Any) -> Row:
 
 
 def _variances(covariance: Any) -> Row:
-    """Of position (the larger one) and yaw; NaN where the covariance is left at zeros: unknown."""
+    """Variances of position (the larger one) and yaw; NaN if unset (zeros)."""
     variances = (max(covariance[0], covariance[7]), covariance[35])
     return variances if any(variances) else (NAN, NAN)
 
@@ -147,7 +147,7 @@ POSE_READERS: dict[str, RowReader] = {
 
 
 def planar_poses(rows: Floats) -> Floats:
-    """(n, 3) x, y, yaw of rows of `POSE_READERS`; yaw NaN where the quaternion is zero."""
+    """Convert `POSE_READERS` rows to (n, 3) x, y, yaw; yaw NaN for a zero quaternion."""
     quaternions = rows[:, 2:6]
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
@@ -156,7 +156,7 @@ def planar_poses(rows: Floats) -> Floats:
 
 
 STATUS_NO_FIX, COVARIANCE_UNKNOWN = -1, 0
-"""Of sensor_msgs/NavSatStatus and NavSatFix."""
+"""Constants of sensor_msgs/NavSatStatus and NavSatFix."""
 
 
 def _navsatfix_row(message: Any) -> Row:
@@ -170,7 +170,7 @@ def _navsatfix_row(message: Any) -> Row:
 
 
 GEODETIC_READERS: dict[str, RowReader] = {NAVSATFIX: _navsatfix_row}
-"""Rows latitude, longitude [deg], altitude [m], variance of position [m²]; NaN for not known."""
+"""Rows latitude, longitude [deg], altitude [m], variance of position [m²]; NaN for unknown."""
 
 
 def _heading(orientation: Any, variance: float) -> Row:
@@ -193,4 +193,4 @@ def _quaternion_row(message: Any) -> Row:
 
 
 HEADING_READERS: dict[str, RowReader] = {IMU: _imu_heading_row, QUATERNION: _quaternion_row}
-"""Rows yaw [rad], its variance [rad²]; NaN for not known."""
+"""Rows yaw [rad], its variance [rad²]; NaN for unknown."""

@@ -1,4 +1,4 @@
-"""Messages that come out of order, put in order where that is by little."""
+"""Sorting of messages that arrive slightly out of order."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.estimator.log.log import screen
 
 WINDOW = 1.0
-"""Stamps that are out of order by less than this are sorted, others are dropped and counted [s]."""
+"""Stamps out of order by up to this are sorted; others are dropped and counted [s]."""
 
 
 def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
-    """How to take samples so that those early or late by less than `WINDOW` stand in place.
+    """Permutation that sorts samples that are early or late by up to `WINDOW`.
 
-    What is further out stays where it is, for `screen` to drop.
+    Samples that are further out of order stay in place, for `screen` to drop.
 
     Args:
         stamps: (n,) [ns] in the order of arrival.
 
     Returns:
-        (n,) places of the samples, in the new order; how many samples moved.
+        (n,) indices of the samples in the new order; number of samples that moved.
     """
     count = len(stamps)
     places = np.arange(count)
@@ -29,7 +29,7 @@ def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
     if rising.all():
         return places, 0
     kept = np.flatnonzero(rising)
-    # Of each sample the ones next to it, before and after, that are in order.
+    # Nearest in-order samples before and after each sample.
     place = np.searchsorted(kept, places, side="right")
     before = stamps[kept[np.maximum(place - 1, 0)]]
     after = stamps[kept[np.minimum(place, len(kept) - 1)]]
@@ -42,6 +42,6 @@ def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
 
 
 def _apart(stamps: Stamps, others: Stamps) -> NDArray[np.uint64]:
-    """Distances; unsigned ones do not overflow, however far apart damaged stamps are."""
+    """Absolute differences, unsigned so that damaged stamps cannot overflow them."""
     high, low = np.maximum(stamps, others), np.minimum(stamps, others)
     return high.astype(np.uint64) - low.astype(np.uint64)

@@ -1,4 +1,4 @@
-"""Reading logs: bags of ROS 1 and ROS 2, and tables, into the in-memory log, screened, by a mapping."""
+"""Log reader: ROS 1 and ROS 2 bags and tables to a screened log in memory."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def read_log(
 ) -> Log:
     """Read bags and tables as one log.
 
-    ROS 1 `.bag` files, ROS 2 folders, bare `.mcap` and `.db3` files, CSV and Parquet tables. A bag
-    that was cut short is read up to the break, and `notes` says so. Messages that are late by less
-    than a second are sorted, which is noted. Every stream is screened, and `dropped` says what was
-    lost.
+    Supported are ROS 1 `.bag` files, ROS 2 folders, bare `.mcap` and `.db3` files, CSV and Parquet
+    tables. A bag that was cut short is read up to the break; `notes` reports it. Messages that are
+    late by less than a second are sorted, which is noted. Every stream is screened; `dropped` counts
+    the lost samples.
 
     Args:
         path: the file or folder, or several that make one log. If one holds its own mapping (see
@@ -34,15 +34,14 @@ def read_log(
         robot: the robot, for its topic mapping and its sprocket radius and gauge.
         topics: a mapping to use instead of the robot file's and the bag's.
         definitions: message types that bags lack, see `replay.bags.decoding.read_definitions`.
-        progress: called now and then with the share of the messages that is read, 0 to 1.
+        progress: called periodically with the share of the messages that is read, 0 to 1.
 
     Returns:
-        The log, named after the first file. Where the mapping has no track speeds, they are empty.
+        The log, named after the first file. If the mapping has no track speeds, they are empty.
 
     Raises:
-        ReplayError: no bag or table, no topic or no usable message for the track speeds, or a
-            message type that a stream cannot be read from. Other streams that are not there are
-            left out and noted.
+        ReplayError: no bag or table, no topic or no usable message for the track speeds, or an
+            unsupported message type. Other missing streams are left out and noted.
     """
     paths = as_paths(path)
     mapping = topics if topics is not None else topic_map(robot, f"robot {robot.name!r}")

@@ -1,4 +1,4 @@
-"""Streams: the rows of numbers gathered of a topic's messages for one purpose."""
+"""Streams: rows of numbers gathered from a topic's messages for one purpose."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RowReader = Callable[[Any], Row | None]
 Quick = Callable[[bytes], tuple[int, Row | None]]
 
 COLUMNS = "columns"
-"""Stands for the type of messages where rows come from a table."""
+"""Placeholder for the message type of rows from a table."""
 
 NAN = float("nan")
 ABSENT = -1.0
@@ -31,17 +31,17 @@ ABSENT = -1.0
 
 
 class UnusableError(Exception):
-    """A message is of no use; the text says why, for the counts."""
+    """A message is unusable; the text is the reason for the counts of lost messages."""
 
 
 OVERLAP = 1.0
-"""Parts of one log may overlap by so much [s]; two recordings of one robot overlap by more."""
+"""Longest overlap of two parts of one log [s]; two recordings of one robot overlap by more."""
 APART = 86_400.0
-"""Parts of one log are no further apart [s]."""
+"""Longest gap between two parts of one log [s]."""
 
 
 class Span(NamedTuple):
-    """From when to when [ns] a file has a stream."""
+    """Start and end [ns] of a stream in a file."""
 
     start: int
     end: int
@@ -70,22 +70,22 @@ def _check_parts_of_one_log(purpose: str, one: Span, other: Span) -> None:
 
 @dataclass
 class Stream:
-    """The rows gathered of one topic for one purpose.
+    """Rows gathered from one topic for one purpose.
 
     Attributes:
         purpose: "tracks", "imu", "fixes", "truth", ...; the name in the counts of dropped samples.
         topic: the topic.
         source: name of the bag, for messages.
-        time: which clock is to stamp the rows.
-        readers: for each message type that will do, what to take of a message: a row of numbers,
-            or None for a message that is none of this stream's business.
-        any_reader: what to take of messages of all other types; None to refuse them.
-        definitions: of message types that the bag may lack.
-        quick: gives a faster way from bytes to stamp and row, for channels that have one.
+        time: requested clock of the stamps.
+        readers: for each supported message type, the reader from a message to a row of numbers, or to
+            None for a message that is not of this stream.
+        any_reader: reader of messages of all other types; None to refuse them.
+        definitions: definitions of message types that the bag may lack.
+        quick: function that returns a fast reader from bytes to stamp and row, or None, for a channel.
         msgtype: the type that was found, "" before the first message.
         from_table: whether the rows come from a table.
-        lost: how many messages were of no use, by reason.
-        notes: what is worth telling of the stream.
+        lost: numbers of unusable messages, by reason.
+        notes: findings about the stream, for the user.
     """
 
     purpose: str
@@ -109,21 +109,21 @@ class Stream:
     _parts: list[Span] = field(default_factory=list)
 
     def _spans(self) -> list[Span]:
-        """From when to when each file has it."""
+        """Start and end of the stream in each file."""
         if self._parts or not len(self._recorded):
             return self._parts
         return [Span(min(self._recorded), max(self._recorded), self.source)]
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """The topics whose messages it takes."""
+        """Topics from which the stream is read."""
         return (self.topic,)
 
     def take(self, record: Record) -> None:
         """Add a message.
 
         Raises:
-            ReplayError: a message type that this stream cannot be read from, or no definition.
+            ReplayError: the message type is unsupported for this stream, or has no definition.
         """
         decode = self._decode.get(record.channel) or self._decoder(record.channel)
         if record.channel in self._quick and self._take_quickly(record):
@@ -136,19 +136,19 @@ class Stream:
         except UnusableError as problem:
             self.lose(str(problem))
         except Exception:
-            # Whatever rosbags or a reader stumbles over, the bytes are no message of this type.
+            # Any error of rosbags or a reader means that the bytes are not a message of this type.
             self.lose("cannot be decoded")
 
     def lose(self, reason: str, count: int = 1) -> None:
-        """Count messages that are of no use."""
+        """Count unusable messages."""
         if count:
             self.lost[reason] = self.lost.get(reason, 0) + count
 
     def extend(self, other: Stream) -> None:
-        """Add what was gathered for the same purpose elsewhere.
+        """Append a stream of the same purpose from another file.
 
         Raises:
-            ReplayError: it is of another type of message, or of another recording.
+            ReplayError: it has another message type, or belongs to another recording.
         """
         if self.msgtype and other.msgtype and self.msgtype != other.msgtype:
             raise ReplayError(
@@ -169,13 +169,13 @@ class Stream:
         self._headless += other._headless
 
     def add(self, stamps: Stamps, rows: Floats) -> None:
-        """Add (n,) stamps [ns] and (n, k) rows that come from no messages."""
+        """Add (n,) stamps [ns] and (n, k) rows that do not come from messages."""
         self._recorded.frombytes(stamps.astype(np.int64).tobytes())
         self._stamped.frombytes(stamps.astype(np.int64).tobytes())
         self._rows.frombytes(np.ascontiguousarray(rows, dtype=float).tobytes())
 
     def evidence(self) -> Evidence:
-        """What the stream shows of its clock."""
+        """Evidence about the clock of the stream."""
         if self._headless or not len(self._stamped):
             return Evidence(self.topic, self.time, None)
         stamped = np.frombuffer(self._stamped, dtype=np.int64)
@@ -186,10 +186,10 @@ class Stream:
         return Evidence(self.topic, self.time, float(np.median(offsets)) * NANOSECOND, constant)
 
     def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
-        """(n,) stamps [ns] and (n, k) rows, in order but for what is far out of it.
+        """Stamps (n,) [ns] and rows (n, k), sorted except for those far out of order.
 
         Raises:
-            ReplayError: stamps of the headers were asked for, and there are none or all are zero.
+            ReplayError: header stamps were requested, but there are none or all are zero.
         """
         recorded = np.array(self._recorded, dtype=np.int64)
         rows = np.array(self._rows, dtype=float)
@@ -268,7 +268,7 @@ class Stream:
         self._put(record.time, stamp, row)
 
     def _take_quickly(self, record: Record) -> bool:
-        """Whether the message was one for the quick way; the ordinary one judges those that are not."""
+        """Read a message by the fast reader; return False if it must be decoded."""
         try:
             stamp, row = self._quick[record.channel](record.data)
         except Exception:

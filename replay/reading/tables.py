@@ -1,4 +1,4 @@
-"""Tables as logs: CSV and Parquet files, by a column map."""
+"""Table reader: CSV and Parquet files to streams, by a column map."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LARGEST_TIME = 2.0**63
 
 
 def is_table(path: Path) -> bool:
-    """Whether a path is a table: Parquet by its first bytes, CSV by its name."""
+    """Test for a table file: Parquet by its first bytes, CSV by its name."""
     if not path.is_file():
         return False
     if path.name.lower().endswith(CSV_SUFFIXES):
@@ -39,12 +39,12 @@ def is_table(path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
     except OSError:
-        # Whoever reads it says what is wrong.
+        # The reader reports the error.
         return False
 
 
 class Column(NamedTuple):
-    """A column: its name, its type, whether it holds numbers, and how many of its cells hold any."""
+    """A column: name, type, whether it holds numbers, and number of non-empty cells."""
 
     name: str
     kind: str
@@ -57,14 +57,14 @@ class Table:
 
     Attributes:
         path: the file.
-        columns: what columns it has.
+        columns: its columns.
     """
 
     def __init__(self, path: Path) -> None:
         """Read the file.
 
         Raises:
-            ReplayError: it cannot be read, is empty, or two columns have one name.
+            ReplayError: it cannot be read, is empty, or two columns share a name.
         """
         import pyarrow as pa
 
@@ -95,15 +95,15 @@ class Table:
         return int(self._table.num_rows)
 
     def has(self, names: Sequence[str]) -> bool:
-        """Whether it has all of these columns."""
+        """Test for the presence of all these columns."""
         return set(names) <= {column.name for column in self.columns}
 
     def names(self) -> str:
-        """Its columns, for messages."""
+        """Names of the columns, for messages."""
         return ", ".join(column.name for column in self.columns)
 
     def numbers(self, names: Sequence[str]) -> Floats:
-        """(n, k) columns as numbers; NaN where a cell is empty.
+        """Columns as numbers (n, k); NaN for an empty cell.
 
         Raises:
             ReplayError: a column holds something else.
@@ -124,7 +124,7 @@ class Table:
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
-        """(n,) times of a column as stamps [ns], and (n,) which of them there are.
+        """Times of a column as stamps (n,) [ns], and the mask (n,) of those present.
 
         Raises:
             ReplayError: the column holds no times, or none that fit the unit.
@@ -169,7 +169,7 @@ def _read(path: Path) -> Any:
 
 
 def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
-    """The streams that a table holds all columns of.
+    """Read the streams whose columns are all in a table.
 
     Raises:
         ReplayError: a column holds no numbers, or no times.
@@ -194,7 +194,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
 def wanted_columns(
     columns: ColumnMap,
 ) -> Iterator[tuple[str, TrackColumns | ImuColumns | PoseColumns, list[str]]]:
-    """Each stream of a column map: its purpose, its part of the map, and its columns but the time."""
+    """Yield each stream of a column map: purpose, map, and columns except the time."""
     if tracks := columns.tracks:
         yield "tracks", tracks, [*tracks.left, *tracks.right]
     if imu := columns.imu:
@@ -208,7 +208,7 @@ def wanted_columns(
 def _rows(
     spec: TrackColumns | ImuColumns | PoseColumns, names: list[str], values: Floats
 ) -> tuple[str, Floats]:
-    """What stands for the type of message, and rows as its reader would make them."""
+    """Equivalent message type, and the rows that its reader would return."""
     if isinstance(spec, TrackColumns):
         left = values[:, : len(spec.left)].mean(axis=1)
         return COLUMNS, np.column_stack([left, values[:, len(spec.left) :].mean(axis=1)])

@@ -1,4 +1,4 @@
-"""Poses from tf: the chain of transforms from one frame to another, at the stamps of its slowest link."""
+"""Poses from a chain of tf transforms, at the stamps of its slowest link."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.reading.stream import NAN, Stream
 
 LONGEST_INTERPOLATION = 1.0
-"""Between transforms that are further apart no pose is made [s]."""
+"""Longest interval between two transforms over which poses are interpolated [s]."""
 WIDTH = 7
 
 Link = tuple[str, str]
@@ -26,7 +26,7 @@ Poses = tuple[Floats, Floats]
 
 
 def _unread(_: Any) -> None:
-    """Stands among the readers: `TransformStream` reads these types itself."""
+    """Placeholder among the readers: `TransformStream` reads these types itself."""
 
 
 TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
@@ -34,7 +34,7 @@ TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
 
 @dataclass
 class _Transforms:
-    """Those of one link: recorded and stamped [ns], x, y, z, q_x, q_y, q_z, q_w."""
+    """Transforms of one link: recorded and stamped [ns], x, y, z, q_x, q_y, q_z, q_w."""
 
     recorded: array[int] = field(default_factory=lambda: array("q"))
     stamped: array[int] = field(default_factory=lambda: array("q"))
@@ -43,10 +43,10 @@ class _Transforms:
 
 @dataclass
 class TransformStream(Stream):
-    """The poses of one frame in another, of transforms on a topic and on its `_static` companion.
+    """Poses of one frame in another, from a tf topic and its `_static` companion.
 
     Attributes:
-        frames: the frame that poses are in, and the one whose poses they are.
+        frames: the parent frame of the poses, and the child frame.
     """
 
     frames: tuple[str, str] = ("", "")
@@ -59,7 +59,7 @@ class TransformStream(Stream):
         return (self.topic, f"{self.topic}_static")
 
     def extend(self, other: Stream) -> None:
-        """Add what was gathered for the same purpose elsewhere."""
+        """Append a stream of the same purpose from another file."""
         super().extend(other)
         if isinstance(other, TransformStream):
             self._static.update(other._static)
@@ -70,11 +70,10 @@ class TransformStream(Stream):
                 mine.rows.extend(found.rows)
 
     def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
-        """(n,) stamps [ns] and (n, 11) rows as of `readers.POSE_READERS`.
+        """Stamps (n,) [ns] and rows (n, 11) as of `message_rows.POSE_READERS`.
 
         Raises:
-            ReplayError: no chain of transforms leads from the one frame to the other, or all of it
-                is static.
+            ReplayError: no chain of transforms connects the frames, or all of it is static.
         """
         chain = self._chain()
         moving = [link for link, _ in chain if link in self._links]
@@ -120,7 +119,7 @@ class TransformStream(Stream):
             self._stamped.append(stamp)
 
     def _chain(self) -> list[tuple[Link, bool]]:
-        """The links from the first frame to the second, and whether each is walked forward."""
+        """Links from the first frame to the second, and whether each is traversed forward."""
         start, goal = (frame.strip("/") for frame in self.frames)
         known = [*self._links, *self._static]
         came: dict[str, tuple[str, Link, bool] | None] = {start: None}
@@ -157,7 +156,7 @@ class TransformStream(Stream):
 
 
 def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[Poses, Any]:
-    """Poses at stamps between those of a link, and which of them there are."""
+    """Interpolate the poses of a link at stamps; also return the mask of valid ones."""
     from scipy.spatial.transform import Rotation, Slerp  # type: ignore[import-untyped]
 
     within = (wanted >= stamps[0]) & (wanted <= stamps[-1])

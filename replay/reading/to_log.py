@@ -1,4 +1,4 @@
-"""Assembling a log of what was gathered: units, clocks, screening."""
+"""Assembly of a log from gathered streams: units, clocks, screening."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ from icreckon.replay.reading.message_rows import JointReader, planar_poses
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 OVERLAID = ("tracks", "imu")
-"""Streams that show, where both have twice their rate, that a clock was set back."""
+"""Streams that indicate a clock set back if both have twice their rate."""
 NO_HEADING_VARIANCE = 1e3
-"""Yaw variance [rad²] from which on a fix is taken to have no heading."""
+"""Yaw variance [rad²] from which a fix is assumed to have no heading."""
 
 
 def assemble(gathered: Gathered, robot: Robot, name: str) -> Log:
-    """A log of what was gathered.
+    """Assemble a log from gathered streams.
 
     Args:
         gathered: the streams.
         robot: the robot, for its sprocket radius and gauge.
-        name: of the log.
+        name: name of the log.
 
     Raises:
-        ReplayError: no usable track speeds where there should be some, or values that mean nothing
-            without what the robot file does not say.
+        ReplayError: no usable track speeds although mapped, or values whose interpretation needs a
+            setting that the robot file lacks.
     """
     return _Assembly(gathered, robot, choose_clocks(evidence_of(gathered.streams))).log(name)
 
 
 def evidence_of(streams: Mapping[str, Stream]) -> dict[str, Evidence]:
-    """What streams show of their clocks, by purpose."""
+    """Evidence about the clocks of streams, by purpose."""
     return {purpose: stream.evidence() for purpose, stream in streams.items()}
 
 
@@ -117,7 +117,7 @@ class _Assembly:
         return self._arrays_of[stream.purpose]
 
     def _find_overlaid(self) -> None:
-        """When both track speeds and IMU have twice the usual rate: the recorder's clock was set back."""
+        """Find when the recorder's clock was set back: tracks and IMU at twice their rate."""
         streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
         doubled = [doubled_times(self._ordered(one)[0]) for one in streams if one is not None]
         if len(doubled) < len(OVERLAID):
@@ -131,7 +131,7 @@ class _Assembly:
             )
 
     def _latency(self, stream: Stream) -> float:
-        """How late a stream's stamps are, as the robot file says [s]."""
+        """Latency of a stream's stamps from the robot file [s]."""
         mapping = self.gathered.mapping
         table = stream.from_table and mapping.columns is not None
         spec = getattr(mapping.columns if table else mapping, stream.purpose, None)
@@ -260,7 +260,7 @@ class _Assembly:
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None
     ) -> tuple[Stamps, Floats, Floats]:
-        """Stamps, poses and variances of latitudes and longitudes, about an origin that is noted."""
+        """Convert a geodetic stream to stamps, poses and variances; note the origin used."""
         stamps, rows = self._arrays(stream, 4)
         possible = on_globe(rows) | ~np.isfinite(rows[:, :2]).all(axis=1)
         stream.lose("not a place on the globe", int((~possible).sum()))

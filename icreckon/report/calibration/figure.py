@@ -1,4 +1,4 @@
-"""The figure of an identification, made from its results and from nothing else."""
+"""Figure of an identification, made from its results only."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ BEFORE, AFTER = "#999999", "#0072B2"
 ROWS = ("along [cm]", "across [cm]", "turning [deg]")
 UNITS = (100.0, 100.0, 180.0 / np.pi)
 LINE = 110
-# Of an axis in standard errors.
+# Ticks of an axis in standard errors.
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
 
 
 def write_identification_figure(path: Path, results: Results) -> None:
-    """Draw the errors of segments before and after, what is shown, and the held-out scores, as PNG.
+    """Draw segment errors before and after, certainties and held-out scores as PNG.
 
     Args:
         path: the file.
-        results: as `replay.calibration.results.summarise_identification` makes them.
+        results: output of `replay.calibration.results.summarise_identification`.
     """
     with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(15, 9), layout="constrained")
@@ -98,7 +98,7 @@ def _draw_scores(axes: Axes, results: Results) -> None:
 
 
 def _draw_certainty(axes: Axes, results: Results) -> None:
-    """Estimates over their intervals, in standard errors from the file's value."""
+    """Draw the change of each estimate from the file's value, in standard errors."""
     moved = {
         name: (one["value"] - one["before"]) / one["sigma"]
         for name, one in results["parameters"].items()

@@ -1,4 +1,4 @@
-"""Tables of an identification for the terminal, made from its results and from nothing else."""
+"""Tables of an identification for the terminal, made from its results only."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ STATUS = {
     "conditional": "shown, given what is held",
     "held": "not shown: held",
 }
-# Correlations from which on two estimates can hardly be told apart.
-TELLING_CORRELATION = 0.9
+# Correlation from which two estimates can hardly be separated.
+STRONG_CORRELATION = 0.9
 
 
 def identification_tables(results: Results) -> Group:
@@ -32,14 +32,14 @@ def _parameters(results: Results) -> Table:
         table.add_column(heading, justify="right")
     table.add_column("the logs")
     for name, one in results["parameters"].items():
-        said = STATUS[one["status"]] + (f"; {one['note']}" if one["note"] else "")
+        status = STATUS[one["status"]] + (f"; {one['note']}" if one["note"] else "")
         table.add_row(
             name,
             _number(one["value"]),
             "" if one["sigma"] is None else f"{one['sigma']:.2g}",
             one["unit"],
             "" if one["before"] is None else _number(one["before"]),
-            said,
+            status,
         )
     return table
 
@@ -84,7 +84,7 @@ def _models(results: Results) -> Table:
 
 def _footnotes(results: Results) -> list[str]:
     validation = results["validation"]
-    said = [
+    lines = [
         f"Held out: {validation['folds']} folds of {validation['blocks']} blocks of contiguous time, "
         f"windows of up to {validation['longest_window_s']:.0f} s, {validation['distance_m']:.0f} m."
     ]
@@ -93,13 +93,13 @@ def _footnotes(results: Results) -> list[str]:
         f"{names[row]} and {names[column]} ({matrix[row, column]:+.2f})"
         for row in range(len(names))
         for column in range(row)
-        if abs(matrix[row, column]) >= TELLING_CORRELATION
+        if abs(matrix[row, column]) >= STRONG_CORRELATION
     ]
     if pairs:
-        said.append(f"Hardly told apart, by their correlation: {', '.join(pairs)}.")
-    said += [f"Note: {note}" for note in results["notes"]]
-    said += [f"{one['name']}: {note}" for one in results["logs"] for note in one["notes"]]
-    return [*said, "", results["verdict"]]
+        lines.append(f"Hardly separable, by their correlation: {', '.join(pairs)}.")
+    lines += [f"Note: {note}" for note in results["notes"]]
+    lines += [f"{one['name']}: {note}" for one in results["logs"] for note in one["notes"]]
+    return [*lines, "", results["verdict"]]
 
 
 def _number(value: float) -> str:

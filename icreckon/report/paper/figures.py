@@ -1,4 +1,4 @@
-"""The paper's Figures 3, 5, 6, 7 and 8, drawn anew from a reproduction, and one of all differences."""
+"""Figures 3, 5, 6, 7 and 8 of the paper, reproduced, and one of all differences."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def write_figures(folder: Path, reproduced: Reproduction, overview: str) -> None
     """Draw all figures as PNG: figure-3.png to figure-8.png, and the overview.
 
     Args:
-        folder: where to; it is there already.
+        folder: an existing folder.
         reproduced: map and results.
-        overview: file name of the picture of all differences.
+        overview: file name of the figure of all differences.
     """
     _draw_differences(folder / overview, reproduced.rows)
     _draw_icrs(folder / "figure-3.png", reproduced)
@@ -106,7 +106,7 @@ def _draw_modelled_icrs(path: Path, reproduced: Reproduction) -> None:
     )
     with _figure(path, 14.0, 5.5, title) as figure:
         first = None
-        for place, (told, parameters, icrs) in enumerate(
+        for place, (label, parameters, icrs) in enumerate(
             (
                 ("our parameters", reproduced.parameters, reproduced.icrs),
                 ("the published parameters", published_parameters(), published_mean_icrs()),
@@ -116,7 +116,7 @@ def _draw_modelled_icrs(path: Path, reproduced: Reproduction) -> None:
             first = axes
             _scatter_icrs(axes, _modelled(reproduced, parameters), reproduced)
             _mark_constant(axes, icrs, RED, "*", "constant ICRs")
-            axes.set_title(told)
+            axes.set_title(label)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
@@ -127,11 +127,11 @@ def _draw_inertia(path: Path, reproduced: Reproduction) -> None:
         _draw_map(figure, axes, reproduced, reproduced.mapped.magnitude, "|F| [N]")
         ends = np.array([-1.0, 1.0])
         axes.plot(ends, ends, color=RED, label="$V_l = V_r$ (12)")
-        for H, colour, line, told in (
+        for H, colour, line, name in (
             (reproduced.parameters.H, "white", "-", "ours"),
             (published_parameters().H, "black", ":", "published"),
         ):
-            label = f"$V_l = -H V_r$ (13), H = {H:.4f}, {told}"
+            label = f"$V_l = -H V_r$ (13), H = {H:.4f}, {name}"
             axes.plot(ends, -H * ends, line, color=colour, linewidth=2.5, label=label)
         legend = axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=1)
         legend.get_frame().set_facecolor("#bbbbbb")
@@ -161,7 +161,7 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
             axes = figure.add_subplot(1, 3, place + 1)
             axes.plot(force * sign, values[at], ".", color=BLUE, label="stationary motions")
             line = np.linspace((force * sign).min(), (force * sign).max(), 200)
-            for parameters, colour, style, told in (
+            for parameters, colour, style, name in (
                 (ours, RED, "-", "our fit"),
                 (theirs, "black", "--", "published fit"),
             ):
@@ -169,7 +169,7 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
                 modelled = indices_at_inertia(
                     np.abs(line), np.ones_like(line), line, parameters.as_array()
                 )
-                axes.plot(line, modelled[place], style, color=colour, linewidth=2.0, label=told)
+                axes.plot(line, modelled[place], style, color=colour, linewidth=2.0, label=name)
             axes.set_title(f"({'abc'[place]})")
             axes.set_xlabel(labels[place])
             axes.set_ylabel(INDEX_LABELS[place])
@@ -179,7 +179,7 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
 def _draw_map(
     figure: Figure, axes: Axes, reproduced: Reproduction, values: Any, label: str
 ) -> None:
-    """A quantity over both track speeds, V_r to the right, V_l upwards; NaN stays white."""
+    """Draw a quantity over V_r (to the right) and V_l (up); NaN stays white."""
     motion = reproduced.mapped.motion
     axes.grid(visible=False)
     mesh = axes.pcolormesh(motion.V_r, motion.V_l, values, shading="nearest", cmap="viridis")
@@ -221,7 +221,7 @@ def _mark_constant(axes: Axes, icrs: ConstantIcr, colour: str, marker: str, labe
 
 
 def _modelled(reproduced: Reproduction, parameters: Indices) -> Icrs:
-    """Track ICRs by (25) to (30) at the inertia of the stationary motions; NaN where straight."""
+    """Track ICRs by (25) to (30) at the inertia of steady motions; NaN if straight."""
     mapped = reproduced.mapped
     x_1, x_2 = symmetry_coordinates(mapped.motion.V_l, mapped.motion.V_r, parameters.H)
     force = np.where(mapped.turning, mapped.magnitude, np.nan)

@@ -1,4 +1,4 @@
-"""The figure of a comparison, made from results and from nothing else."""
+"""Figure of a comparison, made from its results only."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from icreckon.replay.base.colours import colour_of as _colour
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import failures
 
-# The variants whose uncertainty and indices are drawn.
+# Variants whose uncertainty and indices are drawn.
 SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
-# Axes show at least so much, also of a robot that never moved [m, deg].
+# Least range of the axes, also for a robot that never moved [m, deg].
 LEAST_POSITION_ERROR = 1e-3
 LEAST_YAW_ERROR = 0.01
 
@@ -28,7 +28,7 @@ def write_figure(path: Path, results: Results) -> None:
 
     Args:
         path: the file.
-        results: as `replay.comparison.results.summarise` makes them.
+        results: output of `replay.comparison.results.summarise`.
     """
     with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(15, 9), layout="constrained")
@@ -63,8 +63,8 @@ def _title(results: Results) -> str:
         for name in SHOWN_IN_DETAIL
         if name in results["variants"]
     }
-    told = ", ".join(f"{name} {value:.2f} %" for name, value in drifts.items() if value is not None)
-    drift = f"\ndrift after 30 s without fixes: {told}" if told else ""
+    text = ", ".join(f"{name} {value:.2f} %" for name, value in drifts.items() if value is not None)
+    drift = f"\ndrift after 30 s without fixes: {text}" if text else ""
     return f"{title}, truth: {truth['source']}{drift}"
 
 
@@ -150,7 +150,7 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     shown = [series["variants"][name] for name in detailed]
     top = max(float(np.nanmax(_numbers(one["position_error_m"]))) for one in shown)
     bound = max(3.0 * float(np.nanmax(_numbers(one["position_sigma_m"]))) for one in shown)
-    # Bounds may run away in a hole of the log; the picture is of the errors.
+    # Bounds may diverge in a gap of the log, so the errors set the scale.
     axes.set_ylim(0.0, max(1.15 * max(top, min(bound, 2.5 * top)), LEAST_POSITION_ERROR))
     axes.set_ylabel("position error [m]")
     axes.legend(loc="upper left", ncols=2, fontsize=8)
@@ -210,7 +210,7 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
         values = _numbers(series["variants"][name][key])
         axes.plot(time, values, color=_colour(name), lw=1.2, label=name)
         drawn.append(values)
-    # Where the robot hardly turns, indices run away; the picture is of the rest.
+    # Indices diverge if the robot hardly turns; the scale excludes these values.
     low, high = np.nanpercentile(np.concatenate(drawn), (1.0, 99.0))
     margin = 0.15 * (high - low) + 1e-3
     axes.set_ylim(low - margin, high + margin)

@@ -1,4 +1,4 @@
-"""The folder that a comparison leaves behind."""
+"""Result folder of a comparison."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def write_report(
     robot: Robot,
     formats: Sequence[str] = DEFAULT_FORMATS,
 ) -> None:
-    """Write results, figure and page of a comparison, and its trajectories in the formats wanted.
+    """Write results, figure, page and trajectories of a comparison.
 
     Args:
-        folder: where to; it is there already.
+        folder: an existing folder.
         comparison: the runs.
-        results: what `summarise` made of them.
+        results: output of `summarise` for them.
         robot: the robot.
         formats: names from `replay.export.formats.FORMATS`.
     """
@@ -39,7 +39,7 @@ def write_report(
 
 
 def write_views(folder: Path, results: Results) -> None:
-    """Write results, figure and page, for which the runs themselves are not needed any more."""
+    """Write results, figure and page, which do not need the runs."""
     write_results(folder / RESULTS_FILE, results)
     write_page(folder / PAGE_FILE, results)
     write_figure(folder / FIGURE_FILE, results)

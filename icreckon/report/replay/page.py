@@ -1,4 +1,4 @@
-"""A comparison as one page that holds all it needs, made from results and from nothing else."""
+"""Self-contained HTML page of a comparison, made from its results only."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from icreckon.report.replay.page_text import (
     scored_text,
 )
 
-# Nothing may be fetched from anywhere, whatever names and notes of a log hold.
+# Forbid all requests, whatever the names and notes of a log contain.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 SCORES = (
     ("yaw drift, deg/m", "yaw_drift_deg_per_m", 1.0),
@@ -54,11 +54,11 @@ def write_page(path: Path, results: Results, *, overwrite: bool = False) -> Path
 
     Args:
         path: the file.
-        results: as `replay.comparison.results.summarise` makes them, or as results.json holds them.
-        overwrite: whether a file that is there may be replaced.
+        results: output of `replay.comparison.results.summarise`, or content of results.json.
+        overwrite: whether an existing file may be replaced.
 
     Raises:
-        ReplayError: the file is there already, or cannot be written.
+        ReplayError: the file exists, or cannot be written.
     """
     with written_beside(path, overwrite=overwrite) as new:
         new.write_text(replay_page(results), encoding="utf-8")
@@ -66,7 +66,7 @@ def write_page(path: Path, results: Results, *, overwrite: bool = False) -> Path
 
 
 def replay_page(results: Results) -> str:
-    """The page, as HTML; argument as for `write_page`."""
+    """Render the page as HTML; argument as for `write_page`."""
     title = f"{results['robot']['name']} on {results['log']['name']}"
     parts = [
         "<!DOCTYPE html>",
@@ -100,7 +100,7 @@ def replay_page(results: Results) -> str:
         "<h2>Notes</h2>",
         _list(notes(results)) or _paragraph("None."),
         "<h2>Configuration</h2>",
-        _details("What was asked for", results["configuration"]),
+        _details("Configuration", results["configuration"]),
         _details("Robot", results["robot"]),
         _details("Versions, seed and hashes of the inputs", _origin(results)),
         '<svg id="pattern" width="0" height="0" aria-hidden="true"></svg>',
@@ -116,7 +116,7 @@ def _resource(name: str) -> str:
 
 
 def _embedded(data: Any) -> str:
-    """JSON that cannot end the element it stands in."""
+    """JSON that cannot close its enclosing element."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -155,7 +155,7 @@ def _errors_title(results: Results) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[Cell]]]) -> str:
-    """A table whose first column is text; the others have the class of their cells."""
+    """Table with a first column of text; other cells have their own class."""
     kinds = ["text", *(kind for _, kind in rows[0][1])] if rows else []
     top = "".join(
         f'<th class="{kind}">{html.escape(one)}</th>'
@@ -165,11 +165,11 @@ def _table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[Cell]]]) -> s
     )
     body = []
     for name, cells in rows:
-        told = "".join(
+        cells_html = "".join(
             f'<td class="{kind}">{content}</td>' if kind else f"<td>{content}</td>"
             for content, kind in cells
         )
-        body.append(f'<tr><td class="text">{html.escape(name)}</td>{told}</tr>')
+        body.append(f'<tr><td class="text">{html.escape(name)}</td>{cells_html}</tr>')
     lines = "\n".join(body)
     return (
         f'<div class="scroll"><table><thead><tr>{top}</tr></thead>\n<tbody>\n{lines}\n</tbody></table>'
@@ -185,10 +185,10 @@ def _drift_tables(results: Results) -> list[str]:
         rows = [
             (name, [(number(one.get(key)), "") for key in keys]) for name, one in variants.items()
         ]
-        told = f"Distance from {results['reference_variant']}, % of the distance driven"
+        caption = f"Distance from {results['reference_variant']}, % of the distance driven"
         return [
             "<h2>How far apart per horizon</h2>",
-            _paragraph(f"{told}, aligned at each segment's start.", "note"),
+            _paragraph(f"{caption}, aligned at each segment's start.", "note"),
             _table(head, rows),
             "<h2>Ends</h2>",
             _score_table(results, DIFFERENCES),
@@ -254,15 +254,15 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 def _icrs_note(results: Results) -> str:
-    told = ["In base_link: x forward, y to the left."]
+    sentences = ["In base_link: x forward, y to the left."]
     if "icr_distance_m" in results["series"].get("truth", {}):
-        told.append("Dots: the truth, while the robot turns.")
+        sentences.append("Dots: the truth, while the robot turns.")
     if "differential" in results["variants"]:
         half = 0.5 * results["robot"]["vehicle"]["track_gauge"]
-        told.append(
+        sentences.append(
             f"Not drawn: differential, whose ICRs are its tracks, at y = ±{number(half)} m."
         )
-    return " ".join(told)
+    return " ".join(sentences)
 
 
 def _parameters_note(results: Results) -> str:
@@ -308,8 +308,8 @@ def _innovation_table(results: Results) -> str:
             beyond = [100.0 * sum(size > edge for size in known) / len(known) for edge in (2, 3)]
             cells.append((f"{beyond[0]:.1f} %<span class=interval>{beyond[1]:.1f} %</span>", ""))
         rows.append((name, cells))
-    told = "Share beyond ±2, and beneath it beyond ±3, of the innovations shown (ideal: 4.6 % and 0.3 %)"
-    return _paragraph(told) + _table(["variant", *(one.replace("_", " ") for one in names)], rows)
+    title = "Share beyond ±2, and beneath it beyond ±3, of the innovations shown (ideal: 4.6 % and 0.3 %)"
+    return _paragraph(title) + _table(["variant", *(one.replace("_", " ") for one in names)], rows)
 
 
 def _dropped(results: Results) -> list[str]:
@@ -323,9 +323,11 @@ def _dropped(results: Results) -> list[str]:
     rows = []
     for name, one in filtered(results).items():
         used = ", ".join(f"{count} × {what}" for what, count in one["used"].items() if count)
-        told = ", ".join(f"{count} × {what}" for what, count in one["rejected"].items()) or "none"
+        rejected = (
+            ", ".join(f"{count} × {what}" for what, count in one["rejected"].items()) or "none"
+        )
         nis = ", ".join(f"{what} {number(value)}" for what, value in one["nis"].items() if value)
-        cells = [(html.escape(text), "wrap") for text in (used, told, nis)]
+        cells = [(html.escape(text), "wrap") for text in (used, rejected, nis)]
         cells.append((str(one["standstill_updates"]), ""))
         rows.append((name, cells))
     head = [

@@ -1,10 +1,10 @@
-"""What the charts of a comparison's page show, made from results and from nothing else.
+"""Data of the charts on a comparison's page, made from its results only.
 
-Each chart is a plain object that `page.js` draws: `place` (the element it goes to), `title`, labels of
-the axes, `lines`, `points`, `bands` with `x` and `y` (numbers, or the name of one of the page's
-`columns`), horizontal `levels`, grey `spans` of x. `series` names the switch that shows and hides
-something. `least` is the least margin of the y axis, `trim` the share of values at both ends that it may
-leave out, `limit` and `floor` what it never goes beyond, `band_size` how much of bands it shows at least.
+Each chart is a plain object that `page.js` draws: `place` (its HTML element), `title`, labels of the
+axes, `lines`, `points`, `bands` with `x` and `y` (numbers, or the name of one of the page's `columns`),
+horizontal `levels`, grey `spans` of x. `series` names the switch that shows and hides an object. For the
+y axis, `least` is the least margin, `trim` the share of values at both ends that may be cut, `limit` and
+`floor` its bounds, `band_size` the least part of bands in view.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from icreckon.replay.comparison.results import Results
 from icreckon.replay.export.tables import icr_series
 
 TRUTH, FIXES = "ground truth", "fixes used"
-# Shown when the page opens, beside the best and what it is compared with.
+# Variants shown when the page opens, beside the best and the baseline.
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online", "friction-online")
-# If there are no more than so many variants, all are.
+# Number of variants up to which all are shown.
 FEW = 4
-# Its ICRs lie where its tracks are; drawn, they would only make the others small.
+# Its ICRs lie on its tracks by definition, and would widen the axes.
 BY_DEFINITION = "differential"
-# Innovations beyond are out of the picture.
+# Innovations beyond are not drawn.
 LARGEST_INNOVATION = 10.0
 INNOVATION_TITLES = {
     "gyro": "gyro",
@@ -41,7 +41,7 @@ Numbers = list[float | None]
 
 
 def page_data(results: Results) -> Results:
-    """All that `page.js` needs: series with their looks, shared columns, charts."""
+    """Input of `page.js`: series with their styles, shared columns, charts."""
     series = results["series"]
     charts = [_paths(results), *_errors(results), *_icrs(results)]
     charts += [*_parameters(results), *_innovations(results)]
@@ -53,7 +53,7 @@ def page_data(results: Results) -> Results:
 
 
 def switches(results: Results) -> list[Results]:
-    """What can be shown and hidden: its name, its colour, its dash, whether it is shown at first."""
+    """Series that can be hidden: name, colour, dash, and whether shown at first."""
     names, verdict = list(results["variants"]), results["verdict"] or {}
     first = {*FIRST_SHOWN, verdict.get("best"), verdict.get("baseline")}
     few = len(names) <= FEW
@@ -105,7 +105,7 @@ def _paths(results: Results) -> Chart:
 
 
 def _errors(results: Results) -> list[Chart]:
-    """Against the truth, or without one against the reference variant, over the distance."""
+    """Errors over the distance, against the truth or else the reference variant."""
     if results["truth"]:
         position, yaw = "position_error_m", "yaw_error_rad"
         title, yaw_title = "Position error", "Yaw error"
@@ -152,7 +152,7 @@ def _yaw_apart(results: Results, name: str) -> Numbers:
 
 
 def _scored_spans(results: Results) -> list[list[float]]:
-    """Distances between which drift is scored, where there are fixes elsewhere."""
+    """Intervals of distance in which drift is scored, if there are fixes elsewhere."""
     truth, series = results["truth"], results["series"]
     if not truth or not results["log"]["fixes"]:
         return []
@@ -193,7 +193,7 @@ def _icrs(results: Results) -> list[Chart]:
 
 
 def _parameters(results: Results) -> list[Chart]:
-    """One chart for each parameter that some variant learns."""
+    """One chart for each parameter that a variant estimates."""
     learnt: dict[str, list[tuple[str, Any, Any]]] = {}
     for name, one in results["series"]["variants"].items():
         found = one["parameters"]
@@ -204,9 +204,9 @@ def _parameters(results: Results) -> list[Chart]:
     for parameter, rows in learnt.items():
         lines, bands = [], []
         for name, times, one in rows:
-            value, spread = _floats(one["value"]), 2.0 * _floats(one["sigma"])
+            value, bound = _floats(one["value"]), 2.0 * _floats(one["sigma"])
             lines.append({"series": name, "x": times, "y": one["value"]})
-            low, high = _listed(value - spread), _listed(value + spread)
+            low, high = _listed(value - bound), _listed(value + bound)
             bands.append({"series": name, "x": times, "low": low, "high": high})
         usual = max(float(np.nanmedian(2.0 * _floats(one["sigma"]))) for _, _, one in rows)
         charts.append(

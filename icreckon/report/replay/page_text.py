@@ -1,4 +1,4 @@
-"""What the page of a comparison says in words, made from results and from nothing else."""
+"""Text of a comparison's page, made from its results only."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from icreckon.replay.comparison.results import Results
 
 
 def headline(results: Results) -> str:
-    """The verdict in a sentence or two."""
+    """Verdict in one or two sentences."""
     if not results["truth"]:
         return _apart(results)
     found = results["verdict"]
@@ -42,17 +42,17 @@ def headline(results: Results) -> str:
 
 
 def _next_best(found: Results) -> str:
-    """Of the best, which is also what the others are compared with: how far ahead it is."""
+    """Lead of the best over the others, if the best is the baseline."""
     if found["drift_percent_95"] is None:
         return "The log is too short to say whether the others drift more by more than chance."
     chance, ratios = found["not_shown_worse"], found["ratios_to_best"]
     name = min(chance or ratios, key=lambda one: float(ratios[one]))
-    told = f"{number(ratios[name])} times as much{_interval(found['ratios_to_best_95'][name])}"
+    factor = f"{number(ratios[name])} times as much{_interval(found['ratios_to_best_95'][name])}"
     if not chance:
-        return f"All others drift more; next is {name} with {told}."
+        return f"All others drift more; next is {name} with {factor}."
     more = [one for one in chance if one != name]
     others = f", nor are {', '.join(more)}" if more else ""
-    return f"But {name}, with {told}, is not shown to drift more{others}."
+    return f"But {name}, with {factor}, is not shown to drift more{others}."
 
 
 def _with_fixes_throughout(results: Results) -> str:
@@ -69,7 +69,7 @@ def _with_fixes_throughout(results: Results) -> str:
 
 
 def _apart(results: Results) -> str:
-    """Without truth: how far the variants are from each other."""
+    """Distances between the variants, without a truth."""
     ends = {name: (one["end_x_m"], one["end_y_m"]) for name, one in filtered(results).items()}
     reference = results["reference_variant"]
     one = results["variants"][reference]
@@ -82,15 +82,15 @@ def _apart(results: Results) -> str:
         number(edge(each["distance_m"] for each in filtered(results).values()))
         for edge in (min, max)
     ]
-    way = f"after {' to '.join(dict.fromkeys(driven))} m"
+    after = f"after {' to '.join(dict.fromkeys(driven))} m"
     if len(ends) < 2:
-        return f"No ground truth, so nothing says how good {reference} is: {way}, {unsure}."
+        return f"No ground truth, so the accuracy of {reference} is unknown: {after}, {unsure}."
     distance, first, second = max(
         (math.dist(ends[a], ends[b]), a, b) for a in ends for b in ends if a < b
     )
     return (
         f"No ground truth, so none can be called best. The variants end up to {number(distance)} m "
-        f"apart, {way} ({first} and {second}); {unsure}."
+        f"apart, {after} ({first} and {second}); {unsure}."
     )
 
 
@@ -102,30 +102,30 @@ def failures(results: Results) -> list[str]:
 
 
 def remarks(results: Results) -> list[str]:
-    """What must be known to read the verdict rightly."""
-    found, told = results["verdict"], []
+    """Caveats of the verdict."""
+    found, lines = results["verdict"], []
     if results["truth"] and found is not None:
         chance = found["not_shown_worse"]
         if chance and found["best"] != found["baseline"]:
-            told.append(f"Not shown to drift more than {found['best']}: {', '.join(chance)}.")
+            lines.append(f"Not shown to drift more than {found['best']}: {', '.join(chance)}.")
         best = results["variants"][found["best"]]
         if best["nees_pose_mean"] is not None:
             sure = math.sqrt(best["nees_pose_mean"] / 3.0)
-            told.append(
-                f"Errors of {found['best']} are {number(sure)} times what it says of itself "
+            lines.append(
+                f"Errors of {found['best']} are {number(sure)} times its own standard deviations "
                 "(root of its pose NEES over 3; ideal is 1)."
             )
-        told.append(
+        lines.append(
             "One log is one run, and the best was picked on the log it is scored on."
             if found["drift_percent_95"] is None
-            else "The intervals are over the time of this one log (block bootstrap). They say nothing of "
+            else "The intervals are over the time of this one log (block bootstrap). They do not cover "
             "other days, grounds or robots, and the best was picked on the log it is scored on."
         )
-    return told
+    return lines
 
 
 def scored_text(results: Results) -> str:
-    """Where drift is scored."""
+    """Segments in which drift is scored."""
     truth = results["truth"]
     parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
     what = "Mean position error over mean distance, aligned at each segment's start"
@@ -133,23 +133,23 @@ def scored_text(results: Results) -> str:
 
 
 def notes(results: Results) -> list[str]:
-    """What was found about the log, and what was done about it."""
-    told, truth = [], results["truth"]
+    """Findings about the log, and the corrections made."""
+    lines, truth = [], results["truth"]
     if truth:
         x, y = truth["lever_arm_m"]
         if truth["lag_s"] or x or y:
-            told.append(
+            lines.append(
                 f"Truth ({truth['source']}): {truth['lag_s']:.2f} s of lag and a lever arm of {x:.2f} m "
-                f"forward and {y:.2f} m left were estimated and taken out; scores take the lever arm out "
-                "for each variant anew, since where base_link lies is the filter's to say."
+                f"forward and {y:.2f} m left were estimated and removed. Scores estimate the lever arm "
+                "anew for each variant, since the position of base_link depends on the filter."
             )
         else:
-            told.append(f"Truth: {truth['source']}, taken as it is.")
-    return told + list(results["log"]["notes"])
+            lines.append(f"Truth: {truth['source']}, taken as it is.")
+    return lines + list(results["log"]["notes"])
 
 
 def provenance(results: Results) -> str:
-    """A line on what was run."""
+    """Line with command, log and measurements of the run."""
     log, truth = results["log"], results["truth"]
     parts = [
         f"icreckon {results['command']}",
@@ -164,17 +164,17 @@ def provenance(results: Results) -> str:
 
 
 def filtered(results: Results) -> dict[str, Any]:
-    """The variants that do not know what comes."""
+    """Filtered variants, without smoothed ones."""
     return {name: one for name, one in results["variants"].items() if not name.endswith(SMOOTHED)}
 
 
 def horizon_text(label: str) -> str:
-    """The horizon "30s" as "after 30 s"."""
+    """Format the horizon "30s" as "after 30 s"."""
     return f"after {label[:-1]} {label[-1]}"
 
 
 def number(value: float | None) -> str:
-    """A figure to about three digits, with a true minus sign."""
+    """Format a number to about three digits, with a true minus sign."""
     if value is None or not math.isfinite(value):
         return "–"
     size = abs(value)

@@ -1,4 +1,4 @@
-"""Tables for the terminal, made from results and from nothing else."""
+"""Tables of a comparison for the terminal, made from its results only."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ THOUSANDTHS = ("rmse_",)
 
 
 def results_table(results: Results) -> Group:
-    """The scores of all variants, and underneath what they are scores of."""
+    """Scores of all variants, with footnotes on the log."""
     truth = results["truth"]
     columns = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
     table = Table(title=_title(results), title_justify="left")
@@ -84,19 +84,19 @@ def _footnotes(results: Results) -> list[str]:
     filtered = _filtered(results["variants"])
     rejected = {name: one["rejected"] for name, one in filtered.items()}
     for name, reasons in rejected.items():
-        told = ", ".join(f"{count} x {what}" for what, count in reasons.items())
-        if told:
-            lines.append(f"Rejected by {name}: {told}")
+        counts = ", ".join(f"{count} x {what}" for what, count in reasons.items())
+        if counts:
+            lines.append(f"Rejected by {name}: {counts}")
     return lines
 
 
 def _filtered(variants: dict[str, Any]) -> dict[str, Any]:
-    """Those that do not know what comes."""
+    """Filtered variants, without smoothed ones."""
     return {name: one for name, one in variants.items() if not name.endswith(SMOOTHED)}
 
 
 def _best(variants: dict[str, Any], keys: list[str]) -> dict[str, str]:
-    """The filter with the lowest value of each score; NEES has no lowest that is best."""
+    """Filter with the lowest value of each score, except NEES."""
     best, filtered = {}, _filtered(variants)
     for key in keys:
         known = {name: one[key] for name, one in filtered.items() if one.get(key) is not None}

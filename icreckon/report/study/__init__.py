@@ -1,1 +1,1 @@
-"""Folder, page, figures and words of a study."""
+"""Folder, page, figures and text of a study."""

@@ -1,4 +1,4 @@
-"""The figures of a study, made from results and from nothing else."""
+"""Figures of a study, made from its results only."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from icreckon.report.study.text import NEES, title_of, unit_of
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
 
-# Okabe and Ito's colours, which people with any colour vision can tell apart; labels of one's own have
-# those that are left.
+# Okabe-Ito palette, distinguishable with any colour vision; custom labels have the remaining colours.
 COLOURS = {
     "differential": "#999999",
     "constant-fixed": "#E69F00",
@@ -32,24 +31,23 @@ COLOURS = {
 }
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
-# Inches: legible also where the width of the picture is that of a telephone.
+# Size [in], legible also at the width of a telephone.
 SIZE = (6.4, 4.2)
 DOTS_PER_INCH = 150
 STYLE: Any = {"font.size": 12, "axes.grid": True, "grid.alpha": 0.3, "legend.framealpha": 0.9}
-# Up to so many names on an axis, or letters in them, stand upright, and up to so many cells are told by
-# their values.
+# Most names on an axis, or letters in them, without rotation; most cells named by their values.
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
 MOST_NAMED_CELLS = 12
-# An axis of figures is logarithmic where the largest is this many times the smallest.
+# Ratio of the largest to the smallest value from which an axis is logarithmic.
 LOG_SPAN = 30.0
-# How far apart the variants stand at one place, in shares of the distance between places.
+# Range of the variants at one place, as a share of the distance between places.
 SPREAD = 0.5
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: the name of its file, without ending, what it shows, and the PNG."""
+    """Figure: file name without suffix, caption, and PNG."""
 
     name: str
     caption: str
@@ -57,10 +55,10 @@ class Figure:
 
 
 def study_figures(results: Results) -> list[Figure]:
-    """All figures of a study.
+    """Draw all figures of a study.
 
     Args:
-        results: as `simulation.study.results.study_results` makes them.
+        results: output of `simulation.study.results.study_results`.
     """
     figures = []
     drift = results["drift"]
@@ -106,7 +104,7 @@ def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
 
 def _png(drawing: Drawing) -> bytes:
     sink = io.BytesIO()
-    # Without the version of matplotlib, so that equal pictures are equal bytes.
+    # Without the version of matplotlib, so that equal figures are equal bytes.
     drawing.savefig(sink, dpi=DOTS_PER_INCH, metadata={"Software": None})
     return sink.getvalue()
 
@@ -114,16 +112,16 @@ def _png(drawing: Drawing) -> bytes:
 def _draw_effect(
     axes: Axes, results: Results, axis: dict[str, Any], effect: dict[str, Any], statistic: str
 ) -> None:
-    """A statistic against one axis."""
+    """Draw a statistic against one axis."""
     groups = effect["groups"]
     names = axis["scale"] == "names"
     places = np.arange(len(groups)) if names else _numbers([one["value"] for one in groups])
     variants, colours = results["variants"], _colours(results)
     lows, highs = [], []
     for number, label in enumerate(variants):
-        told = [group["variants"][label][statistic] for group in groups]
+        summaries = [group["variants"][label][statistic] for group in groups]
         mean, low, high = (
-            _numbers([one[key] for one in told]) for key in ("mean", "mean_low", "mean_high")
+            _numbers([one[key] for one in summaries]) for key in ("mean", "mean_low", "mean_high")
         )
         style: Any = {"color": colours[label], "marker": MARKERS[number % len(MARKERS)], "ms": 5}
         if names:
@@ -158,7 +156,7 @@ def _draw_effect(
 def _draw_cells(
     axes: Axes, results: Results, axis: str, label: str, statistic: str, colour: str
 ) -> None:
-    """The cells of a Latin hypercube, one point each."""
+    """Draw the cells of a Latin hypercube, one point each."""
     cells = results["cells"]
     at = _numbers([one["values"][axis] for one in cells])
     values = _numbers([one["variants"][label][statistic]["mean"] for one in cells])
@@ -166,7 +164,7 @@ def _draw_cells(
 
 
 def _draw_consistency(axes: Axes, results: Results) -> None:
-    """Mean NEES by cell, in the band of a consistent filter."""
+    """Draw the mean NEES by cell, with the band of a consistent filter."""
     from scipy.stats import chi2  # type: ignore[import-untyped]
 
     cells, variants = results["cells"], results["variants"]
@@ -175,11 +173,11 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     axes.axhspan(low, high, color="grey", alpha=0.3, lw=0)
     axes.axhline(3.0, color="black", lw=0.8)
     for number, label in enumerate(variants):
-        told = [cell["variants"][label][NEES] for cell in cells]
+        summaries = [cell["variants"][label][NEES] for cell in cells]
         mean, least, most = (
-            _numbers([one[key] for one in told]) for key in ("mean", "mean_low", "mean_high")
+            _numbers([one[key] for one in summaries]) for key in ("mean", "mean_low", "mean_high")
         )
-        # On a logarithmic axis an interval that reaches below zero has no end.
+        # On a logarithmic axis, an interval that reaches below zero has no lower end.
         least = np.where(least > 0.0, least, np.fmin(mean, 3.0) * 1e-3)
         at = np.arange(len(cells)) + _offset(number, len(variants))
         axes.errorbar(
@@ -217,7 +215,7 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
 
 
 def _distribution(results: Results) -> Figure:
-    """Shares of the runs with a final error up to a value, in a panel for each group."""
+    """Draw the cumulative distribution of final errors, in a panel for each group."""
     kept = [one for one in results["final_errors"] if one["percentiles"]]
     rows = max(1, (len(kept) + 1) // 2)
     columns = min(2, max(1, len(kept)))
@@ -251,7 +249,7 @@ def _distribution(results: Results) -> Figure:
 
 
 def _limit(axes: Axes, means: Any, highs: Any) -> None:
-    """Show all means, and intervals as far as they do not dwarf them."""
+    """Limit the axis to all means, and to intervals that do not dwarf them."""
     means, highs = means[np.isfinite(means)], highs[np.isfinite(highs)]
     if not len(means):
         return
@@ -272,12 +270,12 @@ def _name_places(axes: Axes, names: list[str]) -> None:
 
 
 def _whiskers(mean: Any, low: Any, high: Any) -> Any:
-    """Lengths (2, n) of intervals below and above; none where there is no interval."""
+    """Lengths (2, n) of intervals below and above; zero if there is no interval."""
     return np.nan_to_num(np.maximum(np.stack([mean - low, high - mean]), 0.0))
 
 
 def _offset(number: int, count: int) -> float:
-    """Where one of several variants stands about its place."""
+    """Offset of one of several variants from its place."""
     return SPREAD * ((number + 0.5) / count - 0.5)
 
 

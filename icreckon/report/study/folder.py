@@ -1,4 +1,4 @@
-"""The folder that a study leaves behind: tables, figures, and the page that shows them."""
+"""Result folder of a study: tables, figures and page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run_study(
     report: Report | None = None,
     remark: Callable[[str], None] | None = None,
 ) -> Results:
-    """Run a study, or continue it, and leave its tables, figures and page in a folder.
+    """Run or continue a study, and write its tables, figures and page to a folder.
 
     Arguments, results and errors are those of `simulation.running.run_study.run_study`.
     """

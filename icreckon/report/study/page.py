@@ -1,4 +1,4 @@
-"""A study as one page that holds all it needs, to be read anywhere and sent to anybody."""
+"""Self-contained HTML page of a study."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ pre { font-size: .8rem; background: #f5f5f5; padding: .8rem; overflow-x: auto; }
 
 
 def study_page(results: Results, figures: Sequence[Figure]) -> str:
-    """The page, as HTML.
+    """Render the page as HTML.
 
     Args:
-        results: as `simulation.study.results.study_results` makes them.
-        figures: of them.
+        results: output of `simulation.study.results.study_results`.
+        figures: figures of these results.
     """
     name = html.escape(results["name"])
     described = html.escape(results["description"].strip())
@@ -126,7 +126,7 @@ def _details(summary: str, data: Any) -> str:
 
 
 def _given(data: Any) -> Any:
-    """Without keys that say nothing."""
+    """Remove keys without content."""
     if not isinstance(data, dict):
         return data
     nested = {key: _given(value) for key, value in data.items()}

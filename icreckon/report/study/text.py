@@ -1,4 +1,4 @@
-"""What a study has found, in words and tables, made from results and from nothing else."""
+"""Text and tables of a study, made from its results only."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Any
 
 from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 
-# Beyond so many cells, tables are by axis.
+# Most cells of a table by cell; with more, tables are by axis.
 MOST_CELLS = 24
 NEES = "nees_pose_end"
-# Beginning of what is to alarm.
+# First word of failure messages.
 ERROR = "ERROR"
-# Failures and reasons that are listed in words; `results.json` lists all.
+# Most failures and reasons in the text; `results.json` lists all.
 MOST_FAILURES, MOST_REASONS = 12, 3
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table: its title, headings, and rows; `texts` columns from the left are words."""
+    """Table with title, headings and rows; the first `texts` columns are text."""
 
     title: str
     head: tuple[str, ...]
@@ -29,7 +29,7 @@ class TextTable:
 
 
 def headline(results: Results) -> str:
-    """What came out, in a few sentences."""
+    """Summarise the results in a few sentences."""
     drift, baseline, overall = results["drift"], results["baseline"], results["overall"]
     count = len(results["cells"])
     runs = f"{count} {'cell' if count == 1 else 'cells'} of {results['runs']} runs each"
@@ -37,9 +37,9 @@ def headline(results: Results) -> str:
     if overall[baseline][FINAL_ERROR]["n"] == 0:
         return f"{ERROR}: over {runs}, {baseline} has no result; there is nothing to compare with."
     if of["n"] == 0:
-        return f"Over {runs}, nowhere long enough without fixes to tell the drift of {baseline}."
+        return f"Over {runs}, nowhere long enough without fixes to score the drift of {baseline}."
     after = title_of(results, drift).removeprefix("drift ")
-    told = [
+    ratios = [
         f"{name} drifts {_number(overall[name][drift]['ratio'])} times as much "
         f"({_between(overall[name][drift], 'ratio')})"
         for name in results["variants"]
@@ -49,8 +49,8 @@ def headline(results: Results) -> str:
         f"Over {runs}, {baseline} drifts {_number(of['mean'])} % of distance {after} "
         f"({_between(of, 'mean')})."
     ]
-    if told:
-        sentences.append(f"Run by run, {_listed(told)}.")
+    if ratios:
+        sentences.append(f"Run by run, {_listed(ratios)}.")
     sentences += _widest_effect(results)
     failed = results["failed"]
     if failed["runs"]:
@@ -59,7 +59,7 @@ def headline(results: Results) -> str:
 
 
 def _widest_effect(results: Results) -> list[str]:
-    """What the axis does that matters most to the filter that drifts least."""
+    """Effect of the most influential axis on the filter that drifts least."""
     drift, overall = results["drift"], results["overall"]
     best = min(
         (name for name in results["variants"] if overall[name][drift]["n"]),
@@ -86,7 +86,7 @@ def _widest_effect(results: Results) -> list[str]:
 
 
 def failures(results: Results) -> list[str]:
-    """Failed runs in words, one line for each cell and variant; none if no run failed."""
+    """Describe failed runs, one line for each cell and variant; empty if none failed."""
     failed = results["failed"]
     if not failed["runs"]:
         return []
@@ -101,18 +101,18 @@ def failures(results: Results) -> list[str]:
 
 
 def same_results(results: Results) -> list[str]:
-    """Variants and cells that gave the same results, in words; none if all differ."""
+    """Describe variants and cells with equal results; empty if all differ."""
     lines = [
-        f"{_listed(labels)} gave the same results to rounding: what they differ in does not act here."
+        f"{_listed(labels)} gave the same results to rounding: what they differ in has no effect here."
         for labels in results["alike"]["variants"]
     ]
     groups = results["alike"]["cells"]
     for group in groups[:MOST_FAILURES]:
-        told = [_cell_text(results["cells"][cell]) for cell in group[:MOST_FAILURES]]
-        more = len(group) - len(told)
-        told += [f"{more} more"] if more else []
+        named = [_cell_text(results["cells"][cell]) for cell in group[:MOST_FAILURES]]
+        more = len(group) - len(named)
+        named += [f"{more} more"] if more else []
         lines.append(
-            f"{_listed(told)} gave the same results to rounding: what they differ in does not act."
+            f"{_listed(named)} gave the same results to rounding: what they differ in has no effect."
         )
     if len(groups) > MOST_FAILURES:
         lines.append(f"{len(groups) - MOST_FAILURES} more groups of such cells: see results.json.")
@@ -120,8 +120,8 @@ def same_results(results: Results) -> list[str]:
 
 
 def _cell_text(cell: dict[str, Any]) -> str:
-    told = ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
-    return f"cell {cell['cell']} ({told})" if told else ""
+    values = ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
+    return f"cell {cell['cell']} ({values})" if values else ""
 
 
 def _failure(one: dict[str, Any]) -> str:
@@ -140,7 +140,7 @@ def _failure(one: dict[str, Any]) -> str:
 
 
 def notes(results: Results) -> list[str]:
-    """What the tables' figures are."""
+    """Explain the numbers in the tables."""
     runs, motions = results["runs"], results["true_motions"]
     shared = "" if motions == runs else f" of {motions} true motions"
     return [
@@ -152,7 +152,7 @@ def notes(results: Results) -> list[str]:
 
 
 def summary_tables(results: Results) -> list[TextTable]:
-    """By cell, or by axis where there are many cells."""
+    """Make tables by cell, or by axis if there are many cells."""
     cells = results["cells"]
     axes = [axis["name"] for axis in results["axes"]]
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
@@ -177,12 +177,12 @@ def summary_tables(results: Results) -> list[TextTable]:
 
 
 def title_of(results: Results, statistic: str) -> str:
-    """What people call a statistic."""
+    """Title of a statistic."""
     return str(_statistic(results, statistic)["title"])
 
 
 def unit_of(results: Results, statistic: str) -> str:
-    """Its unit."""
+    """Unit of a statistic."""
     return str(_statistic(results, statistic)["unit"])
 
 
@@ -209,7 +209,7 @@ def _table(
     rows = []
     for values, variants, inside in places:
         for number, (name, one) in enumerate(variants.items()):
-            told = one[drift]
+            summary = one[drift]
             place = values if number == 0 else ("",) * len(values)
             failed = [
                 found
@@ -225,8 +225,8 @@ def _table(
                 (
                     *place,
                     f"{name} ({count} of {of} runs failed)" if failed else name,
-                    _with_interval(told, "mean"),
-                    "1" if name == results["baseline"] else _with_interval(told, "ratio"),
+                    _with_interval(summary, "mean"),
+                    "1" if name == results["baseline"] else _with_interval(summary, "ratio"),
                     _number(one[FINAL_ERROR]["median"]),
                     _number(one[FINAL_ERROR]["p95"]),
                     _with_interval(one[NEES], "mean"),
@@ -236,7 +236,7 @@ def _table(
 
 
 def _error(failed: Sequence[dict[str, Any]]) -> str:
-    """What a table has in place of numbers where all runs failed."""
+    """Text that replaces numbers in a table if all runs failed."""
     reasons = [reason for one in failed for reason in one["reasons"]]
     if not reasons:
         return f"{ERROR}: no result"
@@ -245,30 +245,30 @@ def _error(failed: Sequence[dict[str, Any]]) -> str:
 
 
 def _with_interval(summary: dict[str, Any], key: str) -> str:
-    if not _told(summary[key]):
+    if not _finite(summary[key]):
         return "-"
     return f"{_number(summary[key])} ({_between(summary, key)})"
 
 
 def _between(summary: dict[str, Any], key: str) -> str:
-    """The interval, as precisely as its middle is told."""
+    """Format an interval, as precisely as its middle."""
     low, high = summary[f"{key}_low"], summary[f"{key}_high"]
-    if not (_told(low) and _told(high)):
+    if not (_finite(low) and _finite(high)):
         return "one true motion"
     form = _form(summary[key])
     return f"{low:{form}} to {high:{form}}"
 
 
 def _number(value: float | None) -> str:
-    return f"{value:{_form(value)}}" if value is not None and _told(value) else "-"
+    return f"{value:{_form(value)}}" if value is not None and _finite(value) else "-"
 
 
-def _told(value: float | None) -> bool:
+def _finite(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
 def _form(value: float) -> str:
-    """Two digits behind the point, more for what is small and fewer for what is large."""
+    """Number format: two decimals, more for small values and fewer for large ones."""
     size = abs(value)
     if size >= 1e4 or 0.0 < size < 5e-4:
         return ".1e"
