@@ -15,20 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
+from icreckon.replay.base.colours import COLOURS
 from icreckon.report.study.text import NEES, title_of, unit_of
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
 
-# Okabe-Ito palette, distinguishable with any colour vision; custom labels have the remaining colours.
-COLOURS = {
-    "differential": "#999999",
-    "constant-fixed": "#E69F00",
-    "constant-online": "#D55E00",
-    "inertia-fixed": "#56B4E9",
-    "inertia-online": "#0072B2",
-    "friction-fixed": "#CC79A7",
-    "friction-online": "#882255",
-}
+# Custom labels have the colours that the variants leave.
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
 # Size [in], legible also at the width of a telephone.
