@@ -276,7 +276,7 @@ def _imu_samples_of(imu: ImuSeries) -> _Maker:
 
 def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
     """Positions, then headings of the fixes that have one."""
-    told = np.flatnonzero(np.isfinite(fixes.poses[:, 2]))
+    headed = np.flatnonzero(np.isfinite(fixes.poses[:, 2]))
 
     def positions(which: NDArray[np.int64]) -> list[Measurement]:
         rows = zip(
@@ -288,7 +288,7 @@ def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
         return [PositionFix(stamp, x, y, variance) for stamp, (x, y, _), variance in rows]
 
     def headings(which: NDArray[np.int64]) -> list[Measurement]:
-        place = told[which]
+        place = headed[which]
         rows = zip(
             fixes.stamps[place].tolist(),
             fixes.poses[place, 2].tolist(),
@@ -297,4 +297,4 @@ def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
         )
         return [HeadingFix(stamp, yaw, variance) for stamp, yaw, variance in rows]
 
-    return [(fixes.stamps, positions), (fixes.stamps[told], headings)]
+    return [(fixes.stamps, positions), (fixes.stamps[headed], headings)]
