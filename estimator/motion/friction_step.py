@@ -355,7 +355,7 @@ def _gradient(
     jacobian: Floats,
     gradient: Floats,
 ) -> None:
-    """Residual (3,) of a twist v, A (v - v_start) - h (F + I); also F and its Jacobian."""
+    """Residual (3,) A (v - v_start) - h (F + I) of a twist v; F and its Jacobian, too."""
     values[:] = 0.0
     jacobian[:] = 0.0
     add_track_forces(
