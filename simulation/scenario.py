@@ -1,4 +1,4 @@
-"""A scenario: one simulated run as plain data, from Python or a TOML file, and the run itself."""
+"""Scenario of one simulated run as plain data, from Python or a TOML file."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
 # two for each IMU sample where HIGHEST_GRID allows.
 LOWEST_GRID = 200.0
 HIGHEST_GRID = 1000.0
-# What is beyond these is taken for a slip of the pen: no such sensor samples as often [Hz]; and so
-# many samples of one sensor, or points of the true motion, take minutes and gigabytes.
+# Larger values are mistakes: no such sensor samples as often [Hz], and so many samples of one sensor,
+# or points of the true motion, take minutes and gigabytes.
 HIGHEST_RATE = 1e4
 MOST_SAMPLES = 5e6
 # A track or index that is off by more than its own size is another robot.
@@ -37,7 +37,7 @@ RATES = ("track_rate", "imu_rate", "truth_rate", "fix_rate")
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What to simulate.
+    """Configuration of a simulated run.
 
     Attributes:
         trajectory: name from `simulation.drives.trajectories.TRAJECTORIES`, or "recorded".
@@ -48,25 +48,24 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         noise: name from `simulation.sensors.specs.NOISE_PRESETS`.
         truth: name from `simulation.truth.by_name.TRUTHS`.
         truth_spread: relative spread of the true robot about the robot file.
-        slip_noise: factor on the part of the true motion that no model explains; the truth's own
-            where left out [-].
-        track_lag: time constant of the tracks behind their commands; the truth's own where left out
-            [s].
+        slip_noise: factor on the slip residual of the true motion, which no model explains; None for
+            the truth's default [-].
+        track_lag: time constant of the tracks behind their commands; None for the truth's default [s].
         patches: terrain along the way.
         payloads: loads along the way.
         track_rate: track-speed samples per second [Hz].
         imu_rate: IMU samples per second [Hz].
         truth_rate: true poses, twists and track speeds per second [Hz].
         fix_rate: fixes per second [Hz]; 0 for none.
-        outages: start and end [s] since the start of the run of times without fixes.
-        include_truth: whether the log holds the truth.
-        encoders: figures that replace those of the preset.
-        gyro: figures that replace those of the preset.
-        accelerometer: figures that replace those of the preset.
-        fixes: figures that replace those of the preset.
+        outages: start and end of each span without fixes, since the start of the run [s].
+        include_truth: whether the log contains the truth.
+        encoders: parameters that override those of the preset.
+        gyro: parameters that override those of the preset.
+        accelerometer: parameters that override those of the preset.
+        fixes: parameters that override those of the preset.
 
     Raises:
-        SimulationError: a wrong type, an unknown name, or a number that makes no sense.
+        SimulationError: a wrong type, an unknown name, or a number out of range.
     """
 
     trajectory: str = "random"
@@ -121,7 +120,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                 )
 
     def make_truth(self) -> TruthModel:
-        """What really moves the robot."""
+        """Make the truth model that moves the simulated robot."""
         return make_truth(
             self.truth,
             self.truth_spread,
@@ -133,18 +132,18 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     def _check_samples(self) -> None:
         rates = [(f"{name} = {getattr(self, name)!r} Hz", getattr(self, name)) for name in RATES]
-        for told, rate in rates:
+        for setting, rate in rates:
             if rate > HIGHEST_RATE:
                 raise SimulationError(
-                    f"{told} is more than any such sensor has; give at most {HIGHEST_RATE:.0f} Hz"
+                    f"{setting} is more than any such sensor has; give at most {HIGHEST_RATE:.0f} Hz"
                 )
         grid = grid_rate(self.imu_rate)
         rates.append((f"the true motion at {grid:.0f} Hz (of imu_rate = {self.imu_rate!r})", grid))
-        for told, rate in rates:
+        for setting, rate in rates:
             samples = rate * self.duration
             if samples > MOST_SAMPLES:
                 raise SimulationError(
-                    f"{told} over {self.duration!r} s makes {samples:.2g} samples, more than "
+                    f"{setting} over {self.duration!r} s makes {samples:.2g} samples, more than "
                     f"{MOST_SAMPLES:.2g}; lower the rate or the duration"
                 )
 
@@ -156,13 +155,13 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """A scenario from a TOML file; docs/scenario.md shows every key.
+    """Load a scenario from a TOML file; docs/scenario.md lists every key.
 
     Args:
         path: the file. The path of a `trajectory_file` in it is relative to its folder.
 
     Raises:
-        SimulationError: no such file, no TOML, a misspelt key, a wrong type or a bad value.
+        SimulationError: no such file, invalid TOML, a misspelt key, a wrong type or a bad value.
     """
     path = Path(path)
     scenario = convert(read_toml(path, SimulationError), Scenario, str(path), SimulationError)
@@ -174,12 +173,12 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
-    """A scenario with some of its keys changed; another trajectory drops its `lost_options`.
+    """Copy of a scenario with changed keys; a new trajectory drops `lost_options`.
 
     Args:
-        scenario: what to start from.
-        changes: nested dictionaries as a scenario file has them.
-        source: where the changes come from, for messages.
+        scenario: the base scenario.
+        changes: nested dictionaries, structured like a scenario file.
+        source: origin of the changes, for messages.
 
     Raises:
         SimulationError: a misspelt key, a wrong type or a bad value.
@@ -194,7 +193,10 @@ def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) ->
 
 
 def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
-    """What `change_scenario` drops: options that another trajectory has not, and trajectory_file."""
+    """Keys that `change_scenario` drops with a change of trajectory.
+
+    They are the options that the new trajectory lacks, and trajectory_file.
+    """
     old, new = scenario.trajectory, changes.get("trajectory", scenario.trajectory)
     if new == old or new not in trajectory_names():
         return []
@@ -203,14 +205,14 @@ def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
 
 
 def grid_rate(imu_rate: float) -> float:
-    """Grid points per second of the true motion for an IMU rate [Hz]."""
+    """Grid points per second of the true motion [Hz] for an IMU rate [Hz]."""
     wanted = max(2.0 * imu_rate, LOWEST_GRID)
     points = np.ceil(wanted / imu_rate)
     return float(imu_rate * max(1.0, min(points, np.floor(HIGHEST_GRID / imu_rate))))
 
 
 def merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Nested tables with some of their keys changed."""
+    """Merge changes into nested tables."""
     result = dict(data)
     for key, value in changes.items():
         old = result.get(key)

@@ -1,4 +1,4 @@
-"""What the sensors of a scenario read of a true motion: what perfect ones would, and their errors."""
+"""Sensor readings of a true motion: error-free readings, then errors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Perfect(NamedTuple):
-    """What perfect sensors read of a true motion.
+    """Error-free sensor readings of a true motion.
 
     Attributes:
         tracks: (n, 2) mean speeds of the tracks since the sample before [m/s].
@@ -46,7 +46,7 @@ class Perfect(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What the sensors read: track speeds, IMU, and fixes where there are any."""
+    """Sensor readings: track speeds, IMU, and fixes if the scenario has any."""
 
     tracks: TrackSpeedSeries
     imu: Imu
@@ -54,7 +54,7 @@ class Sensed(NamedTuple):
 
 
 def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
-    """What perfect sensors of a robot read of a true motion, when those of a scenario sample."""
+    """Error-free readings of a true motion at the sample times of a scenario."""
     duration, rate = scenario.duration, scenario.imu_rate
     errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
     return Perfect(
@@ -65,12 +65,12 @@ def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
 
 
 def sensed(true: Perfect, scenario: Scenario, robot: Robot, streams: Streams) -> Sensed:
-    """What the sensors of a scenario read where perfect ones read this.
+    """Add the sensor errors of a scenario to error-free readings.
 
     Args:
-        true: what perfect ones read.
+        true: error-free readings.
         scenario: rates and errors of the sensors.
-        robot: whose sensors they are.
+        robot: the robot that carries the sensors.
         streams: draw the errors.
     """
     duration, preset = scenario.duration, noise_preset(scenario.noise)
@@ -101,7 +101,7 @@ def sensed(true: Perfect, scenario: Scenario, robot: Robot, streams: Streams) ->
 
 
 def truth_of(motion: TrueMotion, times: Floats) -> Truth:
-    """The truth at given times (n,) [s], as a log holds it."""
+    """Truth at given times (n,) [s], as stored in a log."""
     stamps = to_stamps(times)
     return Truth(
         poses=PoseSeries(stamps, motion.poses_at(times)),
@@ -112,7 +112,7 @@ def truth_of(motion: TrueMotion, times: Floats) -> Truth:
 
 
 def _fix_times(scenario: Scenario) -> Floats:
-    """When fixes arrive, those of outages included [s]."""
+    """Arrival times of fixes, those in outages included [s]."""
     if scenario.fix_rate == 0.0:
         return sample_times(0.0, 1.0)[:0]
     return sample_times(scenario.duration, scenario.fix_rate)

@@ -1,4 +1,4 @@
-"""A simulated run: true motion, what its sensors read, and the log of both."""
+"""Simulated run: true motion, sensor readings, and the log of both."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from icreckon.simulation.truth.true_motion import TrueMotion
 
 @dataclass(frozen=True)
 class Simulation:
-    """A simulated run, with what no sensor shows.
+    """Simulated run with its true motion and sensor biases.
 
     Attributes:
-        scenario: what was asked for.
-        log: the run as its sensors saw it, with the truth where the scenario includes it.
+        scenario: configuration of the run.
+        log: the measurements, with the truth if the scenario includes it.
         motion: the true motion at its full rate.
         gyro_bias: (n, 3) at the IMU's stamps, in the IMU's axes [rad/s].
         accelerometer_bias: (n, 3) at the IMU's stamps, in the IMU's axes [m/s²].
@@ -39,7 +39,7 @@ class Simulation:
 
     @property
     def true_parameters(self) -> Indices | None:
-        """The index parameters behind the motion, or None where the truth has none."""
+        """True index parameters, or None if the truth has none."""
         return self.motion.parameters
 
 
@@ -50,12 +50,12 @@ def simulate(
     run_index: int = 0,
     recording: TrackSpeedSeries | None = None,
 ) -> Log:
-    """The log of a simulated run.
+    """Simulate a run and return its log.
 
     Args:
-        scenario: what to simulate.
-        robot: the robot as its file describes it.
-        run_index: which run of the study.
+        scenario: configuration of the run.
+        robot: the robot as described by its file.
+        run_index: index of the run within the study.
         recording: track speeds to drive, for the trajectory "recorded" without a trajectory_file.
 
     Returns:
@@ -63,7 +63,8 @@ def simulate(
 
     Raises:
         SimulationError: speeds beyond the robot's max_track_speed, a trajectory_file that cannot be
-            read, no `Robot`, a bad run_index, or what the truth refuses.
+            read, an argument that is not a `Robot`, a bad run_index, or a motion that the truth
+            cannot follow.
     """
     return run_scenario(scenario, robot, run_index=run_index, recording=recording).log
 
@@ -75,7 +76,7 @@ def run_scenario(
     run_index: int = 0,
     recording: TrackSpeedSeries | None = None,
 ) -> Simulation:
-    """A simulated run, with what no sensor shows; arguments and errors as for `simulate`."""
+    """Simulate a run, true motion and biases included; arguments as in `simulate`."""
     if not isinstance(robot, Robot):
         raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
     streams = random_streams(scenario.seed, run_index)
@@ -101,11 +102,11 @@ def drive(
     *,
     recording: TrackSpeedSeries | None = None,
 ) -> TrueMotion:
-    """The true motion of a run.
+    """Simulate the true motion of a run.
 
     Args:
-        scenario: what to drive; its sensors do not count, but for the IMU's rate.
-        robot: the robot as its file describes it.
+        scenario: configuration of the run; of its sensors, only the IMU's rate is used.
+        robot: the robot as described by its file.
         streams: draw trajectory and truth.
         recording: track speeds to drive, see `simulate`.
 

@@ -1,4 +1,4 @@
-"""Ground floor: array types, frames, the state vector, errors, and checks of configuration.
+"""Array types, frames, the state vector, errors, and checks of configuration.
 
 Imports nothing of this project. Everything else may import it.
 """

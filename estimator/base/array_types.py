@@ -1,4 +1,4 @@
-"""Types of arrays, and the unit of stamps, that everything shares."""
+"""Array types, and the unit of stamps."""
 
 from __future__ import annotations
 

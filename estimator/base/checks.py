@@ -1,4 +1,4 @@
-"""What settings and robot files may hold, checked where they are made, in Python as from a file."""
+"""Checks of values in settings and robot files, for Python and TOML alike."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from icreckon.estimator.base.errors import SettingError, nearest_hint
 
 
 def is_number(value: object) -> bool:
-    """Whether it is a real number, NaN and infinity among them; True and False are none."""
+    """Return True for a real number, NaN and infinity included, but not for a bool."""
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
 def is_whole(value: object) -> bool:
-    """Whether it is a whole number; True and False are none."""
+    """Return True for a whole number, but not for a bool."""
     return isinstance(value, numbers.Integral) and is_number(value)
 
 
 def is_finite(value: object) -> bool:
-    """Whether it is a finite real number, not beyond what a float can hold."""
+    """Return True for a finite real number within the range of a float."""
     try:
         return is_number(value) and math.isfinite(value)  # type: ignore[arg-type]
     except OverflowError:
@@ -31,10 +31,10 @@ def is_finite(value: object) -> bool:
 
 
 def require_finite(name: str, *values: object) -> None:
-    """Refuse what is no finite number.
+    """Reject values that are not finite numbers.
 
     Raises:
-        SettingError: one of the values is none.
+        SettingError: one of the values is not.
     """
     for value in values:
         if not is_finite(value):
@@ -42,10 +42,10 @@ def require_finite(name: str, *values: object) -> None:
 
 
 def require_positive(name: str, value: object) -> None:
-    """Refuse what is no finite number above zero.
+    """Reject a value that is not a finite number above zero.
 
     Raises:
-        SettingError: the value is none.
+        SettingError: the value is not.
     """
     if is_number(value) and value != value:
         raise SettingError(f"{name} must be a positive number, found nan: it is not filled in")
@@ -53,10 +53,10 @@ def require_positive(name: str, value: object) -> None:
 
 
 def require_not_negative(name: str, value: object) -> None:
-    """Refuse what is no finite number from zero on.
+    """Reject a value that is not zero or a finite positive number.
 
     Raises:
-        SettingError: the value is none.
+        SettingError: the value is not.
     """
     require_from(name, value, 0.0, "zero or a positive number")
 
@@ -64,17 +64,17 @@ def require_not_negative(name: str, value: object) -> None:
 def require_from(
     name: str, value: object, least: float, wanted: str, *, beyond: bool = False
 ) -> None:
-    """Refuse what is no finite number from some value on.
+    """Reject a value that is not a finite number of at least `least`.
 
     Args:
-        name: of the figure, for the message.
-        value: the figure.
-        least: the smallest that it may be.
-        wanted: what it must be, for the message.
-        beyond: whether it must be more than that.
+        name: name of the value, for the message.
+        value: the value.
+        least: lower bound.
+        wanted: description of valid values, for the message.
+        beyond: True to exclude the bound itself.
 
     Raises:
-        SettingError: the value is not so.
+        SettingError: the value is out of range.
     """
     if is_finite(value):
         number = float(value)  # type: ignore[arg-type]
@@ -84,7 +84,7 @@ def require_from(
 
 
 def require_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    """Refuse what is none of the choices.
+    """Reject a value that is not one of the choices.
 
     Raises:
         SettingError: the message names the nearest, or all.
@@ -94,7 +94,7 @@ def require_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
 
 
 def require_flag(name: str, value: object) -> None:
-    """Refuse what is neither True nor False.
+    """Reject a value that is neither True nor False.
 
     Raises:
         SettingError: the value is neither.
@@ -104,16 +104,16 @@ def require_flag(name: str, value: object) -> None:
 
 
 def require_kind(name: str, value: object, kind: type, *, or_none: bool = False) -> None:
-    """Refuse what is not made by the structure that belongs there.
+    """Reject a value that is not an instance of a structure.
 
     Args:
-        name: of the field, for the message.
+        name: name of the field, for the message.
         value: its value.
         kind: the structure.
-        or_none: whether None will do, too.
+        or_none: True to allow None, too.
 
     Raises:
-        SettingError: the value is something else.
+        SettingError: the value has another type.
     """
     if isinstance(value, kind) or (or_none and value is None):
         return
@@ -126,16 +126,16 @@ def require_kind(name: str, value: object, kind: type, *, or_none: bool = False)
 def three_numbers(
     name: str, value: object, wanted: str, least: float = -math.inf
 ) -> tuple[float, float, float]:
-    """Three finite numbers as plain floats.
+    """Convert three finite numbers to plain floats.
 
     Args:
-        name: of the argument, for the message.
+        name: name of the argument, for the message.
         value: a tuple, list or array of three.
-        wanted: what the three are, for the message.
-        least: the smallest that they may be.
+        wanted: description of the three, for the message.
+        least: lower bound of each.
 
     Raises:
-        SettingError: they are not three, or one is no finite number or too small.
+        SettingError: they are not three, or one is not a finite number or too small.
     """
     listed = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
     items: list[Any] = list(cast(Iterable[Any], value)) if listed else []

@@ -1,4 +1,4 @@
-"""Configuration from TOML, checked: a misspelt key is refused with the nearest right one."""
+"""Checked configuration from TOML; errors name the nearest valid key."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
-    """The content of a TOML file.
+    """Read a TOML file.
 
     Args:
         path: the file.
         error: the error class to raise.
 
     Raises:
-        error: when the file is missing, unreadable or no TOML.
+        error: the file is missing, unreadable or not valid TOML.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
@@ -36,16 +36,16 @@ def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
 
 
 def convert(data: dict[str, Any], kind: type[T], source: str, error: type[IcreckonError]) -> T:
-    """A checked structure from plain data.
+    """Convert plain data to a checked structure.
 
     Args:
-        data: nested dictionaries, as TOML gives them.
+        data: nested dictionaries, as read from TOML.
         kind: the msgspec structure to make.
         source: file name or option, for messages.
         error: the error class to raise.
 
     Raises:
-        error: on an unknown key (with the nearest right one), a wrong type or a bad value.
+        error: an unknown key (the message names the nearest valid one), a wrong type or a bad value.
     """
     _refuse_unknown_keys(data, kind, source, "", error)
     try:
@@ -75,7 +75,7 @@ def _refuse_unknown_keys(
 
 
 def _structs_in(annotation: Any) -> list[Any]:
-    """The structures that a field of this type may hold, through unions and lists."""
+    """Structures that a field of this type may hold, through unions and lists."""
     if isinstance(annotation, type) and issubclass(annotation, msgspec.Struct):
         return [annotation]
     if typing.get_origin(annotation) in (typing.Union, types.UnionType, list, tuple):

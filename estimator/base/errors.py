@@ -1,30 +1,31 @@
-"""The errors that users are meant to see: one line each, with what was found and what to do."""
+"""Errors for users: one line each, with the value found and what to do."""
 
 
 class IcreckonError(Exception):
-    """Base of every error that icreckon raises on purpose; its text is meant for the user."""
+    """Base of every error that icreckon raises on purpose; its text is for the user."""
 
 
 class EstimatorError(IcreckonError):
-    """Bad robot file, bad parameters or a measurement that the estimator cannot take."""
+    """Bad robot file, bad parameters or an invalid measurement."""
 
 
 class SettingError(EstimatorError, ValueError):
-    """A figure or a choice that a structure of settings or of the robot file cannot take.
+    """Invalid value in settings or in a robot file.
 
-    A ValueError too, so that msgspec, which reads files into these structures, says where in the file.
+    It is a ValueError, too, so that msgspec, which reads files into these structures, reports its place
+    in the file.
     """
 
 
 def nearest_hint(found: str, allowed: list[str]) -> str:
-    """A «did you mean» clause for a misspelt name.
+    """«Did you mean» clause for a misspelt name.
 
     Args:
         found: the name as it was written.
-        allowed: the names that exist.
+        allowed: the valid names.
 
     Returns:
-        `; did you mean 'x'?` when something is close, otherwise the list of what is allowed.
+        `; did you mean 'x'?` if a name is close, otherwise the list of valid names.
     """
     import difflib
 
@@ -36,4 +37,4 @@ def nearest_hint(found: str, allowed: list[str]) -> str:
 
 
 class BatchError(EstimatorError):
-    """Runs or filters that cannot be worked through side by side."""
+    """Runs or filters that cannot run as lanes of a batch."""

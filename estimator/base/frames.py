@@ -1,8 +1,8 @@
-"""Planar rigid-body geometry, and the one place where the paper's axes meet REP-103.
+"""Planar rigid-body geometry, and conversion of the paper's axes to REP-103.
 
 The paper's robot frame: X right, Y forward, Z up. REP-103 `base_link`: x forward, y left, z up.
 Angles are in radians, counter-clockwise about Z in both. The functions are plain arithmetic, so they
-take floats and arrays alike (and complex numbers, for complex-step differentiation).
+accept floats and arrays alike (and complex numbers, for complex-step differentiation).
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from icreckon.estimator.base.choices import select
 
 
 def paper_to_rep103(x_paper: Any, y_paper: Any) -> tuple[Any, Any]:
-    """Vector components from the paper's axes (right, forward) to REP-103 (forward, left)."""
+    """Convert a vector from paper axes (right, forward) to REP-103 (forward, left)."""
     return y_paper, -x_paper
 
 
 def rep103_to_paper(x: Any, y: Any) -> tuple[Any, Any]:
-    """Vector components from REP-103 (forward, left) to the paper's axes (right, forward)."""
+    """Convert a vector from REP-103 (forward, left) to paper axes (right, forward)."""
     return -y, x
 
 
 def wrap_angle(angle: Any) -> Any:
-    """The angle brought into [-pi, pi)."""
+    """Wrap an angle to [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Pose `a` followed by pose `b`, in SE(2).
+    """Compose pose `a` with pose `b`, in SE(2).
 
     Args:
         a: (..., 3) x, y [m], yaw [rad] of frame A in the world.
-        b: (..., 3) the same of frame B in A.
+        b: (..., 3) x, y [m], yaw [rad] of frame B in A.
 
     Returns:
         (..., 3) frame B in the world; yaw is not wrapped.
@@ -50,11 +50,11 @@ def compose(a: ArrayLike, b: ArrayLike) -> Floats:
 
 
 def relative(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Pose `b` as seen from pose `a`, so that composing `a` with it gives `b` again.
+    """Pose `b` relative to pose `a`: composing `a` with it gives `b`.
 
     Args:
         a: (..., 3) x, y [m], yaw [rad] in the world.
-        b: (..., 3) the same.
+        b: (..., 3) x, y [m], yaw [rad] in the world.
 
     Returns:
         (..., 3) b in the frame of a; yaw wrapped to [-pi, pi).
@@ -67,9 +67,9 @@ def relative(a: ArrayLike, b: ArrayLike) -> Floats:
 
 
 def arc_factors(angle: float) -> tuple[float, float]:
-    """sin(a)/a and (1 - cos(a))/a, with their limits at zero.
+    """Return sin(a)/a and (1 - cos(a))/a, with their limits at zero.
 
-    They turn a constant body velocity into the chord of the arc that it drives
+    They convert a constant body velocity to the chord of its arc
     (the exponential map of SE(2); Sola et al., A micro Lie theory, eq. 158).
     """
     is_small = abs(angle) < 1e-4
@@ -88,7 +88,7 @@ def quaternion_to_yaw(quaternion: ArrayLike) -> Floats:
 
 
 def yaw_to_quaternion(yaw: ArrayLike) -> Floats:
-    """Unit quaternions (..., 4) in ROS order x, y, z, w of a rotation by yaw [rad] about z."""
+    """Unit quaternions (..., 4) in ROS order x, y, z, w of yaw [rad] about z."""
     half = 0.5 * np.asarray(yaw, dtype=float)
     zero = np.zeros_like(half)
     return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)

@@ -1,6 +1,6 @@
-"""The error of compiled code that was given an array of the wrong size.
+"""Message of compiled code for an array of the wrong size.
 
-Compiled code reads and writes by index without looking at bounds, so each entry compares sizes first.
+Compiled code reads and writes by index without bounds checks, so each entry compares sizes first.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The filter's state vector: what stands where, and its names.
+"""State vector of the filter: its layout, and the names of its elements.
 
 Pose, slip and biases are in REP-103 axes (x forward, y left); the index parameters are the paper's.
 """

@@ -1,7 +1,7 @@
 """Calibration of a robot from logs with a truth: maximum likelihood over segments.
 
-In: logs and a robot file. Out: the robot with identified geometry, slip and scales, and how well each
-motion model predicts held-out segments. Below: `robot`, `motion`, `log`.
+In: logs and a robot file. Out: the robot with identified geometry, slip and scales, and each motion
+model's prediction errors on held-out segments. Below: `robot`, `motion`, `log`.
 """
 
 from icreckon.estimator.calibration.calibrate import identify as identify

@@ -1,4 +1,4 @@
-"""What the fits say, put together: the robot, its parameters, and a verdict."""
+"""Assembly of fits: the identified robot, its parameters, and a verdict."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from icreckon.estimator.robot.robot_file import Robot
 Again = Callable[[str, Robot, dict[str, float], frozenset[str]], Fit]
 
 MOVED = 1e-3
-"""A centre of mass that moves by more than this [m] changes what the inertia-based parameters mean, and a
-scale that does so [-] what all of them are."""
+"""A larger shift of the centre of mass [m] changes the meaning of the inertia-based parameters; a larger
+change of scale [-] changes the meaning of all parameters."""
 LEAST_LATENCY = 2e-3
-"""A latency of the track speeds that is less [s] is not worth a line in the robot file."""
+"""A smaller latency of the track speeds is not written to the robot file [s]."""
 CALLED = {
     "differential": "ideal differential drive",
     "constant": "constant ICRs",
@@ -48,14 +48,14 @@ def assembled(
     *,
     speeds_by_radius: bool,
 ) -> Identification:
-    """The whole from its parts.
+    """Assemble the identification from its parts.
 
     Args:
-        robot: as its file describes it.
-        fits: of each model.
-        comparison: of the models.
-        again: fits a model anew: its name, the robot, values to start from, names that are held there.
-        speeds_by_radius: whether the scale of the track speeds goes into the sprocket radius.
+        robot: the robot as described by its file.
+        fits: fit of each model.
+        comparison: comparison of the models.
+        again: refits a model: its name, the robot, initial values, names that are held there.
+        speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
     main = fits[comparison.supported]
     notes = []
@@ -104,7 +104,7 @@ def assembled(
 
 
 def as_found(robot: Robot, found: Fit) -> Robot:
-    """The robot with the model's parameters and the gyro's scale of a fit."""
+    """Robot with the model's parameters and the gyro's scale of a fit."""
     imu = msgspec.structs.replace(robot.imu, gyro_scale=found.value("gyro_scale"))
     return _put(found, msgspec.structs.replace(robot, imu=imu))
 
@@ -121,7 +121,7 @@ def _at_scale(
     again: Again,
     needed: bool = False,
 ) -> Fit:
-    """A fit at the scale that goes into the robot file."""
+    """Fit at the scale that goes into the robot file."""
     if not needed and abs(found.value("scale") - scaled["scale"]) <= MOVED:
         return found
     start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | scaled
@@ -134,7 +134,7 @@ def _put(found: Fit, robot: Robot) -> Robot:
 
 
 def _by_model(fits: Mapping[str, Fit], main: Fit, comparison: Comparison) -> float:
-    """How much the scale of the track speeds differs among the models that may be right."""
+    """Difference of the track speeds' scale among the models that may be right."""
     apart = []
     for name, one in fits.items():
         pair = {name, comparison.supported}
@@ -145,21 +145,21 @@ def _by_model(fits: Mapping[str, Fit], main: Fit, comparison: Comparison) -> flo
 
 
 def _common(robot: Robot, main: Fit, by_model: float, speeds_by_radius: bool) -> Robot:
-    """Radius, gyro, mounting, and the uncertainty of each."""
+    """Robot with radius, gyro, mounting, and the uncertainty of each."""
     count = len(main.problem.recording.motions)
     vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
     scale, sigma = main.value("scale"), _finite(main.sigma("scale"))
-    spread = float(np.hypot(_spread(main, "scale", tracks.scale_sigma), by_model))
+    deviation = float(np.hypot(_sigma_over_logs(main, "scale", tracks.scale_sigma), by_model))
     if speeds_by_radius:
         radius = float(vehicle.sprocket_radius * scale)
         vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
-        scale_sigma = float(np.hypot(sigma, spread))
+        scale_sigma = float(np.hypot(sigma, deviation))
     else:
-        scale_sigma = float(np.sqrt(sigma**2 + spread**2 + (scale - 1.0) ** 2))
+        scale_sigma = float(np.sqrt(sigma**2 + deviation**2 + (scale - 1.0) ** 2))
     tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma)
     biases = np.array([main.value(f"gyro_bias[{log}]") for log in range(count)])
     errors = np.array([_finite(main.sigma(f"gyro_bias[{log}]")) for log in range(count)])
-    # The file's figure counts as one log more.
+    # The robot file's value counts as one more log.
     bias_sigma = np.sqrt((np.sum(biases**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0))
     rotation, tilted = _mounting(robot, main)
     gyro_scale = _righted_scale(robot, main, tilted)
@@ -175,7 +175,7 @@ def _common(robot: Robot, main: Fit, by_model: float, speeds_by_radius: bool) ->
         gyro_scale_sigma=float(
             np.hypot(
                 _finite(main.sigma("gyro_scale")),
-                _spread(main, "gyro_scale", imu.gyro_scale_sigma),
+                _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma),
             )
         ),
         gyro_bias_sigma=float(bias_sigma),
@@ -185,10 +185,10 @@ def _common(robot: Robot, main: Fit, by_model: float, speeds_by_radius: bool) ->
 
 
 def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
-    """The gyro's scale with the mounting that was found: it says what is read of the vertical."""
+    """Scale of the gyro with the identified mounting, which determines the vertical."""
     if robot.imu.gyro_axes == "z":
         return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
-    # How much more, or less, of the robot's turning the new vertical shows than the old one.
+    # Ratio of the robot's rotation about the new vertical to that about the old one.
     both = total = 0.0
     for motion in main.problem.recording.motions:
         if motion.log.imu is None:
@@ -201,7 +201,7 @@ def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
 
 
 def _with_latency(robot: Robot, main: Fit) -> Robot:
-    """The robot whose mapping takes the tracks' latency out when logs are read, if it maps tracks."""
+    """Robot whose mapping removes the tracks' latency from logs, if it maps tracks."""
     latency = main.value("track_latency")
     if not main.is_free("track_latency") or abs(latency) < LEAST_LATENCY:
         return robot
@@ -222,8 +222,8 @@ def _finite(sigma: float) -> float:
     return sigma if np.isfinite(sigma) else 0.0
 
 
-def _spread(main: Fit, name: str, known: float) -> float:
-    """How much a parameter differs from log to log; the robot file's figure counts as one more log."""
+def _sigma_over_logs(main: Fit, name: str, known: float) -> float:
+    """Standard deviation of a parameter over logs; the robot file counts as one more."""
     recording = main.problem.recording
     count, at = len(recording.motions), main.problem.place(name)
     if count < 2 or not main.free[at]:
@@ -236,7 +236,7 @@ def _spread(main: Fit, name: str, known: float) -> float:
 
 
 def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
-    """Roll, pitch, yaw [deg] with what was found, and the rotation."""
+    """Identified roll, pitch, yaw [deg], and the rotation."""
     roll, pitch, yaw = (float(one[0]) for one in _turns(main))
     turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
     angles = np.degrees(
@@ -250,7 +250,10 @@ def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floa
 
 
 def _turns(main: Fit) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Small turns about forward, left and up that right the IMU, with standard errors [rad]."""
+    """Small rotations about forward, left, up that level the IMU, with errors [rad].
+
+    The errors are standard errors.
+    """
     problem = main.problem
     count = len(problem.recording.motions)
 
@@ -260,8 +263,8 @@ def _turns(main: Fit) -> tuple[tuple[float, float], tuple[float, float], tuple[f
             return 0.0, np.inf
         values = np.array([main.value(f"{name}[{log}]") for log in free])
         sigmas = np.array([main.sigma(f"{name}[{log}]") for log in free])
-        spread = values.std(ddof=1) if len(free) > 1 else 0.0
-        error = max(float(np.sqrt((sigmas**2).sum())) / len(free), spread / np.sqrt(len(free)))
+        deviation = values.std(ddof=1) if len(free) > 1 else 0.0
+        error = max(float(np.sqrt((sigmas**2).sum())) / len(free), deviation / np.sqrt(len(free)))
         return float(values.mean()), error
 
     forward, left = mean("offset_forward"), mean("offset_left")
@@ -311,8 +314,8 @@ def _parameters(
     found += [
         _plain(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")
     ]
-    said = "beyond log.tracks.latency, which takes it in"
-    found.append(_plain(main, "track_latency", "track_latency", "s", note=said))
+    note = "beyond log.tracks.latency, which takes it in"
+    found.append(_plain(main, "track_latency", "track_latency", "s", note=note))
     found += _constant(robot, usable["constant"], fits["constant"])
     if "inertia" in usable:
         found += _inertia(robot, usable["inertia"], fits["inertia"])
@@ -356,7 +359,7 @@ def _plain(
     note: str = "",
     sigmas: Fit | None = None,
 ) -> FoundParameter:
-    """A parameter of a fit; its standard error from where nothing else was held, if that is another."""
+    """Parameter of a fit; its standard error is from the fit `sigmas`, if given."""
     of = sigmas or found
     free = of.is_free(name)
     return FoundParameter(
@@ -371,7 +374,7 @@ def _plain(
 
 
 def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
-    """The ICRs of the constant model from its indices."""
+    """ICRs of the constant model from its indices."""
     gauge, before = robot.vehicle.track_gauge, robot.constant_indices
     epsilon, eta = (free.problem.place(name) for name in ("epsilon0", "eta0"))
     worst: Status = "held"
@@ -387,7 +390,7 @@ def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
         gradient = np.zeros(len(free.values))
         gradient[epsilon], gradient[eta] = 1.0, side * gauge
         variance = float(gradient @ free.covariance @ gradient)
-        # What the jackknife adds to either goes in full.
+        # The variances that the jackknife adds to either enter in full.
         extra = sum(
             (slope * free.sigmas[at]) ** 2 - slope**2 * free.covariance[at, at]
             for at, slope in ((epsilon, 1.0), (eta, side * gauge))
@@ -483,11 +486,11 @@ def _logs(main: Fit) -> tuple[OfLog, ...]:
 
 
 def _residuals(constant: Fit, main: Fit) -> Residuals:
-    """By the robot file's constant ICRs and its radius, and by the model that is supported."""
+    """Residuals by the robot file's ICRs and radius, and by the supported model."""
     problem, recording = constant.problem, constant.problem.recording
     values = constant.values.copy()
     for parameter in problem.parameters:
-        # What belongs to truth and IMU is not the robot's fault.
+        # Parameters of truth and IMU are kept: only the robot's are reset to its file.
         if not parameter.name.startswith(("lever", "lag", "gyro", "offset", "mounting", "imu")):
             values[problem.place(parameter.name)] = parameter.start
     rows = [ALONG, ACROSS, SLIP]
@@ -506,7 +509,7 @@ def _residuals(constant: Fit, main: Fit) -> Residuals:
 def _verdict(comparison: Comparison) -> str:
     chosen = comparison.supported
     score = comparison.score(chosen)
-    said = (
+    verdict = (
         f"The data support {CALLED[chosen]}: held-out drift of dead reckoning by the tracks alone is "
         f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})"
     )
@@ -529,4 +532,4 @@ def _verdict(comparison: Comparison) -> str:
             f"{CALLED[name]} {'are' if name in PLURAL else 'is'} {word} "
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
         )
-    return f"{said}; {', '.join(parts)}." if parts else f"{said}."
+    return f"{verdict}; {', '.join(parts)}." if parts else f"{verdict}."

@@ -1,4 +1,4 @@
-"""From logs to a calibrated robot: the whole of the identification."""
+"""Identification of a robot from logs, from segments to a calibrated robot file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SEGMENT = 3.0
 """Length of a segment [s]."""
 SHORTEST, LONGEST = 1.0, 20.0
 AGAINST = -0.3
-"""Correlation of turning by gyro and truth, or tracks, from which on something has the wrong sign."""
+"""Correlation of turning by gyro and truth, or tracks, that indicates a wrong sign."""
 
 
 def identify(
@@ -36,31 +36,32 @@ def identify(
     speeds_by_radius: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Identification:
-    """Find a robot's parameters from logs with a pose truth, by maximum likelihood over segments.
+    """Identify a robot's parameters from logs with a pose truth.
 
-    The truth may be late, and that of another point of the robot than base_link. Where neither this
-    point nor the IMU's place is known (an IMU at the robot file's default [0, 0, 0] counts as unknown),
-    nothing tells where in the robot the turning centre lies: what places it (zeta0, epsilon0, the
-    centre of mass forward and left) is held, and the lever arm is relative to that.
+    The method is maximum likelihood over segments. The truth may be late, and that of another point of
+    the robot than base_link. If neither this point nor the IMU's position is known (an IMU at the robot
+    file's default [0, 0, 0] counts as unknown), the turning centre in the robot is unobservable. Then
+    the parameters that place it (zeta0, epsilon0, the centre of mass forward and left) are held, and the
+    lever arm is relative to them.
 
     Args:
-        logs: one or more of one robot, each with track speeds [m/s] made with the robot's sprocket
-            radius, IMU samples and a truth; slices of logs are logs.
-        robot: as its file describes it; what the logs do not show stays so.
+        logs: one or more logs of one robot, each with track speeds [m/s] made with the robot's sprocket
+            radius, IMU samples and a truth; slices of logs are allowed.
+        robot: the robot as described by its file; unobservable parameters keep these values.
         segment: length of a segment [s].
-        lever_arm: the point that the truth follows, in base_link, forward and left [m], where known.
-        models: of `MODELS`, those to fit and compare; "constant" must be among them.
-        speeds_by_radius: whether the track speeds were made with the sprocket radius, so that their
-            scale goes into it; where not, it goes into `tracks.scale_sigma` and a note.
+        lever_arm: point of the truth in base_link, forward and left [m], if known.
+        models: models of `MODELS` to fit and compare, "constant" among them.
+        speeds_by_radius: True if the track speeds were made with the sprocket radius, so that their scale
+            corrects it; otherwise the scale goes into `tracks.scale_sigma` and a note.
         progress: called with the share done, 0 to 1.
 
     Returns:
-        The robot with everything found put in, every parameter with its standard error, which
-        of them the logs show, and which model they support.
+        The identified robot, every parameter with its standard error, the observable parameters, and
+        the supported model.
 
     Raises:
         EstimatorError: no log, a log without truth, IMU or tracks, too little driving or turning,
-            signs that contradict each other, or an option that makes no sense.
+            signs that contradict each other, or an invalid option.
     """
     require_robot(robot)
     chosen = _models(models)
@@ -70,7 +71,7 @@ def identify(
         raise EstimatorError(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
         )
-    told = progress or (lambda _: None)
+    report = progress or (lambda _: None)
     motions = [motion_of(log, robot) for log in logs]
     recording = record(motions, robot, segment)
     imu_place_known = any(robot.imu.position)
@@ -84,7 +85,7 @@ def identify(
             imu_place_known=imu_place_known,
         )
 
-    # First with the lag as it seems; then truth is carried over to knots with the lag that was found.
+    # First with the initial lag; then the truth is carried over to knots with the estimated lag.
     first_problem = problem("constant", recording, robot)
     _check_signs(first_problem)
     first = fit(first_problem)
@@ -92,7 +93,7 @@ def identify(
         replace(motion, lag=first.value(f"lag[{log}]"), bias=first.value(f"gyro_bias[{log}]"))
         for log, motion in enumerate(motions)
     ]
-    told(0.1)
+    report(0.1)
     scale = first.value("scale")
     recording = record(motions, as_found(robot, first), segment, scale=scale)
     fits: dict[str, Fit] = {}
@@ -100,15 +101,15 @@ def identify(
     for number, name in enumerate(chosen):
         start = initial if name != "friction" else _without_model(first)
         fits[name] = fit(problem(name, recording, robot), initial=start)
-        told(0.1 + 0.6 * (number + 1) / len(chosen))
+        report(0.1 + 0.6 * (number + 1) / len(chosen))
     comparison = validate(fits)
-    told(0.9)
+    report(0.9)
 
     def again(name: str, robot: Robot, start: dict[str, float], held: frozenset[str]) -> Fit:
         return fit(problem(name, recording, robot), initial=start, held=held)
 
     found = assembled(robot, fits, comparison, again, speeds_by_radius=speeds_by_radius)
-    told(1.0)
+    report(1.0)
     return found
 
 
@@ -128,10 +129,10 @@ def _without_model(found: Fit) -> dict[str, float]:
 
 
 def _check_signs(problem: Problem) -> None:
-    """Refuse a gyro or tracks that turn against the truth.
+    """Reject a gyro or tracks that turn against the truth.
 
     Raises:
-        EstimatorError: see above.
+        EstimatorError: they do.
     """
     recording = problem.recording
     moving = recording.moving

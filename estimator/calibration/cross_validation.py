@@ -1,8 +1,8 @@
-"""Which model the logs support: cross-validation over blocks of contiguous time.
+"""Model selection by cross-validation over blocks of contiguous time.
 
-Each fold leaves some blocks out, the rest gives the parameters, and what was left out is predicted: the
-likelihood of its segments, and how far dead reckoning from the tracks alone goes wrong over windows of
-a few segments.
+Each fold leaves some blocks out and estimates the parameters from the rest. It scores the held-out blocks
+by the likelihood of their segments, and by the drift of dead reckoning from the tracks alone over windows
+of a few segments.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FOLDS = 8
 WINDOW = 3
 """Segments of a window, at most."""
 JUMPED = 0.15
-"""Weight of a truth's turning below which it is not one to predict: six standard deviations off."""
+"""Weight of a truth's turning below which it is an outlier, six standard deviations off."""
 DRAWS = 4000
 SEED = 1
 LEVELS = (2.5, 97.5)
@@ -31,7 +31,7 @@ LEVELS = (2.5, 97.5)
 
 @dataclass(frozen=True)
 class _HeldOut:
-    """What one model made of all blocks, each left out once: (blocks,) sums."""
+    """Held-out scores of one model: (blocks,) sums, each block left out once."""
 
     likelihood: Floats
     error: Floats
@@ -39,7 +39,7 @@ class _HeldOut:
 
 
 def validate(fits: Mapping[str, Fit]) -> Comparison:
-    """Compare models by what each makes of the blocks that its parameters do not come from.
+    """Compare models by their predictions of held-out blocks.
 
     Args:
         fits: by name, in the order of `MODELS`; the same segments in all.
@@ -118,7 +118,7 @@ def _parameters_found(fit: Fit) -> int:
 
 
 def _supported(names: list[str], differences: list[Difference]) -> str:
-    """The first model than which no later one is better beyond doubt."""
+    """Find the first model than which no later one is significantly better."""
     known = {(one.model, one.than): one for one in differences}
     chosen = names[0]
     for name in names[1:]:
@@ -128,9 +128,9 @@ def _supported(names: list[str], differences: list[Difference]) -> str:
 
 
 def _jumped(fit: Fit) -> NDArray[np.bool_]:
-    """(n,) whether the truth turned so much otherwise than the gyro that it must have jumped.
+    """Mask (n,) of segments whose truth jumped: it turned too unlike the gyro.
 
-    No motion model has a part in that.
+    The mask does not depend on the motion model.
     """
     result = np.zeros(len(fit.problem.recording.log), dtype=bool)
     for channel, weight in zip(fit.noise.channels, fit.noise.weights, strict=True):
@@ -140,7 +140,7 @@ def _jumped(fit: Fit) -> NDArray[np.bool_]:
 
 
 def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Runs of up to `WINDOW` usable segments within a block, one after the other."""
+    """Consecutive runs of up to `WINDOW` usable segments within a block."""
     windows: list[list[int]] = []
     for place in range(len(recording.log)):
         if not usable[place]:
@@ -161,7 +161,7 @@ def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np
 
 
 def _ways(recording: Recording, scale: float) -> Floats:
-    """(n,) way of each segment [m]."""
+    """Distance (n,) of each segment [m]."""
     speeds = recording.speeds(0.0).mean(axis=-1)
     return np.asarray(scale * np.abs(speeds).sum(axis=1) * recording.cell)
 
@@ -180,9 +180,11 @@ def _held_out(fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.
             if channel.name not in ("position", "slip"):
                 continue
             at = channel.rows[:, 0]
-            told = log_density(channel.of(residuals), channel.variances(sizes))
-            told = np.where(out[block[at]] & problem.recording.moving[at], told, 0.0)
-            np.add.at(likelihood, block[at], told)
+            log_likelihood = log_density(channel.of(residuals), channel.variances(sizes))
+            log_likelihood = np.where(
+                out[block[at]] & problem.recording.moving[at], log_likelihood, 0.0
+            )
+            np.add.at(likelihood, block[at], log_likelihood)
         wanted = [one for one, its in zip(windows, of_window, strict=True) if out[its]]
         alone, aided = _window_errors(fit, values, wanted)
         at = of_window[out[of_window]]
@@ -194,9 +196,9 @@ def _held_out(fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.
 def _window_errors(
     fit: Fit, values: Floats, windows: list[NDArray[np.int64]]
 ) -> tuple[Floats, Floats]:
-    """(w,) distance of the ends of windows by the model from those by the truth [m].
+    """Distance (w,) of the ends of windows by the model from those by the truth [m].
 
-    With headings from the tracks, and with those of the gyro.
+    Returns it with headings from the tracks, and with those of the gyro.
     """
     problem, recording = fit.problem, fit.problem.recording
     twist, cell = problem.twist(values), recording.cell

@@ -1,13 +1,13 @@
-"""The fit of a model: Gauss-Newton steps with noise and weights that follow, and what it shows.
+"""Fit of a model by Gauss-Newton steps with re-estimated noise and weights.
 
-What the logs show is told by the information with everything free. A parameter whose standard error is
-beyond what tells anything is not shown; as long as there is one, that of the highest rank is held at its
-start (the robot file), and what can then be told is told on that condition.
+Observability is determined by the information with all parameters free. A parameter is unobservable
+("not shown") if its standard error exceeds a threshold. As long as there is one, that of the highest rank
+is held at its start (the robot file); the others are then estimated on that condition.
 
-Standard errors are the largest of those of the likelihood and of a jackknife over blocks, which holds
-whatever the residuals' correlation within a block (Efron and Stein, The jackknife estimate of variance,
-Annals of Statistics 9, 1981), linearised at the fit, and grown so that 1.96 of them are a 95 % interval
-although there are few blocks.
+Standard errors are the largest of those of the likelihood and of a jackknife over blocks, linearised at
+the fit. The jackknife is valid for any correlation of residuals within a block (Efron and Stein, The
+jackknife estimate of variance, Annals of Statistics 9, 1981). They are inflated for few blocks, so that
+1.96 of them are a 95 % interval.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ from icreckon.estimator.calibration.noise import (
 from icreckon.estimator.calibration.residuals import Problem
 
 ROUNDS = 12
-"""Gauss-Newton steps at most."""
+"""Largest number of Gauss-Newton steps."""
 NOISE_ROUNDS = 5
-"""In so many of the first, the noise is fitted anew."""
+"""Number of first steps that re-estimate the noise."""
 SETTLED = 0.01
-"""A step that is less than this share of the standard error of everything ends the search."""
+"""The search ends with a step below this share of all standard errors."""
 LOOSE = 10.0
-"""While fitting, what is not shown is kept within about so many of its telling errors of its start."""
+"""Soft bound of unobservable parameters about their start while fitting, in threshold errors."""
 NEVER = 1e-10
-"""Information below this, in units of the telling error, is none."""
+"""Least information, in units of the threshold errors; below it counts as zero."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A model fitted.
+    """Fitted model.
 
     Attributes:
-        problem: what was fitted.
-        values: (p,) found; what is held is at its start.
-        free: (p,) what is not held.
-        shown: (p,) what the logs show with everything free.
-        sigmas: (p,) standard errors; infinite where held.
-        covariance: (p, p) by the likelihood, of what is free; zero elsewhere.
-        noise: of the residuals.
-        residuals: (n, ROWS).
-        jacobian: (n, ROWS, p).
+        problem: the problem that was fitted.
+        values: (p,) estimates; held parameters are at their start.
+        free: (p,) mask of parameters that are not held.
+        shown: (p,) mask of parameters that the logs determine with all free.
+        sigmas: (p,) standard errors; infinite for held parameters.
+        covariance: (p, p) of the free parameters by the likelihood; zero elsewhere.
+        noise: noise of the residuals.
+        residuals: (n, ROWS) residuals.
+        jacobian: (n, ROWS, p) derivatives of the residuals.
         fisher: (blocks, p, p) information of each block.
-        score: (blocks, p).
+        score: (blocks, p) score of each block.
     """
 
     problem: Problem
@@ -72,25 +72,25 @@ class Fit:
     score: Floats
 
     def value(self, name: str) -> float:
-        """Of a parameter."""
+        """Value of a parameter."""
         return float(self.values[self.problem.place(name)])
 
     def sigma(self, name: str) -> float:
-        """Its standard error."""
+        """Standard error of a parameter."""
         return float(self.sigmas[self.problem.place(name)])
 
     def is_free(self, name: str) -> bool:
-        """Whether it was found, and not held."""
+        """Return True if a parameter was estimated, not held."""
         return bool(self.free[self.problem.place(name)])
 
     def without(self, blocks: NDArray[np.bool_]) -> Floats:
-        """(p,) values that the other blocks give, by one step."""
+        """Estimates (p,) without some blocks, by one step."""
         at = np.flatnonzero(self.free)
         fisher = self.fisher[~blocks].sum(axis=0)[np.ix_(at, at)]
         score = self.score[~blocks].sum(axis=0)[at]
-        telling = _telling(self.problem)[at]
+        threshold = _thresholds(self.problem)[at]
         moved = self.values.copy()
-        moved[at] -= telling * _solve(fisher * np.outer(telling, telling), telling * score)
+        moved[at] -= threshold * _solve(fisher * np.outer(threshold, threshold), threshold * score)
         return self.problem.inside(moved)
 
 
@@ -103,14 +103,14 @@ def fit(
     """Fit a model.
 
     Args:
-        problem: what to find.
-        initial: where to start the search, by name; the parameters' own start where left out.
-        held: names that are held at that from the outset.
+        problem: the problem.
+        initial: initial values of the search, by name; by default the parameters' own start.
+        held: names of parameters held at their initial values from the outset.
     """
     values, anchor = problem.start, problem.start
-    telling = _telling(problem)
+    threshold = _thresholds(problem)
     free = np.array(
-        [one.telling > 0.0 and one.name not in held for one in problem.parameters], dtype=bool
+        [one.threshold > 0.0 and one.name not in held for one in problem.parameters], dtype=bool
     )
     for name, value in (initial or {}).items():
         if name in held:
@@ -120,17 +120,17 @@ def fit(
     values, noise = _search(problem, values, free, loose=True)
     residuals, jacobian = problem.linearised(values)
     fisher, _ = information(noise, residuals, jacobian, problem.recording.block)
-    every = _sigmas(fisher.sum(axis=0) * _flat(noise, residuals), free, telling)
-    shown = free & (every <= telling)
-    # Hold what is not shown, one by one, until the rest can be told.
+    every = _sigmas(fisher.sum(axis=0) * _flat(noise, residuals), free, threshold)
+    shown = free & (every <= threshold)
+    # Hold unobservable parameters, one by one, until the rest is observable.
     ranks = np.array([one.rank for one in problem.parameters])
     total = fisher.sum(axis=0) * _flat(noise, residuals)
     while True:
-        sigmas = _sigmas(total, free, telling)
-        untold = free & (sigmas > telling)
-        if not untold.any():
+        sigmas = _sigmas(total, free, threshold)
+        unobservable = free & (sigmas > threshold)
+        if not unobservable.any():
             break
-        worst = int(np.flatnonzero(untold)[ranks[untold].argmax()])
+        worst = int(np.flatnonzero(unobservable)[ranks[unobservable].argmax()])
         free[worst] = False
         values[worst] = anchor[worst]
     values, noise = _search(problem, values, free, loose=False, noise=noise)
@@ -139,8 +139,8 @@ def fit(
     total = fisher.sum(axis=0) * _flat(noise, residuals)
     at = np.flatnonzero(free)
     covariance = np.zeros((len(values), len(values)))
-    scaled = total[np.ix_(at, at)] * np.outer(telling[at], telling[at])
-    covariance[np.ix_(at, at)] = np.linalg.inv(scaled) * np.outer(telling[at], telling[at])
+    scaled = total[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
+    covariance[np.ix_(at, at)] = np.linalg.inv(scaled) * np.outer(threshold[at], threshold[at])
     result = Fit(
         problem,
         values,
@@ -155,7 +155,7 @@ def fit(
         score,
     )
     by_likelihood = np.sqrt(np.diag(covariance))
-    largest = np.maximum(by_likelihood, _jackknife(result)) * few_blocks(_telling_blocks(result))
+    largest = np.maximum(by_likelihood, _jackknife(result)) * few_blocks(_effective_blocks(result))
     largest = np.where(shown, np.maximum(largest, every), largest)
     result.sigmas[free] = largest[free]
     return result
@@ -169,8 +169,8 @@ def _search(
     loose: bool,
     noise: Noise | None = None,
 ) -> tuple[Floats, Noise]:
-    """Gauss-Newton steps, halved where they do not help."""
-    telling, block = _telling(problem), problem.recording.block
+    """Search by Gauss-Newton steps, halved if they do not reduce the cost."""
+    threshold, block = _thresholds(problem), problem.recording.block
     at = np.flatnonzero(free)
     start = values.copy()
     ridge = np.full(len(at), LOOSE**-2.0 if loose else 0.0)
@@ -181,19 +181,19 @@ def _search(
     for number in range(ROUNDS):
         noise = refined(noise, residuals, components_too=number < NOISE_ROUNDS)
         fisher, score = information(noise, residuals, jacobian, block)
-        scaled = fisher.sum(axis=0)[np.ix_(at, at)] * np.outer(telling[at], telling[at])
+        scaled = fisher.sum(axis=0)[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
         scaled += np.diag(ridge)
-        slope = telling[at] * score.sum(axis=0)[at]
-        slope = slope + ridge * (values[at] - start[at]) / telling[at]
-        step = _step(problem, values, at, telling, scaled, slope)
-        before = cost(noise, residuals) + _pull(values, start, at, telling, ridge)
+        slope = threshold[at] * score.sum(axis=0)[at]
+        slope = slope + ridge * (values[at] - start[at]) / threshold[at]
+        step = _step(problem, values, at, threshold, scaled, slope)
+        before = cost(noise, residuals) + _pull(values, start, at, threshold, ridge)
         size = 1.0
         for _ in range(6):
             moved = values.copy()
-            moved[at] += size * telling[at] * step
+            moved[at] += size * threshold[at] * step
             moved = problem.inside(moved)
             found = problem.rows(moved)
-            after = cost(noise, found) + _pull(moved, start, at, telling, ridge)
+            after = cost(noise, found) + _pull(moved, start, at, threshold, ridge)
             if np.isfinite(after) and after <= before + 1e-9:
                 break
             size *= 0.4
@@ -206,7 +206,7 @@ def _search(
         residuals, jacobian = problem.linearised(values)
         sigma = np.sqrt(1.0 / np.maximum(np.diag(scaled), 1e-12))
         if number >= NOISE_ROUNDS - 1 and np.all(
-            np.abs(taken[at] / telling[at]) <= SETTLED * sigma
+            np.abs(taken[at] / threshold[at]) <= SETTLED * sigma
         ):
             break
     return values, refined(noise, residuals)
@@ -216,17 +216,17 @@ def _step(
     problem: Problem,
     values: Floats,
     at: NDArray[np.intp],
-    telling: Floats,
+    threshold: Floats,
     scaled: Floats,
     slope: Floats,
 ) -> Floats:
-    """(a,) Gauss-Newton step of what is free, in units of the telling errors; along bounds at them."""
+    """Gauss-Newton step (a,) of free parameters, in threshold errors, within bounds."""
     within = np.ones(len(at), dtype=bool)
     for _ in range(len(at)):
         step = np.zeros(len(at))
         step[within] = -_solve(scaled[np.ix_(within, within)], slope[within])
         moved = values.copy()
-        moved[at] += 1e-6 * telling[at] * step
+        moved[at] += 1e-6 * threshold[at] * step
         outward = within & (problem.inside(moved) != moved)[at]
         if not outward.any():
             break
@@ -235,55 +235,57 @@ def _step(
 
 
 def _pull(
-    values: Floats, start: Floats, at: NDArray[np.intp], telling: Floats, ridge: Floats
+    values: Floats, start: Floats, at: NDArray[np.intp], threshold: Floats, ridge: Floats
 ) -> float:
-    return float((ridge * ((values[at] - start[at]) / telling[at]) ** 2).sum())
+    return float((ridge * ((values[at] - start[at]) / threshold[at]) ** 2).sum())
 
 
-def _telling(problem: Problem) -> Floats:
-    """(p,) units in which parameters are of order one; 1 for what is given."""
-    return np.array([one.telling if one.telling > 0.0 else 1.0 for one in problem.parameters])
+def _thresholds(problem: Problem) -> Floats:
+    """Threshold errors (p,): units in which parameters are of order one; 1 if given."""
+    return np.array([one.threshold if one.threshold > 0.0 else 1.0 for one in problem.parameters])
 
 
 def _flat(noise: Noise, residuals: Floats) -> float:
-    """One figure for all channels: the smallest of what is left of the information."""
+    """Smallest factor on the information over all channels."""
     return float(flattening(noise, residuals).min())
 
 
-def _sigmas(fisher: Floats, free: NDArray[np.bool_], telling: Floats) -> Floats:
-    """(p,) standard errors by the likelihood; infinite where held, huge where nothing is told."""
-    result = np.full(len(telling), np.inf)
+def _sigmas(fisher: Floats, free: NDArray[np.bool_], threshold: Floats) -> Floats:
+    """Standard errors (p,) by the likelihood; infinite if held, huge if unobservable."""
+    result = np.full(len(threshold), np.inf)
     at = np.flatnonzero(free)
-    scaled = fisher[np.ix_(at, at)] * np.outer(telling[at], telling[at])
+    scaled = fisher[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
     values, vectors = np.linalg.eigh(scaled)
     variances = (vectors**2 / np.maximum(values, NEVER)).sum(axis=1)
-    result[at] = telling[at] * np.sqrt(variances)
+    result[at] = threshold[at] * np.sqrt(variances)
     return result
 
 
 def _solve(matrix: Floats, vector: Floats) -> Floats:
-    """Symmetric solution; along directions of no information nothing."""
+    """Solve a symmetric system; zero along directions without information."""
     values, vectors = np.linalg.eigh(matrix)
     along = vectors.T @ vector
-    told = values > NEVER * max(1.0, float(values.max(initial=0.0)) * 1e-4)
-    return np.asarray(vectors @ np.where(told, along / np.where(told, values, 1.0), 0.0))
+    informative = values > NEVER * max(1.0, float(values.max(initial=0.0)) * 1e-4)
+    return np.asarray(
+        vectors @ np.where(informative, along / np.where(informative, values, 1.0), 0.0)
+    )
 
 
 def few_blocks(blocks: Floats | float) -> Floats:
-    """By how much 1.96 standard errors from so few blocks fall short of a 95 % interval (Student's t)."""
+    """Factor from 1.96 standard errors to a 95 % interval of few blocks (Student's t)."""
     from scipy.special import stdtrit  # type: ignore[import-untyped]
 
     return np.asarray(stdtrit(np.maximum(np.asarray(blocks) - 1.0, 2.0), 0.975) / 1.96)
 
 
-def _telling_blocks(result: Fit) -> Floats:
-    """(p,) how many equal blocks would tell as much: those that tell more of a parameter count for more.
+def _effective_blocks(result: Fit) -> Floats:
+    """Effective number (p,) of blocks for each parameter, weighted by information.
 
     Satterthwaite's degrees of freedom, of each block's share in a parameter's variance.
     """
     at = np.flatnonzero(result.free)
-    telling = _telling(result.problem)[at]
-    scaled = result.fisher[:, at][:, :, at] * np.outer(telling, telling)
+    threshold = _thresholds(result.problem)[at]
+    scaled = result.fisher[:, at][:, :, at] * np.outer(threshold, threshold)
     inverse = np.linalg.pinv(scaled.sum(axis=0), hermitian=True)
     shares = np.einsum("ij,bjk,ki->bi", inverse, scaled, inverse)
     many = np.ones(len(result.values))
@@ -292,7 +294,7 @@ def _telling_blocks(result: Fit) -> Floats:
 
 
 def _jackknife(result: Fit) -> Floats:
-    """(p,) standard errors by leaving out one block after the other."""
+    """Jackknife standard errors (p,), leaving out one block at a time."""
     blocks = len(result.fisher)
     if blocks < 3:
         return np.zeros(len(result.values))

@@ -1,4 +1,4 @@
-"""The motion models that are compared: their parameters, and the twist with its derivatives.
+"""Motion models to compare: their parameters, and the twist with its derivatives.
 
 Track speeds in, twist of base_link out (REP-103: v_x forward, v_y left). Parameters are in the units of
 the robot file.
@@ -23,36 +23,36 @@ from icreckon.estimator.robot.robot_file import Indices, Robot
 from icreckon.estimator.robot.variants import TYPICAL_FORCE
 
 MODELS = ("differential", "constant", "inertia", "friction")
-"""Names, from what assumes most to what takes most effort: a later one must be better to be chosen."""
+"""Names, from the simplest to the most complex: a later one must be better to be chosen."""
 TELLING = 0.15
-"""An index, or a length as a share of the gauge, is shown where its standard error is below this [-]."""
+"""Threshold error of an index, or of a length as a share of the gauge [-]."""
 DIFFERENCE_STEP = 1e-2
 SPEED_STEP = 1e-3
 NEWTON_STEPS, TOLERANCE = 25, 1e-10
-"""Of the stationary motions that friction makes."""
+"""Tolerance of the friction model's stationary motions."""
 COARSE = 3
-"""Cells whose motion by friction is worked out at their mean speeds, and to first order about it."""
+"""Number of cells with one friction solution, at their mean speeds; first order about it."""
 SAME_PLACE = 1e-3
-"""A presumed centre of mass that is nearer to the robot file's than this [m] is that."""
+"""A nominal centre of mass within this distance of the robot file's is that [m]."""
 REST = 2e-3
-"""Tracks slower than this stand [m/s]."""
+"""Tracks slower than this count as standing [m/s]."""
 
 
 class Parameter(NamedTuple):
-    """A parameter of a model.
+    """Parameter of a model.
 
     Attributes:
-        name: as in the robot file.
+        name: name in the robot file.
         unit: "m", "1/N", ...; "-" for none.
-        start: where to start from, the robot file's value.
-        telling: it is not shown where its standard error is larger.
-        rank: of parameters that stand in for each other, the highest is held first.
+        start: initial value, from the robot file.
+        threshold: threshold error, in the unit; with a larger standard error it is unobservable.
+        rank: among parameters that replace each other, the highest is held first.
     """
 
     name: str
     unit: str
     start: float
-    telling: float
+    threshold: float
     rank: int
 
 
@@ -61,8 +61,8 @@ class TwistAt(NamedTuple):
 
     Attributes:
         twist: (..., 3) v_x, v_y [m/s], w [rad/s].
-        by_parameters: (..., 3, p).
-        by_speeds: (..., 3, 2) by the left and right track speed.
+        by_parameters: (..., 3, p) derivatives by the parameters.
+        by_speeds: (..., 3, 2) derivatives by the left and right track speed.
     """
 
     twist: Floats
@@ -71,60 +71,60 @@ class TwistAt(NamedTuple):
 
 
 class Model(Protocol):
-    """A motion model with free parameters."""
+    """Motion model with free parameters."""
 
     @property
     def name(self) -> str:
-        """One of `MODELS`."""
+        """Name of the model, one of `MODELS`."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Its parameters; of those of several models one name means one thing."""
+        """Parameters of the model; a name has one meaning in all models."""
 
     def at(self, speeds: Floats, values: Floats) -> TwistAt:
         """Twists for track speeds (..., 2) [m/s] at parameters (p,)."""
 
     def twist(self, speeds: Floats, values: Floats) -> Floats:
-        """(..., 3) twists alone."""
+        """Twists (..., 3) without derivatives."""
 
     def inside(self, values: Floats) -> Floats:
-        """The nearest parameters (p,) that make sense."""
+        """Nearest valid parameters (p,)."""
 
     def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """The same with other starts and telling errors; 0 is that of what is given."""
+        """Copy with other starts and threshold errors; 0 for given parameters."""
 
     def put_into(self, robot: Robot, values: Floats) -> Robot:
-        """The robot with these parameters (p,) in its file."""
+        """Robot with these parameters (p,) in its file."""
 
 
 @dataclass(frozen=True)
 class Differential:
-    """The ideal differential drive: no parameters."""
+    """Ideal differential drive, without parameters."""
 
     gauge: float
     name: str = "differential"
     parameters: tuple[Parameter, ...] = ()
 
     def at(self, speeds: Floats, values: Floats) -> TwistAt:  # noqa: ARG002 - a `Model`
-        """See `Model`."""
+        """Twists with derivatives, as in `Model`."""
         indices = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
         found = _index_twist(speeds, indices, (self.gauge, 1.0, 0.0, 0.0))
         return TwistAt(found.twist, found.by_parameters[..., :0], found.by_speeds)
 
     def twist(self, speeds: Floats, values: Floats) -> Floats:
-        """See `Model`."""
+        """Twists (..., 3) alone, as in `Model`."""
         return self.at(speeds, values).twist
 
     def inside(self, values: Floats) -> Floats:
-        """See `Model`."""
+        """Nearest valid parameters (p,), as in `Model`."""
         return values
 
     def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """See `Model`."""
+        """Model with other priors of its parameters, as in `Model`."""
         return replace(self, parameters=parameters)
 
     def put_into(self, robot: Robot, values: Floats) -> Robot:  # noqa: ARG002 - a `Model`
-        """See `Model`."""
+        """Robot with these parameters in its file, as in `Model`."""
         return robot
 
 
@@ -136,8 +136,8 @@ class IndexModel:
         name: "constant" or "inertia".
         parameters: three, or all but H.
         vehicle: L, M, x_CM, y_CM.
-        places: where the parameters stand among the eight.
-        H: of the robot file.
+        places: indices of the parameters among the eight.
+        H: H of the robot file [-].
     """
 
     name: str
@@ -147,33 +147,33 @@ class IndexModel:
     H: float
 
     def at(self, speeds: Floats, values: Floats) -> TwistAt:
-        """See `Model`."""
+        """Twists with derivatives, as in `Model`."""
         found = _index_twist(speeds, self.eight(values), self.vehicle)
         return TwistAt(found.twist, found.by_parameters[..., list(self.places)], found.by_speeds)
 
     def twist(self, speeds: Floats, values: Floats) -> Floats:
-        """See `Model`."""
+        """Twists (..., 3) alone, as in `Model`."""
         return self.at(speeds, values).twist
 
     def inside(self, values: Floats) -> Floats:
-        """See `Model`."""
+        """Nearest valid parameters (p,), as in `Model`."""
         result = values.copy()
         at = self.places.index(5)
         result[at] = max(result[at], 1.0)
         return result
 
     def eight(self, values: Floats) -> Floats:
-        """(8,) in the order of `Indices`."""
+        """All eight parameters (8,), in the order of `Indices`."""
         result = np.array([self.H, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
         result[list(self.places)] = values
         return result
 
     def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """See `Model`."""
+        """Model with other priors of its parameters, as in `Model`."""
         return replace(self, parameters=parameters)
 
     def put_into(self, robot: Robot, values: Floats) -> Robot:
-        """See `Model`."""
+        """Robot with these parameters in its file, as in `Model`."""
         from icreckon.estimator.robot.robot_file import ConstantIcr
 
         indices = Indices(*(float(value) for value in self.eight(self.inside(values))))
@@ -193,12 +193,12 @@ class IndexModel:
 
 @dataclass(frozen=True)
 class FrictionModel:
-    """The stationary motions that friction at the contact points makes.
+    """Stationary motions under friction at the contact points.
 
     Attributes:
-        robot: with the soil and the contact to start from.
+        robot: the robot, with the initial soil and contact.
         parameters: rolling resistance, half contact length, height, and place of the centre of mass.
-        nearby: motions to start the search from, by how many there are.
+        nearby: initial guesses of motions, by their number.
     """
 
     robot: Robot
@@ -207,11 +207,11 @@ class FrictionModel:
     nearby: dict[int, Floats] = field(default_factory=dict, repr=False, compare=False)
 
     def at(self, speeds: Floats, values: Floats) -> TwistAt:
-        """See `Model`."""
+        """Twists with derivatives, as in `Model`."""
         return self._fine(speeds, values, self.parameters)
 
     def twist(self, speeds: Floats, values: Floats) -> Floats:
-        """See `Model`."""
+        """Twists (..., 3) alone, as in `Model`."""
         return self._fine(speeds, values, ()).twist
 
     def _fine(self, speeds: Floats, values: Floats, by: tuple[Parameter, ...]) -> TwistAt:
@@ -233,7 +233,7 @@ class FrictionModel:
         return TwistAt(twist, spread(found.by_parameters), slopes)
 
     def inside(self, values: Floats) -> Floats:
-        """See `Model`."""
+        """Nearest valid parameters (p,), as in `Model`."""
         length = self.robot.vehicle.half_contact_length
         half = 0.5 * self.robot.vehicle.track_gauge
         low = np.array([0.0, 0.2 * length, 0.0, -0.7 * length, -0.7 * half])
@@ -244,11 +244,11 @@ class FrictionModel:
         return np.asarray(result)
 
     def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """See `Model`."""
+        """Model with other priors of its parameters, as in `Model`."""
         return replace(self, parameters=parameters)
 
     def put_into(self, robot: Robot, values: Floats) -> Robot:
-        """See `Model`."""
+        """Robot with these parameters in its file, as in `Model`."""
         rolling, length, height, forward, left = (float(value) for value in self.inside(values))
         vehicle = msgspec.structs.replace(
             robot.vehicle, half_contact_length=length, centre_of_mass=(forward, left, height)
@@ -261,9 +261,9 @@ class FrictionModel:
         base = self._twist(flat, values, None)
         columns = np.zeros((*base.shape, len(by)))
         for place, parameter in enumerate(by):
-            if not parameter.telling:
+            if not parameter.threshold:
                 continue
-            step = DIFFERENCE_STEP * max(parameter.telling, 1e-3)
+            step = DIFFERENCE_STEP * max(parameter.threshold, 1e-3)
             other = values.copy()
             # Away from the bounds.
             other[place] += step
@@ -279,7 +279,7 @@ class FrictionModel:
         return TwistAt(base, columns, np.stack(by_speeds, axis=-1))
 
     def _twist(self, speeds: Floats, values: Floats, guess: Floats | None) -> Floats:
-        """(n, 3) in REP-103 axes; where Newton finds no stationary motion, as near as it came."""
+        """Twists (n, 3) in REP-103 axes; the best iterate if Newton does not converge."""
         from icreckon.estimator.motion.steady_kernel import newton_of_many
 
         contact = self.put_into(self.robot, values).contact
@@ -294,7 +294,7 @@ class FrictionModel:
         return np.stack([twist[:, 1], -twist[:, 0], twist[:, 2]], axis=-1)
 
     def _start(self, speeds: Floats) -> Floats:
-        """(n, 3) the motions that the robot file's contact makes."""
+        """Motions (n, 3) of the robot file's contact."""
         twist = solve_steady(speeds[:, 0], speeds[:, 1], self.robot.contact, strict=False).twist
         found = np.stack([twist.v_y, -twist.v_x, twist.w], axis=-1)
         self.nearby[len(speeds)] = found
@@ -302,14 +302,14 @@ class FrictionModel:
 
 
 def model_of(name: str, robot: Robot) -> Model:
-    """A model by its name, with the robot file's values to start from.
+    """Make a model by its name, with the robot file's values as start.
 
     Args:
         name: one of `MODELS`.
         robot: the robot.
 
     Raises:
-        EstimatorError: no model has that name, or (friction) the robot's contact makes no sense.
+        EstimatorError: an unknown name, or (friction) an invalid contact of the robot.
     """
     gauge = robot.vehicle.track_gauge
     if name == "differential":
@@ -322,12 +322,12 @@ def model_of(name: str, robot: Robot) -> Model:
         length = TELLING * gauge
         eta = TELLING * max(1.0, eight[5])
         first = (1.0, length, length / force, length, length / force)
-        telling = (*first, eta, eta / force, eta / force**2)
+        threshold = (*first, eta, eta / force, eta / force**2)
         units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²")
         ranks = (99, 20, 60, 21, 61, 0, 70, 80)
         places = (1, 3, 5) if name == "constant" else (1, 2, 3, 4, 5, 6, 7)
         parameters = tuple(
-            Parameter(names[at], units[at], float(eight[at]), telling[at], ranks[at])
+            Parameter(names[at], units[at], float(eight[at]), threshold[at], ranks[at])
             for at in places
         )
         vehicle = robot.constants
@@ -362,7 +362,7 @@ def _friction(robot: Robot) -> FrictionModel:
 
 
 def _coarse(speeds: Floats) -> tuple[Floats, Floats]:
-    """Mean speeds of every few cells (n, m / COARSE, 2), and what each cell has beside (n, m, 2)."""
+    """Mean speeds of cell groups (n, m / COARSE, 2), and each cell's offset (n, m, 2)."""
     rows, cells, _ = speeds.shape
     step = COARSE if cells % COARSE == 0 else 1
     mean = speeds.reshape(rows, cells // step, step, 2).mean(axis=2)
@@ -378,7 +378,7 @@ def _index_twist(speeds: Floats, eight: Floats, vehicle: tuple[float, ...]) -> T
     shape = speeds.shape[:-1]
 
     def turned(rows: list[Floats]) -> Floats:
-        """From the paper's axes: forward, left, yaw."""
+        """Convert from the paper's axes to forward, left, yaw."""
         return np.stack([rows[1], -rows[0], rows[2]], axis=-1)
 
     def columns(table: object) -> Floats:

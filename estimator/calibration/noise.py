@@ -1,9 +1,9 @@
-"""How noisy the residuals of segments are: variance components, and weights against outliers.
+"""Noise of the residuals: variance components, and weights against outliers.
 
-The truth errs at each knot, which two neighbouring segments share: their errors have a correlation of
--1/2. What the model leaves unexplained grows with how much the tracks differ and with the way. Residuals
-are Student-t: each row has a weight, (nu + 1) / (nu + u²) of its standardised residual u, by which it
-counts (Lange, Little and Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989).
+Errors of the truth at each knot are shared by two neighbouring segments: their errors have a correlation
+of -1/2. The model error grows with the difference of the tracks and with the distance. Residuals are
+Student-t: each row has the weight (nu + 1) / (nu + u²) of its standardised residual u (Lange, Little and
+Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989).
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from icreckon.estimator.calibration.residuals import ACROSS, ALONG, BINS, FORCE,
 FREEDOM = 5.0
 """Degrees of freedom of Student's t."""
 CLOSE = 0.02
-"""How closely logarithms of components, and the logarithm of the likelihood, are found."""
+"""Tolerances of the logarithms of components, and of the log likelihood."""
 SMALLEST, LARGEST = 1e-5, 10.0
 """Bounds of every component's standard deviation, in the units of its row."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """Rows with a covariance of their own: sum of squared components times what they multiply.
+    """Rows with a common covariance: a sum of matrices times squared components.
 
     Attributes:
-        name: for reports.
+        name: name for reports.
         rows: (r, 2) segment and row of each.
-        bands: (c, b, r) of each component, its lower bands as scipy.linalg has them.
+        bands: (c, b, r) matrix of each component, as lower bands in the format of scipy.linalg.
     """
 
     name: str
@@ -39,26 +39,26 @@ class Channel:
     bands: Floats
 
     def covariance(self, components: Floats) -> Floats:
-        """(b, r) lower bands."""
+        """Covariance as lower bands (b, r)."""
         return np.asarray(np.tensordot(components**2, self.bands, 1))
 
     def variances(self, components: Floats) -> Floats:
-        """(r,) diagonal."""
+        """Variances (r,), the diagonal of the covariance."""
         return np.asarray(np.tensordot(components**2, self.bands[:, 0], 1))
 
     def of(self, values: Floats) -> Floats:
-        """(r, ...) of what is (n, ROWS, ...)."""
+        """Rows (r, ...) of the channel from values (n, ROWS, ...)."""
         return values[self.rows[:, 0], self.rows[:, 1]]
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Channels, the components of each, and the weight of each row.
+    """Noise model: channels, their components, and the weight of each row.
 
     Attributes:
         channels: the channels.
-        components: of each channel (c,), standard deviations.
-        weights: of each channel (r,).
+        components: (c,) standard deviations of each channel.
+        weights: (r,) weights of each channel.
     """
 
     channels: tuple[Channel, ...]
@@ -67,27 +67,27 @@ class Noise:
 
 
 def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
-    """The channels of a problem.
+    """Channels of a problem.
 
     Args:
-        problem: the segments.
-        heading: (n,) middle heading of each [rad].
+        problem: the problem with its segments.
+        heading: (n,) middle heading of each segment [rad].
     """
     recording = problem.recording
     speeds = recording.speeds(0.0)
     turning = np.abs(speeds[..., 1] - speeds[..., 0]).sum(axis=1) * recording.cell
     driving = np.abs(speeds.mean(axis=-1)).sum(axis=1) * recording.cell
-    telling = problem.telling_rows()
+    counted = problem.counted_rows()
     channels = []
     # Position: along and across of a segment side by side.
-    at = np.flatnonzero(telling[:, ALONG])
+    at = np.flatnonzero(counted[:, ALONG])
     rows = np.stack([np.repeat(at, 2), np.tile([ALONG, ACROSS], len(at))], axis=-1)
     bands = np.zeros((5, 4, 2 * len(at)))
     bands[0, 0] = 2.0
     linked = _linked(recording.follows, at)
     turn = heading[at][1:] - heading[at][:-1]
     cos, sin = np.where(linked, np.cos(turn), 0.0), np.where(linked, np.sin(turn), 0.0)
-    # Noise at the shared knot, seen along the later heading and the earlier one: -R(turn).
+    # Noise at the shared knot, along the later heading and the earlier one: -R(turn).
     first = 2 * np.arange(len(at) - 1)
     bands[0, 2, first], bands[0, 2, first + 1] = -cos, -cos
     bands[0, 3, first] = sin
@@ -97,18 +97,18 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
     ):
         bands[component, 0, row::2] = size[at] ** 2
     channels.append(Channel("position", rows, bands))
-    at = np.flatnonzero(telling[:, SLIP])
+    at = np.flatnonzero(counted[:, SLIP])
     still = ~recording.moving[at]
     parts = [np.ones(len(at)), turning[at] ** 2, driving[at] ** 2]
     parts[1][still] = parts[2][still] = 0.0
     channels.append(_diagonal("slip", at, SLIP, parts))
-    at = np.flatnonzero(telling[:, YAW])
+    at = np.flatnonzero(counted[:, YAW])
     bands = np.zeros((2, 2, len(at)))
     bands[0, 0], bands[1, 0] = 2.0, 1.0
     bands[0, 1, : len(at) - 1] = -1.0 * _linked(recording.follows, at)
     rows = np.stack([at, np.full(len(at), YAW)], axis=-1)
     channels.append(Channel("yaw", rows, bands))
-    at = np.flatnonzero(telling[:, FORCE])
+    at = np.flatnonzero(counted[:, FORCE])
     for first_row, name in ((FORCE, "forward force"), (FORCE + BINS, "left force")):
         if not len(at):
             continue
@@ -125,7 +125,7 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
 
 
 def first_noise(channels: tuple[Channel, ...], residuals: Floats) -> Noise:
-    """Noise of which each component explains the residuals by itself."""
+    """Initial noise, of which each component alone explains the residuals."""
     components = []
     for channel in channels:
         own = np.abs(channel.of(residuals))
@@ -137,7 +137,7 @@ def first_noise(channels: tuple[Channel, ...], residuals: Floats) -> Noise:
 
 
 def refined(noise: Noise, residuals: Floats, *, components_too: bool = True) -> Noise:
-    """Noise that fits the residuals (n, ROWS) better: weights, then components by maximum likelihood."""
+    """Refit noise to residuals (n, ROWS): weights, then maximum-likelihood components."""
     components, weights = [], []
     for channel, sizes in zip(noise.channels, noise.components, strict=True):
         own = channel.of(residuals)
@@ -151,12 +151,12 @@ def refined(noise: Noise, residuals: Floats, *, components_too: bool = True) -> 
 
 
 def t_weights(residuals: Floats, variances: Floats) -> Floats:
-    """Weights of Student's t."""
+    """Weights of residuals under Student's t."""
     return (FREEDOM + 1.0) / (FREEDOM + residuals**2 / variances)
 
 
 def log_density(residuals: Floats, variances: Floats) -> Floats:
-    """Logarithm of the density of Student's t with these squared scales."""
+    """Log density of Student's t with these squared scales."""
     from math import lgamma
 
     constant = lgamma(0.5 * (FREEDOM + 1)) - lgamma(0.5 * FREEDOM)
@@ -172,13 +172,14 @@ def information(
     """Information and score of each block, so that both add up.
 
     Args:
-        noise: as fitted.
-        residuals: (n, ROWS).
+        noise: fitted noise.
+        residuals: (n, ROWS) residuals.
         jacobian: (n, ROWS, p) their derivatives.
         block: (n,) block of each segment.
 
     Returns:
-        (blocks, p, p), (blocks, p). Correlated rows of two blocks count half to either.
+        Information (blocks, p, p) and score (blocks, p). Correlated rows of two blocks count half to
+        either.
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded  # type: ignore[import-untyped]
 
@@ -200,7 +201,7 @@ def information(
 
 
 def flattening(noise: Noise, residuals: Floats) -> Floats:
-    """By how much the information of weighted squares is too large, for each channel.
+    """Correction factor of the information of weighted squares, for each channel.
 
     It is the mean slope of the influence function over the mean weight (Huber, Robust Statistics).
     """
@@ -214,7 +215,10 @@ def flattening(noise: Noise, residuals: Floats) -> Floats:
 
 
 def cost(noise: Noise, residuals: Floats) -> float:
-    """Twice the negative log likelihood of residuals (n, ROWS) at these weights, but for constants."""
+    """Twice the negative log likelihood of residuals (n, ROWS), without constants.
+
+    The weights are fixed.
+    """
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
     total = 0.0
@@ -226,7 +230,7 @@ def cost(noise: Noise, residuals: Floats) -> float:
 
 
 def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
-    """Components of greatest likelihood of residuals (r,) that are Gaussian, from a start."""
+    """Maximum-likelihood components of Gaussian residuals (r,), from an initial value."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
     from scipy.optimize import minimize  # type: ignore[import-untyped]
 
@@ -252,5 +256,5 @@ def _diagonal(name: str, at: NDArray[np.int64], row: int, parts: list[Floats]) -
 
 
 def _linked(follows: NDArray[np.bool_], at: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(len(at) - 1,) whether each begins where the one before it in the list ends."""
+    """Mask (len(at) - 1,) of segments that begin at the end of the one listed before."""
     return np.asarray((np.diff(at) == 1) & follows[at[1:]])

@@ -1,12 +1,12 @@
-"""Residuals of all segments and their derivatives by everything that is identified.
+"""Residuals of all segments and their derivatives by all identified parameters.
 
-Rows of a segment, in this order: how far it went by the truth less by model and gyro, along and across
-its middle heading [m]; how far it turned by the gyro less by the model [rad]; by the truth less by the
-gyro [rad]; then mean specific force less that of the model's motion, forward and left [m/s²], in each of
-`BINS` equal parts.
+Rows of a segment, in this order: displacement by the truth less that by model and gyro, along and across
+its middle heading [m]; rotation by the gyro less that by the model [rad]; rotation by the truth less that
+by the gyro [rad]; mean specific force less that of the model's motion, forward and left [m/s²], in each
+of `BINS` equal parts.
 
-The heading within a segment is the gyro's, laid over the truth's at both ends, so what the tracks say of
-turning does not spoil what they say of the way, and neither does noise of the truth's heading.
+The heading within a segment is the gyro's, aligned with the truth's at both ends. So neither the tracks'
+errors in turning nor noise of the truth's heading affect the displacement.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from icreckon.estimator.robot.robot_file import Robot
 
 ALONG, ACROSS, SLIP, YAW, FORCE = range(5)
 BINS = 6
-"""Parts of a segment whose mean specific force counts; forward ones first."""
+"""Number of parts of a segment with mean specific forces; forward ones first."""
 ROWS = FORCE + 2 * BINS
 ORIGIN = ("zeta0", "epsilon0", "forward", "left")
-"""Parameters of models that say where base_link is in the robot. Where nothing else does, neither the
-truth's lever arm nor the IMU's place, they cannot be told from the lever arm; they are held."""
+"""Parameters of models that place base_link in the robot. If neither the truth's lever arm nor the IMU's
+position does so, they are unobservable beside the lever arm, and are held."""
 STEP = 1e-4
-"""Of the differences by lag, bias and gyro scale, in s, rad/s and 1."""
+"""Steps of the finite differences by lag, bias and gyro scale, in s, rad/s and 1."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be found, and from what.
+    """Identification problem: segments, model, and parameters.
 
     Attributes:
         recording: the segments.
         model: the motion model.
         parameters: everything that may be free: common ones, those of each log (named "name[log]"),
             those of the model.
-        imu_position: of the IMU in base_link, forward and left [m].
-        force: whether the specific force is used.
+        imu_position: position of the IMU in base_link, forward and left [m].
+        force: True if the specific force is used.
     """
 
     recording: Recording
@@ -54,20 +54,20 @@ class Problem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
     def start(self) -> Floats:
-        """(p,) where to start."""
+        """Initial values (p,)."""
         return np.array([parameter.start for parameter in self.parameters])
 
     def place(self, name: str) -> int:
-        """Where a parameter stands."""
+        """Index of a parameter."""
         return self.names.index(name)
 
     def inside(self, values: Floats) -> Floats:
-        """The nearest values (p,) that make sense."""
+        """Nearest valid values (p,)."""
         result = values.copy()
         own = len(self.model.parameters)
         if own:
@@ -80,15 +80,15 @@ class Problem:
         return result
 
     def rows(self, values: Floats) -> Floats:
-        """(n, ROWS) residuals."""
+        """Residuals (n, ROWS)."""
         return self._assemble(values, self.twist(values)[..., None])[0]
 
     def twist(self, values: Floats) -> Floats:
-        """(n, m, 3) of the model."""
+        """Twists (n, m, 3) of the model."""
         return self.model.twist(self._speeds(values), self._own(values))
 
     def linearised(self, values: Floats) -> tuple[Floats, Floats]:
-        """(n, ROWS) residuals and (n, ROWS, p) their derivatives."""
+        """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
         recording, own = self.recording, len(self.model.parameters)
         scale, latency = values[self.place("scale")], values[self.place("track_latency")]
         raw = recording.speeds(latency)
@@ -113,7 +113,7 @@ class Problem:
             other[self.place(name)] += STEP
             jacobian[..., self.place(name)] = (self._assemble(other, twist)[0] - rows) / STEP
         for name in ("gyro_bias", "lag", "offset_forward", "offset_left"):
-            # What belongs to one log moves only that log's rows.
+            # Parameters of one log affect only that log's rows.
             places = [self.place(f"{name}[{log}]") for log in range(len(recording.motions))]
             other = values.copy()
             other[places] += STEP
@@ -124,9 +124,9 @@ class Problem:
         return rows, jacobian
 
     def heading(self, values: Floats) -> tuple[Floats, Floats]:
-        """(n, m + 1) heading by the gyro at the ends of cells, laid over the truth; (n,) its error.
+        """Heading (n, m + 1) by the gyro at the ends of cells, aligned with the truth.
 
-        The second is how much further the truth turned than the gyro [rad].
+        Also its error (n,): the rotation by the truth less that by the gyro [rad].
         """
         recording = self.recording
         bias = self._of_log(values, "gyro_bias")
@@ -139,13 +139,13 @@ class Problem:
         return turned + offset[:, None], np.asarray(apart)
 
     def body_places(self, values: Floats) -> Floats:
-        """(k, 2) of base_link at the knots: the truth's point less the lever arm [m]."""
+        """Position (k, 2) of base_link at knots: the truth's point less the lever arm [m]."""
         place, rotation, _ = self.recording.knots(self._lags(values))
         lever = np.array([values[self.place(f"lever_arm_{one}")] for one in ("forward", "left")])
         return np.asarray(place - np.einsum("kij,j->ki", rotation, lever))
 
     def _assemble(self, values: Floats, twists: Floats) -> tuple[Floats, Floats]:
-        """Residuals (n, ROWS), and what further columns of twists (n, m, 3, 1 + c) make of them."""
+        """Residuals (n, ROWS), and their change by columns of twists (n, m, 3, 1 + c)."""
         recording = self.recording
         cell = recording.cell
         heading, apart = self.heading(values)
@@ -176,7 +176,7 @@ class Problem:
             at_x, at_y = self._imu_place(values)
             turn = values[self.place("mounting_yaw")]
             x, y = np.moveaxis(recording.mean_force(marks), -1, 0)
-            # At the IMU's place: dw/dt x and minus w² x beside the acceleration of the origin.
+            # At the IMU: dw/dt x and minus w² x in addition to the acceleration of the origin.
             here_x, here_y = _pushes(
                 rate, -at_y * rate[..., None], at_x * rate[..., None], marks, cell
             )
@@ -204,7 +204,7 @@ class Problem:
         return np.array([values[self.place(f"lag[{log}]")] for log in logs])
 
     def _of_log(self, values: Floats, name: str) -> Floats:
-        """(n,) value of what belongs to a log, by segment."""
+        """Values (n,) of a parameter of each log, by segment."""
         logs = range(len(self.recording.motions))
         each = np.array([values[self.place(f"{name}[{log}]")] for log in logs])
         return np.asarray(each[self.recording.log])
@@ -216,8 +216,8 @@ class Problem:
             y += float(values[self.place("imu_left")])
         return x, y
 
-    def telling_rows(self) -> NDArray[np.bool_]:
-        """(n, ROWS) which rows count: those of standstill tell the gyro's bias and nothing else."""
+    def counted_rows(self) -> NDArray[np.bool_]:
+        """Mask (n, ROWS) of rows that count; standstill determines only the gyro's bias."""
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
         result[:, SLIP] = True
@@ -262,14 +262,14 @@ def problem_of(
     lever_arm: tuple[float, float] | None,
     imu_place_known: bool,
 ) -> Problem:
-    """What is to be found with a model.
+    """Make the identification problem of a model.
 
     Args:
         recording: the segments.
         model: the motion model.
-        robot: as its file describes it.
-        lever_arm: of the truth in base_link, where it is known [m]; it is not free then.
-        imu_place_known: whether the robot file knows where the IMU is.
+        robot: the robot as described by its file.
+        lever_arm: lever arm of the truth in base_link, if known [m]; it is not free then.
+        imu_place_known: True if the robot file has the position of the IMU.
     """
     gauge = robot.vehicle.track_gauge
     force = any(motion.pushed is not None for motion in recording.motions)
@@ -282,8 +282,8 @@ def problem_of(
         Parameter("mounting_yaw", "rad", 0.0, np.radians(5.0), 85),
     ]
     if lever_arm is not None:
-        common[3] = common[3]._replace(start=lever_arm[0], telling=0.0)
-        common[4] = common[4]._replace(start=lever_arm[1], telling=0.0)
+        common[3] = common[3]._replace(start=lever_arm[0], threshold=0.0)
+        common[4] = common[4]._replace(start=lever_arm[1], threshold=0.0)
     if force and not imu_place_known:
         common += [
             Parameter("imu_forward", "m", 0.0, TELLING * gauge, 95),
@@ -299,7 +299,7 @@ def problem_of(
     own = model.parameters
     if lever_arm is None and not (force and imu_place_known):
         own = tuple(
-            one._replace(telling=0.0) if one.name in ORIGIN else one for one in model.parameters
+            one._replace(threshold=0.0) if one.name in ORIGIN else one for one in model.parameters
         )
         model = model.knowing(own)
     x, y, _ = robot.imu.position

@@ -1,4 +1,4 @@
-"""What an identification found."""
+"""Result of an identification."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.robot.robot_file import Robot
 
 Status = Literal["shown", "conditional", "held"]
-"""Shown by the logs alone; only given what is held; not to be told, so held at the robot file's value."""
+"""Observable from the logs alone; only given held parameters; unobservable, held at the file's value."""
 
 
 @dataclass(frozen=True)
 class FoundParameter:
-    """A parameter, as far as the logs show it.
+    """Identified parameter.
 
     Attributes:
-        name: as in the robot file, with its table where that is not plain: "imu.gyro_scale".
+        name: name in the robot file, with its table if ambiguous: "imu.gyro_scale".
         unit: "m", "1/N", ...; "-" for none.
-        value: found, or the robot file's where it is held.
-        sigma: standard error; None where it is held.
-        status: whether it is shown.
-        before: what the robot file said, or None where it says nothing of it.
-        note: what else there is to say.
+        value: estimate, or the robot file's value if held.
+        sigma: standard error; None if held.
+        status: observability.
+        before: value in the robot file, or None if it has none.
+        note: remark for the user.
     """
 
     name: str
@@ -36,7 +36,7 @@ class FoundParameter:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """95 % interval, or None where it is held."""
+        """95 % interval, or None if held."""
         if self.sigma is None:
             return None
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
@@ -44,15 +44,15 @@ class FoundParameter:
 
 @dataclass(frozen=True)
 class OfLog:
-    """What belongs to one log.
+    """Parameters and segments of one log.
 
     Attributes:
-        name: of the log.
-        gyro_bias: of the rate about the vertical, and its standard error [rad/s].
-        lag: how late the truth is stamped, and its standard error [s].
-        segments: used of it, moving ones.
-        still: used of it, in which it stands.
-        distance: way of the moving ones [m].
+        name: name of the log.
+        gyro_bias: bias of the rate about the vertical, and its standard error [rad/s].
+        lag: delay of the truth's stamps, and its standard error [s].
+        segments: number of moving segments used.
+        still: number of standing segments used.
+        distance: distance of the moving segments [m].
     """
 
     name: str
@@ -65,16 +65,16 @@ class OfLog:
 
 @dataclass(frozen=True)
 class ModelScore:
-    """How well a model predicts what its parameters were not found from.
+    """Held-out prediction scores of a model.
 
     Attributes:
-        model: its name.
-        parameters: how many it has that were found.
-        drift_percent: error of windows by track speeds alone, of their way [%].
-        drift_low: its 95 % interval, bootstrapped over blocks [%].
-        drift_high: upper end.
-        drift_with_gyro_percent: with headings from the gyro [%].
-        log_likelihood: of a segment, mean.
+        model: name of the model.
+        parameters: number of its estimated parameters.
+        drift_percent: drift over windows by track speeds alone, as a share of their distance [%].
+        drift_low: lower end of its 95 % interval, bootstrapped over blocks [%].
+        drift_high: upper end of that interval [%].
+        drift_with_gyro_percent: drift with headings from the gyro [%].
+        log_likelihood: mean log likelihood of a segment.
     """
 
     model: str
@@ -88,11 +88,11 @@ class ModelScore:
 
 @dataclass(frozen=True)
 class Difference:
-    """A model's held-out scores less another's, paired, with 95 % intervals over blocks.
+    """Paired difference of two models' held-out scores; 95 % intervals over blocks.
 
     Attributes:
-        model: its name.
-        than: the other.
+        model: name of the model.
+        than: name of the other model.
         drift: difference of the drifts; negative is better [%].
         drift_low: lower end of its interval.
         drift_high: upper end.
@@ -116,13 +116,13 @@ class Comparison:
     """Cross-validation of models.
 
     Attributes:
-        scores: of each model.
-        differences: of each model to each with fewer parameters.
-        blocks: how many blocks of contiguous time there were.
-        folds: how many times some of them were left out.
-        distance: way of all windows [m].
+        scores: scores of each model.
+        differences: differences of each model to each with fewer parameters.
+        blocks: number of blocks of contiguous time.
+        folds: number of folds.
+        distance: distance of all windows [m].
         window: longest window [s].
-        supported: the first model than which no later one is better beyond doubt.
+        supported: the first model than which no later one is significantly better.
     """
 
     scores: tuple[ModelScore, ...]
@@ -134,23 +134,23 @@ class Comparison:
     supported: str
 
     def score(self, model: str) -> ModelScore:
-        """Of a model by its name."""
+        """Score of a model by its name."""
         return next(one for one in self.scores if one.model == model)
 
     def difference(self, model: str, than: str) -> Difference:
-        """Of two models, the one with more parameters first."""
+        """Difference of two models, the one with more parameters first."""
         return next(one for one in self.differences if (one.model, one.than) == (model, than))
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """Errors of segments for a figure: by the robot file, and by what was found.
+    """Errors of segments for a figure: by the robot file, and by the identified robot.
 
     Attributes:
-        seconds: (n,) from the first log's start, one log behind the other [s].
-        turning: (n,) [rad].
-        before: (n, 3) along, across [m], turning [rad].
-        after: (n, 3) of the model that is supported.
+        seconds: (n,) time since the first log's start, logs in sequence [s].
+        turning: (n,) rotation of each segment [rad].
+        before: (n, 3) errors along, across [m], turning [rad] by the robot file.
+        after: (n, 3) the same errors by the supported model.
     """
 
     seconds: Floats
@@ -161,18 +161,18 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Identification:
-    """What was found of a robot.
+    """Identification of a robot.
 
     Attributes:
-        robot: the robot with everything found put in.
-        parameters: all parameters of the robot, what is not shown included.
-        correlation_names: of the rows of the next.
+        robot: the identified robot.
+        parameters: all parameters of the robot, unobservable ones included.
+        correlation_names: names of the rows of `correlations`.
         correlations: (c, c) of the estimates of the model with most index parameters.
-        logs: what belongs to each log.
-        comparison: of the models.
-        verdict: one sentence.
-        residuals: for a figure.
-        notes: what else there is to say.
+        logs: parameters and segments of each log.
+        comparison: comparison of the models.
+        verdict: conclusion, one sentence.
+        residuals: residuals for a figure.
+        notes: remarks for the user.
     """
 
     robot: Robot
@@ -186,10 +186,10 @@ class Identification:
     notes: tuple[str, ...] = ()
 
     def parameter(self, name: str) -> FoundParameter:
-        """A parameter by its name.
+        """Parameter by its name.
 
         Raises:
-            KeyError: there is none of that name.
+            KeyError: an unknown name.
         """
         for one in self.parameters:
             if one.name == name:

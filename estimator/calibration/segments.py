@@ -1,6 +1,6 @@
-"""Logs cut into segments: what the tracks, the IMU and the truth say of each, ready for the fit.
+"""Segments of logs: integrated tracks and IMU, and averaged truth, for the fit.
 
-A segment is a few seconds in which no stream has a hole. Track speeds and gyro are integrated over cells
+A segment is a few seconds in which no stream has a gap. Track speeds and gyro are integrated over cells
 of some 50 ms, the truth is averaged about the ends of segments (knots). Axes are those of REP-103.
 """
 
@@ -23,25 +23,25 @@ Indexes = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 CELL = 0.05
-"""About the length of a cell [s]."""
+"""Approximate length of a cell [s]."""
 LARGEST_GAP = 0.5
-"""Longer than this without track speeds or IMU samples ends a piece of the log [s]."""
+"""A longer gap in track speeds or IMU samples ends a piece of the log [s]."""
 LARGEST_HOLE = 1.0
-"""The same of the truth [s]."""
+"""A longer gap in the truth ends a piece of the log [s]."""
 KNOT_WINDOW = 0.25
-"""Truth within this of a knot counts for it [s]."""
+"""Truth within this time of a knot counts for it [s]."""
 FEWEST_FOR_LINE, ASIDE = 4, 0.03
-"""So many poses make a line, if the square of their mean is at most this share of their variance."""
+"""Least number of poses for a line, if their squared mean is at most this share of their variance."""
 STILL = 0.005
-"""Speeds up to this share of the fastest are none [-]."""
+"""Speeds up to this share of the fastest count as standstill [-]."""
 LAGS = np.arange(-0.5, 1.2001, 0.02)
-"""Lags of the truth that are tried [s]."""
+"""Candidate lags of the truth [s]."""
 LAG_WINDOW = 1.0
-"""Turning is compared over this time to find the lag [s]."""
+"""Window over which rotations are compared to find the lag [s]."""
 LEAST_SEGMENTS = 10
-"""Fewer moving segments identify nothing."""
+"""Least number of moving segments for an identification."""
 LEAST_TURNING = 1.0
-"""The robot must have turned this much in all [rad]."""
+"""Least total rotation of the robot [rad]."""
 SMALLEST_BLOCK, LARGEST_BLOCK, BLOCKS = 3, 8, 10
 """Segments of a block, which is what is left out or resampled together, and how many blocks there are to
 be at least, as long as they are not too small."""
@@ -52,16 +52,16 @@ class Motion:
     """Continuous series of one log, as functions of the seconds since its start.
 
     Attributes:
-        log: where they come from.
-        track_times: (k,) of the track speeds [s].
-        track_ways: (k, 2) way of each track since the start [m].
-        imu_times: (i,) of the IMU [s].
-        turned: (i,) integral of the gyro about the vertical, as it reads [rad].
+        log: source of the series.
+        track_times: (k,) times of the track speeds [s].
+        track_ways: (k, 2) distance of each track since the start [m].
+        imu_times: (i,) times of the IMU samples [s].
+        turned: (i,) integral of the uncorrected gyro rate about the vertical [rad].
         pushed: (i, 2) integral of the specific force forward and left [m/s], or None.
-        truth_times: (t,) of the truth, as stamped [s].
+        truth_times: (t,) times of the truth, as stamped [s].
         truth: (t, 3) x, y [m], yaw [rad], unwrapped.
-        lag: how late the truth is, first estimate [s].
-        bias: of the gyro, first estimate [rad/s].
+        lag: initial estimate of the truth's lag [s].
+        bias: initial estimate of the gyro's bias [rad/s].
     """
 
     log: Log
@@ -82,20 +82,20 @@ class Recording:
 
     Attributes:
         motions: the logs.
-        length: of a segment [s].
-        log: (n,) which log each comes from.
+        length: length of a segment [s].
+        log: (n,) index of each segment's log.
         edges: (n, m + 1) ends of its cells [s since the log's start].
-        turned: (n, m + 1) gyro's integral there [rad].
-        moving: (n,) whether it moves throughout nothing of it stands.
-        follows: (n,) whether it begins where the one before ends.
-        block: (n,) number of its block; blocks are contiguous.
+        turned: (n, m + 1) integral of the gyro at these ends [rad].
+        moving: (n,) True if the robot moves throughout the segment.
+        follows: (n,) True if it begins at the end of the previous one.
+        block: (n,) index of its block; blocks are contiguous.
         starts: (n,) knot at which it begins.
         ends: (n,) knot at which it ends.
         knot_log: (k,) log of each knot.
-        knot_times: (k,) [s].
-        pair_knot: (p,) of each truth pose near a knot: that knot,
-        pair_pose: (p,) and the pose's place in its log's truth.
-        paths: reckoned poses of each log: times (q,) [s] and (q, 3), to carry truth over to knots.
+        knot_times: (k,) time of each knot [s].
+        pair_knot: (p,) knot of each truth pose near a knot.
+        pair_pose: (p,) index of that pose in its log's truth.
+        paths: dead-reckoned poses of each log: times (q,) [s] and (q, 3), to carry truth over to knots.
     """
 
     motions: tuple[Motion, ...]
@@ -120,7 +120,7 @@ class Recording:
         return float(self.length / (self.edges.shape[1] - 1))
 
     def speeds(self, latency: float) -> Floats:
-        """(n, m, 2) mean track speeds of each cell if their stamps are so late [m/s]."""
+        """Mean track speeds (n, m, 2) of each cell [m/s], corrected for a latency [s]."""
         result = np.empty((*self.edges[:, 1:].shape, 2))
         for number, motion in enumerate(self.motions):
             own = self.log == number
@@ -131,9 +131,9 @@ class Recording:
         return result
 
     def mean_force(self, marks: Indexes) -> Floats:
-        """(n, b, 2) mean specific force forward and left between the middles of marked cells [m/s²].
+        """Mean specific force (n, b, 2), forward and left, between marked cells [m/s²].
 
-        Zero where there is none.
+        It is averaged between the middles of the cells, and zero if there is none.
         """
         result = np.zeros((len(self.log), len(marks) - 1, 2))
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
@@ -148,14 +148,14 @@ class Recording:
         return result
 
     def knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
-        """Truth at the knots if that of each log is so late.
+        """Truth at the knots, corrected for the lag of each log.
 
         Args:
-            lags: (logs,) [s].
+            lags: (logs,) lags [s].
 
         Returns:
-            (k, 2) its position [m], (k, 2, 2) mean of the rotations by its yaw (by which a lever arm is
-            turned), (k,) its yaw [rad].
+            Position (k, 2) [m], mean rotation matrix (k, 2, 2) by its yaw (for a lever arm), and yaw
+            (k,) [rad].
         """
         count = len(self.knot_times)
         place, turn, yaw = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
@@ -170,7 +170,7 @@ class Recording:
             here = at(self.knot_times[knot])
             body_times = motion.truth_times[pose] - lags[number]
             step = relative(at(body_times), here)
-            # Which knots get a line must not depend on the lag that is being looked for.
+            # The choice of knots with a line must not depend on the lag to estimate.
             first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
             lines = _has_line(knot, first, count)
             share = _shares(knot, body_times - self.knot_times[knot], lines)
@@ -191,27 +191,27 @@ class Recording:
 
 
 def _has_line(knot: Indexes, after: Floats, knots: int) -> Mask:
-    """(k,) whether poses lie on both sides of a knot, so that a line says what they are at it.
+    """Mask (k,) of knots with poses on both sides, for interpolation by a line.
 
     Args:
         knot: (p,) knot of each pose.
-        after: (p,) how much later than the knot it is [s].
-        knots: how many there are.
+        after: (p,) time of each pose after its knot [s].
+        knots: number of knots.
     """
     many, mean, variance = _moments(knot, after, knots)
     return np.asarray((many >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance))
 
 
 def _shares(knot: Indexes, after: Floats, lines: Mask) -> Floats:
-    """(p,) what each pose counts for its knot: the value at the knot of a line through all of them.
+    """Weights (p,) of poses in their knot's value, by a line through all of them.
 
-    Were it their mean, poses that lie to one side would take along what the path says wrong of the
-    motion since. Where most lie to one side, it is their mean: a line would make their noise larger.
+    With their mean, poses to one side would add the path's errors in the motion since. If most lie to one
+    side, the value is the mean: a line would amplify their noise.
 
     Args:
         knot: (p,) knot of each pose.
-        after: (p,) how much later than the knot it is [s].
-        lines: (k,) whether there is a line.
+        after: (p,) time of each pose after its knot [s].
+        lines: (k,) True for a line, False for the mean.
     """
     many, mean, variance = _moments(knot, after, len(lines))
     slope = np.where(lines, mean / np.where(lines, variance, 1.0), 0.0)
@@ -219,14 +219,14 @@ def _shares(knot: Indexes, after: Floats, lines: Mask) -> Floats:
 
 
 def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
-    """(k,) number, mean and variance."""
+    """Number, mean and variance (k,) of the poses of each knot."""
     many = np.maximum(np.bincount(knot, minlength=knots), 1).astype(float)
     mean = np.bincount(knot, after, minlength=knots) / many
     return many, mean, np.bincount(knot, (after - mean[knot]) ** 2, minlength=knots) / many
 
 
 def motion_of(log: Log, robot: Robot) -> Motion:
-    """The series of a log.
+    """Make the continuous series of a log.
 
     Raises:
         EstimatorError: there is no truth, no IMU, or too little of a stream.
@@ -277,10 +277,10 @@ def record(
     """Cut logs into segments.
 
     Args:
-        motions: the series of each log, with the lag to go by.
-        robot: for the path along which truth is carried over to knots.
-        length: of a segment [s].
-        scale: of the track speeds, for that path.
+        motions: the series of each log, with the lag to use.
+        robot: robot model of the path along which truth is carried over to knots.
+        length: length of a segment [s].
+        scale: scale of the track speeds, for that path [-].
 
     Raises:
         EstimatorError: too few segments that move, or too little turning.
@@ -358,7 +358,7 @@ def _too_short(motions: Sequence[Motion], found: int, length: float) -> Estimato
 
 
 def _blocks(log: Indexes, moving: Mask) -> Indexes:
-    """Numbers of contiguous blocks of about as many moving segments each; logs do not share any."""
+    """Indices of contiguous blocks, alike in number of moving segments, log by log."""
     size = int(np.clip(moving.sum() // BLOCKS, SMALLEST_BLOCK, LARGEST_BLOCK))
     result, number, held = np.zeros(len(log), dtype=np.int64), 0, 0
     for place in range(len(log)):
@@ -376,7 +376,7 @@ def _blocks(log: Indexes, moving: Mask) -> Indexes:
 
 
 def _near(motion: Motion, own: Mask, knot_times: Floats) -> tuple[Indexes, Indexes]:
-    """Knots of a log, and its truth poses that count for them: at least the nearest."""
+    """Knots of a log, and the truth poses near them: at least the nearest."""
     knots, poses = [], []
     body_times = motion.truth_times - motion.lag
     for knot in np.flatnonzero(own):
@@ -397,7 +397,7 @@ def _near(motion: Motion, own: Mask, knot_times: Floats) -> tuple[Indexes, Index
 
 
 def _pieces(motion: Motion) -> list[tuple[float, float]]:
-    """Intervals [s] in which no stream has a hole."""
+    """Intervals [s] in which no stream has a gap."""
     body_times = motion.truth_times - motion.lag
     streams = (
         (motion.track_times, LARGEST_GAP),
@@ -421,7 +421,7 @@ def _pieces(motion: Motion) -> list[tuple[float, float]]:
 
 
 def _path(motion: Motion, robot: Robot, scale: float) -> tuple[Floats, Floats]:
-    """Times [s] and reckoned poses by gyro and the robot's constant ICRs."""
+    """Times [s] and poses of dead reckoning by gyro and the robot's constant ICRs."""
     times = np.arange(motion.track_times[0], motion.track_times[-1], 0.02)
     ways = np.stack([np.interp(times, motion.track_times, way) for way in motion.track_ways.T], -1)
     rate = (np.interp(times, motion.imu_times, motion.turned) - motion.bias * times) / (
@@ -446,7 +446,7 @@ def _vertical(imu: ImuSeries, robot: Robot) -> Floats:
 
 
 def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
-    """(i, 2) integral of the levelled specific force [m/s], or None where too little was read."""
+    """Integral (i, 2) of the levelled specific force [m/s]; None for too few readings."""
     read = imu.linear_acceleration
     if read is None:
         return None
@@ -466,7 +466,7 @@ def _integral(times: Floats, values: Floats) -> Floats:
 def _first_lag(
     truth_times: Floats, yaw: Floats, imu_times: Floats, turned: Floats, name: str
 ) -> tuple[float, float]:
-    """Lag [s] and gyro bias [rad/s] at which turning by truth and gyro agree best."""
+    """Lag [s] and gyro bias [rad/s] at which rotations of truth and gyro agree best."""
     low = max(truth_times[0], imu_times[0] + LAGS[-1])
     high = min(truth_times[-1], imu_times[-1] + LAGS[0]) - LAG_WINDOW
     starts = np.arange(low, high, 0.25)

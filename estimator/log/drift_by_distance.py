@@ -1,4 +1,4 @@
-"""Drift over stretches of a given length of path, rather than of time."""
+"""Drift over segments of a given distance, rather than of time."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ DISTANCES = (5.0, 10.0, 30.0, 50.0)
 
 @dataclass(frozen=True)
 class DistanceDrift(Drift):
-    """Segments of one length of path; `horizon` is that length [m].
+    """Drift over segments of one distance; `horizon` is that distance [m].
 
     Attributes:
-        durations: (n,) how long they took [s].
+        durations: (n,) duration of each segment [s].
     """
 
     durations: Floats
@@ -34,15 +34,15 @@ def drift_by_distance(
 ) -> DistanceDrift:
     """Drift over all segments of a given length of the true path.
 
-    They begin as those of `estimator.log.scores.drift` and end at the first pose of the truth that is so
-    far along its path.
+    They begin like those of `estimator.log.scores.drift`, and end at the first pose of the truth at that
+    distance along its path.
 
     Args:
         estimate: estimated poses, in any frame.
         truth: true poses.
-        length: of the segments [m].
-        within: intervals of stamps [ns] a segment must lie in wholly; None for everywhere.
-        largest_gap: segments across a longer hole in the truth are left out [s].
+        length: length of the segments [m].
+        within: intervals of stamps [ns] that must contain a segment; None for everywhere.
+        largest_gap: segments across a longer gap in the truth are left out [s].
     """
     found = segments(
         estimate,

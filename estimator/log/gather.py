@@ -1,4 +1,4 @@
-"""A log of measurements that are at hand one by one."""
+"""Conversion of single measurements to series."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 
-# No stamp and no speed is refused for being far from others here.
+# No stamp and no speed is rejected here for being far from others.
 NO_LIMIT = 1e300
 
 
@@ -29,8 +29,8 @@ class Gathered(NamedTuple):
         tracks: track speeds.
         imu: IMU samples; None without any.
         fixes: position fixes, with the headings at their stamps; None without any.
-        dropped: reason -> number of measurements that were dropped for it.
-        others: measurements that no series has a place for, in order.
+        dropped: reason -> number of dropped measurements.
+        others: measurements of kinds without a series, in order.
     """
 
     tracks: TrackSpeedSeries

@@ -1,4 +1,4 @@
-"""Whether a measurement can be right by itself, before the filter is asked."""
+"""Input validation: reject measurements that are implausible on their own."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ from icreckon.estimator.log.measurements import (
     ZeroVelocity,
 )
 
-# The streams by what they consist of, in the order in which measurements of equal stamps are taken;
-# `Log.measurements` has the same.
+# Streams by type of measurement, in the order of processing at equal stamps, as in `Log.measurements`.
 STREAMS: dict[type[Measurement], str] = {
     TrackSpeeds: "tracks",
     ImuSample: "imu",
@@ -36,37 +35,36 @@ STREAMS: dict[type[Measurement], str] = {
     PoseFix: "pose",
     ZeroVelocity: "zero velocity",
 }
-# What is worked through in order: measurements, and marks behind them.
+# Events processed in order: measurements, and stochastic clones behind them.
 Event = Measurement | Mark
 EVENTS: dict[type[Event], str] = dict(STREAMS.items())
 EVENTS[Mark] = "mark"
 RANKS = {kind: rank for rank, kind in enumerate(EVENTS)}
-# The place of an event in the one order in which they are taken: its stamp [ns], and its rank.
+# Sort key of an event in the order of processing: its stamp [ns], and its rank.
 Key = tuple[int, int]
-# So many samples in a row must agree before a clock that jumped ahead is believed.
+# Consecutive samples that must agree before a clock that jumped ahead is accepted.
 CLOCK_WITNESSES = 10
-# So many in a row that are too old, with nothing newer between them, and of tracks and IMU at least
-# these, show a clock that was set back.
+# Consecutive measurements that are too old, in total and of tracks and IMU each, that indicate a
+# clock that was set back.
 BEHIND, BEHIND_OF_EACH = 20, 4
-# Track speeds and body velocities this many times beyond the fastest track are none.
+# Track speeds and body velocities above this multiple of the fastest track are implausible.
 ABSURD_SPEED = 10.0
 # No gyro of a vehicle reads more [rad/s], and no accelerometer [m/s²].
 ABSURD_RATE, ABSURD_FORCE = 100.0, 1000.0
-# Elements of a covariance may differ from their mirror images by this share of its standard deviations,
-# and no less than this share of them must be left in any direction.
+# Largest asymmetry of a covariance, and its least eigenvalue, relative to its standard deviations.
 ASYMMETRY, LEAST_SHARE = 1e-6, 1e-9
 
 
 def key_of(event: Event) -> Key:
-    """The place of an event in the order in which they are taken."""
+    """Sort key of an event in the order of processing."""
     return event.stamp, RANKS[type(event)]
 
 
 def as_plain(measurement: Measurement) -> Measurement:
-    """The measurement in plain integers, floats and tuples, which nobody can change afterwards.
+    """Convert a measurement to immutable plain integers, floats and tuples.
 
     Raises:
-        EstimatorError: it is no measurement, or holds what is no number.
+        EstimatorError: it is not a measurement, or holds a value that is not a number.
     """
     kind = kind_of(measurement)
     stream = STREAMS[kind]
@@ -106,15 +104,15 @@ def as_plain(measurement: Measurement) -> Measurement:
 
 
 def event_row(event: Event) -> tuple[Any, ...]:
-    """An event as its stream's name and its attributes in order."""
+    """Row of an event: its stream's name, and its attributes in order."""
     return (EVENTS[type(event)], *astuple(event))
 
 
 def event_of(row: tuple[Any, ...]) -> Event:
-    """The event that `event_row` made the row of.
+    """Event of a row from `event_row`.
 
     Raises:
-        EstimatorError: it is no such row.
+        EstimatorError: it is not such a row.
     """
     for kind, stream in EVENTS.items():
         if row and stream == row[0]:
@@ -127,10 +125,10 @@ def event_of(row: tuple[Any, ...]) -> Event:
 
 
 def kind_of(measurement: Measurement) -> type[Measurement]:
-    """Which of `STREAMS` a measurement belongs to.
+    """Type of a measurement, a key of `STREAMS`.
 
     Raises:
-        EstimatorError: it is no measurement.
+        EstimatorError: it is not a measurement.
     """
     if type(measurement) in STREAMS:
         return type(measurement)
@@ -162,16 +160,16 @@ def _three_rows(name: str, rows: Any) -> Matrix3:
 
 
 class Admission:
-    """Objects to measurements that cannot be right, whatever the filter says.
+    """Admission of measurements: reject implausible ones, independently of the filter.
 
     Args:
-        longest_gap: a stamp this much ahead of the estimate is not believed, unless
-            `CLOCK_WITNESSES` of its stream in a row are [s].
-        fastest: no track is faster [m/s].
+        longest_gap: a stamp this much ahead of the estimate is rejected, unless `CLOCK_WITNESSES`
+            consecutive samples of its stream are [s].
+        fastest: highest speed of a track [m/s].
 
     Attributes:
-        witnesses: of each stream that is far ahead: how many samples in a row were, and the stamp of
-            the newest of them [ns].
+        witnesses: for each stream that is far ahead, the number of consecutive samples that were, and
+            the stamp of the newest of them [ns].
     """
 
     def __init__(self, longest_gap: float, fastest: float) -> None:
@@ -181,16 +179,16 @@ class Admission:
         self._behind: list[Measurement] = []
 
     def in_time(self) -> None:
-        """A measurement was in time."""
+        """Record a measurement that was in time."""
         if self._behind:
             self._behind.clear()
 
     def too_old(self, measurement: Measurement) -> list[Measurement]:
-        """A measurement was too old to be taken in.
+        """Record a measurement that was too old to be used.
 
         Returns:
-            The measurements in a row that were, in the order of their stamps, where these are so many
-            and so even that it must be the clock that was set back; otherwise nothing.
+            The consecutive measurements that were too old, in the order of their stamps, if they are
+            enough of each stream to show that the clock was set back. Otherwise an empty list.
         """
         behind = self._behind
         if behind and abs(measurement.stamp - behind[-1].stamp) > self._longest_gap:
@@ -207,10 +205,10 @@ class Admission:
         return found
 
     def objection(self, measurement: Measurement) -> str | None:
-        """Why what was measured cannot be right; None admits it.
+        """Reason to reject measured values; None admits them.
 
         Args:
-            measurement: as `as_plain` returns it.
+            measurement: the measurement, as returned by `as_plain`.
         """
         match measurement:
             case TrackSpeeds():
@@ -249,12 +247,12 @@ class Admission:
         return None if math.isfinite(variance) and variance > 0.0 else "variance not positive"
 
     def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
-        """Why a stamp [ns] is so far ahead that it is wrong, unless others of its stream agree.
+        """Reason to reject a stamp far ahead, unless others of its stream agree; or None.
 
         Args:
             stream: name of the stream.
-            stamp: of its measurement.
-            now: stamp of the estimate, or None before the first.
+            stamp: stamp of the measurement [ns].
+            now: stamp of the estimate [ns], or None before the first.
         """
         if now is None or stamp - now <= self._longest_gap:
             self.witnesses.pop(stream, None)

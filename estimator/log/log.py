@@ -1,8 +1,8 @@
-"""The in-memory log: every stream as arrays, screened once, in REP-103 axes.
+"""In-memory log: every stream as arrays, screened once, in REP-103 axes.
 
-A log is what `simulation` makes, what `replay` reads from and writes to bags, and what the filter is
-run over. Streams are screened when they are made (`screen`): what cannot be right is dropped and
-counted, never repaired.
+`simulation` makes logs, `replay` reads them from and writes them to bags, and the filter runs over them.
+Streams are screened when they are made (`screen`): invalid samples are dropped and counted, never
+repaired.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from icreckon.estimator.log.series import (
 )
 
 AT_A_TIME = 8192
-"""So many measurements of a log are made at once."""
+"""Number of measurements of a log that are made at once."""
 
 _Maker = Callable[[NDArray[np.int64]], list[Measurement]]
-"""The measurements of a stream at some places, in the order of these."""
+"""Function from indices into a stream to its measurements, in that order."""
 
 
 _Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSeries, FixSeries)
@@ -46,18 +46,18 @@ _Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSerie
 
 @dataclass(frozen=True)
 class Log:
-    """One run: measurements of all sensors and, where known, the truth.
+    """Log of one run: measurements of all sensors and, if known, the truth.
 
     Attributes:
-        name: what to call it in tables and figures.
+        name: name of the log in tables and figures.
         tracks: track speeds.
         imu: IMU samples, or None.
         fixes: position or pose fixes, or None.
         truth: the truth, or None.
-        dropped: how many samples were dropped, as "stream: reason" -> count.
-        notes: what a reader found worth telling the user.
-        others: measurements for which there is no series (body velocities, pose fixes, zero velocities,
-            headings without a position), in the order of their stamps; files have no place for them.
+        dropped: number of dropped samples, as "stream: reason" -> count.
+        notes: remarks of a reader for the user.
+        others: measurements without a series (body velocities, pose fixes, zero velocities, headings
+            without a position), in the order of their stamps; they are not written to files.
     """
 
     name: str
@@ -73,17 +73,17 @@ class Log:
     def from_measurements(
         cls, measurements: Iterable[Measurement], name: str = "measurements"
     ) -> Log:
-        """A log of measurements in any order, to `run` a filter over or to `smooth`.
+        """Make a log of measurements in any order, to `run` a filter over or to `smooth`.
 
-        What cannot be right by itself is dropped and counted, and of two of one kind with one stamp all
+        Implausible measurements are dropped and counted, and of those of one kind with one stamp all
         but the first.
 
         Args:
-            measurements: as an estimator is fed them.
-            name: what to call it in tables and figures.
+            measurements: measurements, as for an estimator.
+            name: name of the log in tables and figures.
 
         Raises:
-            EstimatorError: something is no measurement.
+            EstimatorError: an element is not a measurement.
         """
         found = gathered(measurements)
         return cls(
@@ -107,7 +107,7 @@ class Log:
 
     @property
     def duration(self) -> float:
-        """Seconds from start to end."""
+        """Time from start to end [s]."""
         return (self.end - self.start) * NANOSECOND
 
     def _stamps(self) -> list[Stamps]:
@@ -118,7 +118,7 @@ class Log:
         return filled
 
     def between(self, start: int, end: int) -> Log:
-        """The same log from one stamp to another, both included [ns]; its counts and notes stay."""
+        """Part of the log between two stamps, both included [ns], with counts and notes."""
 
         def cut(series: _Series, *columns: str) -> _Series:
             inside = (series.stamps >= start) & (series.stamps <= end)
@@ -146,7 +146,10 @@ class Log:
         )
 
     def measurements(self) -> Iterator[Measurement]:
-        """All measurements in the order of their stamps; at equal stamps tracks, IMU, fixes, others."""
+        """Iterate over all measurements in the order of their stamps.
+
+        At equal stamps the order is tracks, IMU, fixes, others.
+        """
         streams: list[tuple[Stamps, _Maker]] = [(self.tracks.stamps, _tracks_of(self.tracks))]
         if self.imu is not None:
             streams.append((self.imu.stamps, _imu_samples_of(self.imu)))
@@ -157,7 +160,7 @@ class Log:
         stamps = np.concatenate([stream[0] for stream in streams])
         ends = np.cumsum([len(stream[0]) for stream in streams])
         order = np.argsort(stamps, kind="stable")
-        # Some at a time: all measurements of a long log at once would fill the memory.
+        # In chunks: all measurements of a long log at once would fill the memory.
         for start in range(0, len(order), AT_A_TIME):
             wanted = order[start : start + AT_A_TIME]
             stream_of = np.searchsorted(ends, wanted, side="right")
@@ -172,20 +175,20 @@ class Log:
 def screen(
     stream: str, stamps: ArrayLike, *values: ArrayLike, positive: ArrayLike | None = None
 ) -> tuple[NDArray[np.bool_], dict[str, int]]:
-    """Which samples of a stream to keep, and how many are dropped for what reason.
+    """Screen a stream: mask of valid samples, and counts of dropped ones by reason.
 
-    A sample is dropped when a value is NaN or infinite, when a variance is not positive, or when its
-    stamp does not fit among the others: of the stamps in order of arrival the longest strictly rising
-    sequence is kept, so that one wrong stamp, ahead or behind, costs that one sample.
+    A sample is dropped if a value is NaN or infinite, if a variance is not positive, or if its stamp is
+    inconsistent with the others. Of the stamps in order of arrival the longest strictly rising sequence
+    is kept, so that one wrong stamp, ahead or behind, drops only that sample.
 
     Args:
         stream: name used in the reasons.
         stamps: (n,) stamps [ns] in order of arrival.
-        values: arrays of n rows whose every element must be finite.
-        positive: array of n rows whose every element must be finite and positive, or None.
+        values: arrays of n rows; every element must be finite.
+        positive: array of n rows, every element finite and positive, or None.
 
     Returns:
-        (n,) mask of what to keep, and "stream: reason" -> count for each reason that occurred.
+        (n,) mask of samples to keep, and "stream: reason" -> count for each reason that occurred.
     """
     stamps = np.asarray(stamps, dtype=np.int64)
     count = len(stamps)
@@ -221,7 +224,7 @@ def screen(
 
 
 def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask of the longest strictly rising subsequence of the allowed stamps (patience sorting)."""
+    """Mask of the longest strictly rising subsequence of stamps (patience sorting)."""
     chosen = np.zeros(len(stamps), dtype=bool)
     places = np.flatnonzero(allowed)
     values = stamps[places]
@@ -273,7 +276,7 @@ def _imu_samples_of(imu: ImuSeries) -> _Maker:
 
 def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
     """Positions, then headings of the fixes that have one."""
-    told = np.flatnonzero(np.isfinite(fixes.poses[:, 2]))
+    headed = np.flatnonzero(np.isfinite(fixes.poses[:, 2]))
 
     def positions(which: NDArray[np.int64]) -> list[Measurement]:
         rows = zip(
@@ -285,7 +288,7 @@ def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
         return [PositionFix(stamp, x, y, variance) for stamp, (x, y, _), variance in rows]
 
     def headings(which: NDArray[np.int64]) -> list[Measurement]:
-        place = told[which]
+        place = headed[which]
         rows = zip(
             fixes.stamps[place].tolist(),
             fixes.poses[place, 2].tolist(),
@@ -294,4 +297,4 @@ def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
         )
         return [HeadingFix(stamp, yaw, variance) for stamp, yaw, variance in rows]
 
-    return [(fixes.stamps, positions), (fixes.stamps[told], headings)]
+    return [(fixes.stamps, positions), (fixes.stamps[headed], headings)]

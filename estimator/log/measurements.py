@@ -1,4 +1,4 @@
-"""The measurements that an estimator is fed, one at a time.
+"""Measurements: the input of an estimator, one at a time.
 
 Stamps are int64 nanoseconds since any epoch, the same for all sensors. Units are SI. Vectors of a
 planar kind are in REP-103 axes (x forward, y left, yaw counter-clockwise); the IMU's are in the
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
-# What a standing robot's velocity is known to be zero within [m/s, m/s, rad/s].
+# Standard deviation of a standing robot's velocity about zero [m/s, m/s, rad/s].
 STANDSTILL_SIGMA: Vector3 = (1e-3, 1e-3, 1e-4)
 
 
@@ -21,7 +21,7 @@ class TrackSpeeds:
     """Speeds of the two tracks over the ground side, without slip.
 
     Attributes:
-        stamp: time [ns]; the speeds are taken as the average since the sample before.
+        stamp: time [ns]; the speeds are averages since the previous sample.
         left: speed of the left track [m/s], forward positive.
         right: speed of the right track [m/s], forward positive.
     """
@@ -33,11 +33,11 @@ class TrackSpeeds:
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """One sample of gyroscopes and accelerometers, in the IMU's own axes (sensor_msgs/Imu).
+    """Gyroscope and accelerometer sample in the IMU's own axes (sensor_msgs/Imu).
 
     Attributes:
         stamp: time [ns].
-        angular_velocity: [rad/s].
+        angular_velocity: angular velocity [rad/s].
         linear_acceleration: specific force [m/s²] (about +9.8 along "up" at rest), or None.
     """
 
@@ -80,7 +80,7 @@ class HeadingFix:
 
 @dataclass(frozen=True, slots=True)
 class BodyVelocity:
-    """Velocity of `base_link` in its own axes, from visual odometry or radar, say.
+    """Velocity of `base_link` in its own axes, as from visual odometry or radar.
 
     Attributes:
         stamp: time [ns].
@@ -97,7 +97,7 @@ class BodyVelocity:
 
 @dataclass(frozen=True, slots=True)
 class PoseFix:
-    """Pose of `base_link` in `odom`, of localisation in a map or of scan matching, say.
+    """Pose of `base_link` in `odom`, as from localisation in a map or scan matching.
 
     Attributes:
         stamp: time [ns].
@@ -116,11 +116,11 @@ class PoseFix:
 
 @dataclass(frozen=True, slots=True)
 class ZeroVelocity:
-    """The robot stands: its brakes are on, it is docked.
+    """Zero-velocity measurement: the robot stands, for example braked or docked.
 
     Attributes:
         stamp: time [ns].
-        sigma: what v_x, v_y and w are zero within, standard deviations [m/s, m/s, rad/s].
+        sigma: standard deviations of v_x, v_y and w about zero [m/s, m/s, rad/s].
     """
 
     stamp: int
@@ -134,7 +134,7 @@ Measurement = (
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Motion is to be told from here on.
+    """Stochastic clone of the pose at a stamp, from which later motion is reported.
 
     Attributes:
         stamp: time [ns].

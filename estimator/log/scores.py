@@ -1,7 +1,7 @@
-"""How far an estimate is from the truth: drift, velocity errors and consistency.
+"""Errors of an estimate against the truth: drift, velocity errors and consistency.
 
-All scores compare at the stamps of the truth, to which the estimate is interpolated. Drift is what is
-left after estimate and truth are aligned at the start of a segment, so no frame needs to be shared.
+All scores compare at the stamps of the truth, to which the estimate is interpolated. Drift is the error
+after estimate and truth are aligned at the start of a segment, so they need not share a frame.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
 HORIZONS = (10.0, 30.0, 60.0)
-# Segments start this often [s] and are left out of the per-segment figures where the robot moved less
-# than this share of a metre per second of horizon.
+# Spacing of segment starts [s], and the least mean speed [m/s] of segments in per-segment figures.
 SEGMENT_STEP = 1.0
 SLOWEST_MEAN_SPEED = 0.02
-# Where the truth has no twists, velocities are means over windows of this length [s].
+# Window of mean velocities if the truth has no twists [s].
 VELOCITY_WINDOW = 1.0
-# Path length is summed over points at least this far apart in time, lest noise add up [s].
+# Least time between points of a path length, so that noise does not add up [s].
 PATH_STEP = 0.5
 
 Interval = tuple[int, int]
@@ -34,7 +33,7 @@ Places = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Drift:
-    """Segments of one horizon.
+    """Drift over segments of one horizon.
 
     Attributes:
         horizon: length of the segments [s].
@@ -52,12 +51,12 @@ class Drift:
 
     @property
     def moved(self) -> NDArray[np.bool_]:
-        """(n,) whether the robot moved enough in a segment for a ratio to mean something."""
+        """Mask (n,) of segments with enough motion for a meaningful ratio."""
         return self.distances > SLOWEST_MEAN_SPEED * self.horizon
 
     @property
     def percent_mean(self) -> float:
-        """Mean error over mean distance [%]; NaN without a segment that moved."""
+        """Mean error over mean distance [%]; NaN without a segment with motion."""
         moved = self.moved
         if not moved.any():
             return float("nan")
@@ -65,7 +64,7 @@ class Drift:
 
     @property
     def percent_median(self) -> float:
-        """Median over the segments of error over distance [%]; NaN without one that moved."""
+        """Median over segments of error over distance [%]; NaN without any with motion."""
         moved = self.moved
         if not moved.any():
             return float("nan")
@@ -73,7 +72,7 @@ class Drift:
 
     @property
     def yaw_deg_per_m(self) -> float:
-        """Mean yaw error over mean distance [deg/m]; NaN without a segment that moved."""
+        """Mean yaw error over mean distance [deg/m]; NaN without a segment with motion."""
         moved = self.moved
         if not moved.any():
             return float("nan")
@@ -91,7 +90,7 @@ def interpolate_poses(series: PoseSeries, stamps: Stamps) -> Floats:
 
 
 def path_length(series: PoseSeries) -> Floats:
-    """(n,) distance travelled since the first pose [m], along points at least `PATH_STEP` apart."""
+    """Distance (n,) since the first pose [m], along points at least `PATH_STEP` apart."""
     seconds = (series.stamps - series.stamps[0]) * NANOSECOND
     knots = np.append(np.arange(0.0, seconds[-1], PATH_STEP), seconds[-1])
     x, y = (np.interp(knots, seconds, series.poses[:, axis]) for axis in (0, 1))
@@ -113,8 +112,8 @@ def drift(
         estimate: estimated poses, in any frame.
         truth: true poses.
         horizon: length of the segments [s].
-        within: intervals of stamps [ns] a segment must lie in wholly; None for everywhere.
-        largest_gap: segments across a longer hole in the truth are left out [s].
+        within: intervals of stamps [ns] that must contain a segment; None for everywhere.
+        largest_gap: segments across a longer gap in the truth are left out [s].
     """
     span = int(horizon / NANOSECOND)
     found = segments(
@@ -128,11 +127,11 @@ def drift(
 
 
 class Segments(NamedTuple):
-    """Stretches of a log, aligned at their starts.
+    """Segments of a log, aligned at their starts.
 
     Attributes:
         starts: (n,) stamps of their starts [ns].
-        ends: (n,) of their ends [ns].
+        ends: (n,) stamps of their ends [ns].
         position_errors: (n,) distance of the end points [m].
         yaw_errors: (n,) [rad], signed.
         distances: (n,) length of the true path [m].
@@ -158,10 +157,10 @@ def segments(
     Args:
         estimate: estimated poses, in any frame.
         truth: true poses.
-        ends_of: from the stamps of the truth (m,) [ns], its path so far (m,) [m] and the places (n,)
-            where segments begin to those where they end; places behind the last are no ends.
-        within: intervals of stamps [ns] a segment must lie in wholly; None for everywhere.
-        largest_gap: segments across a longer hole in the truth are left out [s].
+        ends_of: function from the stamps of the truth (m,) [ns], its distance so far (m,) [m] and the
+            indices (n,) of segment starts to those of segment ends; m or more for no end.
+        within: intervals of stamps [ns] that must contain a segment; None for everywhere.
+        largest_gap: segments across a longer gap in the truth are left out [s].
     """
     stamps = truth.stamps[
         (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
@@ -171,7 +170,7 @@ def segments(
     true_poses = interpolate_poses(truth, stamps)
     travelled = path_length(PoseSeries(stamps, true_poses))
     begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
-    # All that begin within a hole of the truth are one and the same segment, the one after it.
+    # All starts within a gap of the truth give one segment, the one after the gap.
     first = np.unique(np.searchsorted(stamps, begins))
     last = ends_of(stamps, travelled, first)
     ends_inside = last < len(stamps)
@@ -196,16 +195,16 @@ def segments(
 
 
 def pieces(stamps: Stamps, largest_gap: float) -> Places:
-    """Which piece (n,) each of some ascending stamps [ns] lies in, between holes longer than that [s]."""
+    """Index (n,) of the piece of each stamp [ns], between gaps over `largest_gap` [s]."""
     return np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
 
 
 def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     """Errors (n, 3) of v_x, v_y [m/s] and w [rad/s] in the axes of base_link.
 
-    Where the truth has no twists both are taken as means over windows of `VELOCITY_WINDOW`, from the
-    poses: the displacement in the axes of the window's start over its length; for the estimate that
-    of its integrated twists, so that the jumps of fixes are no velocity.
+    If the truth has no twists, both velocities are means over windows of `VELOCITY_WINDOW`, from poses:
+    the displacement in the axes of the window's start over its length. For the estimate it is that of
+    its integrated twists, so that jumps at fixes do not count as velocity.
     """
     if truth.twists is not None:
         stamps, twists = truth.twists.stamps, truth.twists.twists
@@ -218,7 +217,7 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     low = max(truth.poses.stamps[0], estimate.stamps[0])
     high = min(truth.poses.stamps[-1], estimate.stamps[-1])
     starts = np.arange(low, high - window, window // 2)
-    # A window in which the truth was silent for half of the time says nothing.
+    # Skip windows in which the truth is missing for half of the time.
     holes = pieces(truth.poses.stamps, 0.5 * VELOCITY_WINDOW)
     first = np.searchsorted(truth.poses.stamps, starts, side="right") - 1
     last = np.searchsorted(truth.poses.stamps, starts + window)
@@ -234,7 +233,7 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
 
 
 def _reckoned(estimate: Trajectory) -> PoseSeries:
-    """The estimated twists, integrated: the path without the jumps that fixes make."""
+    """Integrate the estimated twists: the path without the jumps at fixes."""
     dt = np.diff(estimate.stamps)[:, None] * NANOSECOND
     steps = 0.5 * (estimate.twists[1:] + estimate.twists[:-1]) * dt
     poses = np.zeros((len(estimate.stamps), 3))
@@ -252,8 +251,8 @@ def pose_nees(
     """Normalised estimation error squared (n,) of the pose at the truth's stamps.
 
     Chi-square with three degrees of freedom if the filter is consistent (Bar-Shalom, Li, Kirubarajan,
-    Estimation with Applications, section 5.4). Estimate and truth must share their frame. Stamps
-    at which the covariance is still singular are left out, and those outside of `within`.
+    Estimation with Applications, section 5.4). Estimate and truth must share their frame. Stamps with a
+    singular covariance, and those outside of `within`, are left out.
     """
     stamps = truth.stamps[
         (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
@@ -271,7 +270,10 @@ def pose_nees(
 
 
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:
-    """Intervals of stamps [ns] from `start` to `end`, between fixes, at least `shortest` s long."""
+    """Intervals of stamps [ns] without fixes, at least `shortest` s long.
+
+    They lie between `start` and `end` [ns].
+    """
     edges = np.concatenate([[start], np.clip(fix_stamps, start, end), [end]])
     long = np.flatnonzero(np.diff(edges) >= int(shortest / NANOSECOND))
     return [(int(edges[i]), int(edges[i + 1])) for i in long]

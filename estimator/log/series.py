@@ -10,7 +10,10 @@ from icreckon.estimator.base.errors import EstimatorError
 
 @dataclass(frozen=True)
 class TrackSpeedSeries:
-    """Track speeds: `stamps` (n,) [ns]; `speeds` (n, 2) left, right [m/s], forward positive."""
+    """Track speeds.
+
+    `stamps` (n,) [ns]; `speeds` (n, 2) left, right [m/s], forward positive.
+    """
 
     stamps: Stamps
     speeds: Floats
@@ -24,7 +27,7 @@ class ImuSeries:
     """IMU samples in the IMU's own axes.
 
     `stamps` (n,) [ns]; `angular_velocity` (n, 3) [rad/s]; `linear_acceleration` (n, 3) [m/s²],
-    specific force, a row NaN where a sample has none, or None where the IMU has no accelerometer.
+    specific force, a row NaN if a sample has none, or None if the IMU has no accelerometer.
     """
 
     stamps: Stamps
@@ -39,7 +42,10 @@ class ImuSeries:
 
 @dataclass(frozen=True)
 class PoseSeries:
-    """Planar poses: `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not)."""
+    """Planar poses.
+
+    `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not).
+    """
 
     stamps: Stamps
     poses: Floats
@@ -50,7 +56,10 @@ class PoseSeries:
 
 @dataclass(frozen=True)
 class TwistSeries:
-    """Body velocities of `base_link`: `stamps` (n,) [ns]; `twists` (n, 3) v_x, v_y [m/s], w [rad/s]."""
+    """Body velocities of `base_link`.
+
+    `stamps` (n,) [ns]; `twists` (n, 3) v_x, v_y [m/s], w [rad/s].
+    """
 
     stamps: Stamps
     twists: Floats
@@ -63,8 +72,8 @@ class TwistSeries:
 class FixSeries:
     """Position or pose fixes in `odom`.
 
-    `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad], yaw NaN where a fix has no heading;
-    `variances` (n, 2): of each coordinate [m²] and of yaw [rad²] (ignored where yaw is NaN).
+    `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad], yaw NaN if a fix has no heading;
+    `variances` (n, 2): of each coordinate [m²] and of yaw [rad²] (ignored if yaw is NaN).
     """
 
     stamps: Stamps
@@ -78,13 +87,13 @@ class FixSeries:
 
 @dataclass(frozen=True)
 class Truth:
-    """What really happened, as far as it is known.
+    """Ground truth, as far as it is known.
 
     Attributes:
         poses: the pose of the robot.
         twists: its body velocity, or None.
         tracks: its track speeds without sensor error, or None.
-        source: where the truth comes from ("kinematic", "lidar map", ...).
+        source: origin of the truth ("kinematic", "lidar map", ...).
     """
 
     poses: PoseSeries

@@ -1,4 +1,4 @@
-"""The estimated motion over a log."""
+"""Estimated motion over a log."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from icreckon.estimator.log.series import PoseSeries, TwistSeries
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What a filter estimated, sampled at `stamps`, in REP-103 axes.
+    """Trajectory estimated by a filter, sampled at `stamps`, in REP-103 axes.
 
     Attributes:
         stamps: (n,) [ns].
@@ -31,10 +31,10 @@ class Trajectory:
 
     @property
     def pose_series(self) -> PoseSeries:
-        """The poses alone."""
+        """Poses without covariances."""
         return PoseSeries(self.stamps, self.poses)
 
     @property
     def twist_series(self) -> TwistSeries:
-        """The twists alone."""
+        """Twists without covariances."""
         return TwistSeries(self.stamps, self.twists)

@@ -1,4 +1,4 @@
-"""Where index parameters can be: eta0 >= 1 and x_ICRl < 0 < x_ICRr.
+"""Bounds of index parameters: eta0 >= 1 and x_ICRl < 0 < x_ICRr.
 
 Bounds of parameters p are rows of a (8,) and b in a p >= b.
 """
@@ -12,16 +12,16 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 
-# How much of x_ICRl and x_ICRr is kept away from zero [m].
+# Least distance of x_ICRl and x_ICRr from zero [m].
 BOUND_MARGIN = 1e-3
-# Moving to one bound may cross another; a few rounds settle it.
+# Moving to one bound may cross another; a few rounds converge.
 BOUND_ROUNDS = 50
 ROUNDING = 1e-12
 ETA0, EPSILON0 = s.ETA0 - s.PARAMETERS.start, s.EPSILON0 - s.PARAMETERS.start
 
 
 def index_bounds(gauge: float) -> Floats:
-    """(3, 9) the bounds.
+    """Bounds (3, 9) of index parameters.
 
     Args:
         gauge: L [m].
@@ -30,7 +30,7 @@ def index_bounds(gauge: float) -> Floats:
 
 
 def bound_rows(gauge: Any) -> tuple[tuple[Any, ...], ...]:
-    """The same as tuples; the gauge may be any kind of number."""
+    """Bounds of index parameters as tuples; the gauge may be any kind of number."""
     half = 0.5 * gauge
     return (
         _row(1.0, 0.0, 1.0),

@@ -1,4 +1,4 @@
-"""The contact of two tracks with hard ground: vertical loads and horizontal forces at contact points.
+"""Contact of two tracks with hard ground: vertical loads and horizontal forces.
 
 Symbols and axes are the paper's: X right, Y forward, Z up, origin at the centre of the tracks' contact
 area; the twist is (v_x, v_y, w) of the origin, moments are about the origin, counter-clockwise positive.
@@ -13,8 +13,8 @@ Its friction is, with u = (mu_x s_x, mu_y s_y), the load p of the point and a sm
 
 which for mu_x = mu_y = mu is Coulomb's -p mu s / |s|, and otherwise the friction of greatest dissipation
 within the ellipse (f_x / mu_x)^2 + (f_y / mu_y)^2 = p^2 (Goyal, Ruina and Papadopoulos, Planar sliding
-with dry friction, Wear 143, 1991). h = 1 - exp(-j / K) is the share of the friction that the shear
-displacement j has built up (Wong and Chiang, A general theory for skid steering of tracked vehicles on
+with dry friction, Wear 143, 1991). h = 1 - exp(-j / K) is the share of the friction that is mobilised by
+the shear displacement j (Wong and Chiang, A general theory for skid steering of tracked vehicles on
 firm ground, Proc. IMechE D 215, 2001); without a shear modulus h = 1.
 
 Each track also carries its rolling resistance along its centreline, -f_r N v / sqrt(v^2 + d^2), where N
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 
 
 class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the ground does to a track.
+    """Friction and rolling resistance of the ground under a track.
 
     Attributes:
         friction: coefficient of friction mu, across the track, and along it unless
-            `longitudinal_friction` says otherwise [-].
+            `longitudinal_friction` is set [-].
         longitudinal_friction: coefficient along the track; None for isotropic friction [-].
         rolling_resistance: resistance of a track as a share of its load [-].
         shear_modulus: shear deformation modulus K; 0 for full friction at any slip [m].
@@ -81,15 +81,15 @@ class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the tracks touch the ground; both tracks alike.
+    """Contact points of the tracks; both tracks are alike.
 
     Attributes:
         gauge: distance L between the track centrelines [m].
         positions: forward coordinates of the contact points of a track, rising [m].
-        weights: share of the load that each of them takes where the ground presses evenly, any
-            common scale; () for equal shares.
-        across: outward offsets from the centreline at which each position touches [m]; more than one
-            spreads it evenly over the tread's width.
+        weights: share of each point in the load under even pressure, on any common scale; () for equal
+            shares.
+        across: outward offsets of the contact points from the centreline [m]; more than one spreads
+            each position evenly over the tread's width.
     """
 
     gauge: float
@@ -116,13 +116,13 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The rigid vehicle on its tracks.
+    """Rigid vehicle on its tracks.
 
     Attributes:
         mass: M [kg].
         x_CM: centre of mass, right of the origin [m].
-        y_CM: forward of it [m].
-        z_CM: above the ground [m].
+        y_CM: centre of mass, forward of the origin [m].
+        z_CM: centre of mass, above the ground [m].
     """
 
     mass: float
@@ -146,7 +146,7 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Contact:
-    """Everything that the forces of the tracks depend on, besides the motion.
+    """Contact of a vehicle with the ground: soil, contact points, and body.
 
     Attributes:
         soil: friction, rolling resistance, shear.
@@ -176,8 +176,8 @@ class Loads(NamedTuple):
     Attributes:
         values: (m, n) [N], never negative.
         by_right: (m, n) derivative by the force at the centre of mass to the right [N/N].
-        by_forward: the same by the force forward.
-        tipping: (n,) whether the weight and the force point outside the contact: no loads balance
+        by_forward: (m, n) derivative by that force forward [N/N].
+        tipping: (n,) True if the weight and the force point outside the contact: no loads balance
             their moment, and `values` are those with the centre of pressure held at the edge.
     """
 
@@ -192,7 +192,7 @@ class Wrench(NamedTuple):
 
     Attributes:
         values: (3, n) force right, forward [N], moment about the origin [N m].
-        jacobian: (3, 3, n), row the component, column v_x, v_y [N s/m], w [N s/rad].
+        jacobian: (3, 3, n) derivatives, rows by component, columns by v_x, v_y [N s/m], w [N s/rad].
     """
 
     values: Any
@@ -200,7 +200,7 @@ class Wrench(NamedTuple):
 
 
 class ContactPoints(NamedTuple):
-    """Coordinates (right, forward) [m] and weights [-] of the m contact points, left track first."""
+    """Contact points: coordinates (right, forward) [m], weights [-]; left track first."""
 
     x: Floats
     y: Floats
@@ -208,7 +208,7 @@ class ContactPoints(NamedTuple):
 
 
 def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeometry:
-    """Contact points at even distances from end to end of each track.
+    """Make evenly spaced contact points from end to end of each track.
 
     Args:
         gauge: distance L between the track centrelines [m].
@@ -221,7 +221,7 @@ def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeome
 
 @lru_cache(maxsize=64)
 def contact_points(geometry: ContactGeometry) -> ContactPoints:
-    """The contact points of both tracks; weights sum to 1 over both."""
+    """Contact points of both tracks; weights sum to 1 over both."""
     across = np.tile(geometry.across, len(geometry.positions))
     along = np.repeat(geometry.positions, len(geometry.across))
     weights = np.array(geometry.weights or (1.0,) * len(geometry.positions))
@@ -240,19 +240,20 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
 def vertical_loads(
     contact: Contact, right: Any = 0.0, forward: Any = 0.0, *, weight: float | None = None
 ) -> Loads:
-    """Loads of the contact points under the weight and a horizontal force at the centre of mass.
+    """Loads of the contact points under the weight and a force at the centre of mass.
 
     Loads are planar over the points that touch and zero at those that lift off:
-    p = weight max(0, a + b x + c y). They solve a convex problem, the least of
-    sum(p^2 / weight) under the balance of force and moments and p >= 0, which is unique while the
-    weight and the force together point inside the contact. It is solved by Newton's iteration over
-    the set of touching points, with a line search on the dual function, which ends at the exact set.
+    p = weight max(0, a + b x + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to
+    the balance of force and moments and p >= 0. The solution is unique while the weight and the force
+    together point inside the contact. It is found by Newton's iteration over the set of touching points,
+    with a line search on the dual function, which ends at the exact set.
 
     Args:
         contact: geometry and centre of mass.
-        right: (n,) force at the centre of mass [N]: inertia, and gravity's part along a slope.
-        forward: (n,) the same, forward [N].
-        weight: force that presses on the ground [N]; the vehicle's weight where left out.
+        right: (n,) force at the centre of mass to the right [N]: inertia, and gravity's part along a
+            slope.
+        forward: (n,) that force forward [N].
+        weight: force that presses on the ground [N]; the vehicle's weight by default.
     """
     from icreckon.estimator.motion import contact_forces as contact_kernel
 
@@ -279,8 +280,8 @@ def track_forces(
         loads: from `vertical_loads`.
 
     Returns:
-        The wrench with its Jacobian by the twist at these loads, and the derivatives (3, n) of its
-        values by the force at the centre of mass to the right and forward, through the loads.
+        Wrench with its Jacobian by the twist at these loads, and derivatives (3, n) of its values by
+        the force at the centre of mass to the right and forward, through the loads.
     """
     from icreckon.estimator.motion import contact_forces as contact_kernel
 
@@ -305,11 +306,11 @@ def track_forces(
 
 
 def steady_inertia(twist: PaperTwist, body: Body) -> Any:
-    """Force of inertia in steady motion, (4) and (10), and its moment about the origin.
+    """Force of inertia in steady motion, (4) and (10), and moment about the origin.
 
     Args:
         twist: velocity of the origin, (n,) each.
-        body: mass and centre of mass, where the force acts.
+        body: mass and centre of mass, at which the force acts.
 
     Returns:
         (3, n) force right, forward [N], moment [N m].
@@ -319,9 +320,9 @@ def steady_inertia(twist: PaperTwist, body: Body) -> Any:
 
 
 def steady_balance(twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact) -> Wrench:
-    """What is left of all forces and moments in steady motion; zero at a stationary twist.
+    """Residual of all forces and moments in steady motion; zero at a stationary twist.
 
-    Friction and rolling resistance at the loads that the force of inertia gives, plus that force.
+    Friction and rolling resistance at the loads under the force of inertia, plus that force.
 
     Args:
         twist: velocity of the origin, (n,) each.
@@ -344,11 +345,11 @@ def steady_balance(twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact) -> W
 
 
 def ground(contact: Contact, *, weight: float | None = None) -> Ground:
-    """A contact as the compiled equations take it.
+    """Convert a contact to the plain numbers of the compiled equations.
 
     Args:
         contact: soil, geometry, body.
-        weight: force that presses on the ground [N]; the vehicle's weight where left out.
+        weight: force that presses on the ground [N]; the vehicle's weight by default.
     """
     from icreckon.estimator.motion.contact_forces import Ground
 
@@ -380,7 +381,7 @@ def _columns(*parts: Any) -> Any:
 
 
 def _zeros(motion: Any) -> tuple[Any, Any]:
-    """Zero balances (n, 3) and derivatives (n, 3, COLUMNS) of the same type as the motion."""
+    """Zero balances (n, 3) and derivatives (n, 3, COLUMNS) of the motion's type."""
     from icreckon.estimator.motion.contact_forces import COLUMNS
 
     return (

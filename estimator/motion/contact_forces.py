@@ -1,10 +1,10 @@
-"""The equations of `estimator.motion.contact`, one motion at a time, compiled.
+"""Equations of `estimator.motion.contact`, one motion at a time, compiled.
 
-This is the only place where loads, friction and rolling resistance are written down; `contact`, the
-stationary solver and the transient dynamics all call it. Import it inside functions only: numba takes
-half a second to load. Every function takes floats, or complex numbers for complex-step differentiation
-(comparisons look at the real part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y,
-w, V_l, V_r and by the force at the centre of mass to the right and forward.
+Loads, friction and rolling resistance are implemented only here; `contact`, the stationary solver and the
+transient dynamics all call it. Import it inside functions only: numba takes half a second to load. Every
+function accepts floats, or complex numbers for complex-step differentiation (comparisons use the real
+part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y, w, V_l, V_r and by the force
+at the centre of mass to the right and forward.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.tracing.jit_kernel import compiled
 
 COLUMNS = 7
-# How far inside the contact's edge the centre of pressure of a tipping vehicle is kept, as a share of
-# half the contact's extent; on the edge itself the planar loads are not unique.
+# Distance of a tipping vehicle's centre of pressure inside the contact's edge, as a share of half the
+# contact's extent; on the edge itself the planar loads are not unique.
 TIPPING_MARGIN = 1e-6
 ACTIVE_SET_ITERATIONS = 100
 LINE_SEARCH_HALVINGS = 40
 ARMIJO = 1e-4
 # Below this share of the mean load, a load is zero to rounding.
 NO_LOAD = 1e-13
-# Points that touch lie on one line where their moments' determinant, made dimensionless, is below this;
-# the same share, added to the moments, keeps the step of the active-set iteration finite there.
+# Points that touch are collinear if their moments' dimensionless determinant is below this; a ridge of
+# this share, added to the moments, keeps the step of the active-set iteration finite there.
 RIDGE = 1e-12
 
 
 class Ground(NamedTuple):
-    """A contact as plain numbers; the fields are those of `estimator.motion.contact`.
+    """Contact as plain numbers; the fields are those of `estimator.motion.contact`.
 
     Attributes:
         x: (m,) contact points, left track first, right of the origin [m].
-        y: (m,) forward of it [m].
-        share: (m,) of the load where the ground presses evenly, sum 1 [-].
+        y: (m,) contact points, forward of the origin [m].
+        share: (m,) share of each point in the load under even pressure, sum 1 [-].
         even: (3, 3) inverse of all points' moments of 1, x, y.
         half_gauge: L / 2 [m].
         outline: half width, rear and front end of the rectangle around all points [m].
-        friction: (2, 2) of the left and the right track, coefficient across and along it [-].
-        rolling_resistance: (2,) of the left and the right track [-].
+        friction: (2, 2) coefficients across and along the track, of the left and the right one [-].
+        rolling_resistance: (2,) coefficients of the left and the right track [-].
         shear_modulus: K [m], 0 for full friction at any slip.
         small: regularising speed [m/s].
-        opposes_travel: whether rolling resistance opposes the travel of the centreline.
+        opposes_travel: True if rolling resistance opposes the travel of the centreline.
         mass: M [kg].
-        weight: the force that presses on the ground [N].
+        weight: force that presses on the ground [N].
         centre: x_CM, y_CM, z_CM [m].
     """
 
@@ -72,9 +72,10 @@ class Ground(NamedTuple):
 def point_loads(
     ground: Ground, right: Any, forward: Any, loads: Any, by_right: Floats, by_forward: Floats
 ) -> bool:
-    """Loads (m,) [N] under the weight and a force at the centre of mass, and their slopes by it.
+    """Compute loads (m,) [N] under weight and a force at the centre of mass, in place.
 
-    See `estimator.motion.contact.vertical_loads`. Returns whether the vehicle tips.
+    Slopes are the derivatives by that force; see `estimator.motion.contact.vertical_loads`. Returns True
+    if the vehicle tips.
     """
     x_CM, y_CM, z_CM = ground.centre
     half, rear, front = ground.outline
@@ -106,7 +107,7 @@ def point_loads(
     for i in range(len(ground.x)):
         X, Y, share = ground.x[i], ground.y[i], ground.share[i]
         pressed = share * (p_a + p_b * X + p_c * Y)
-        # A point whose load is zero to rounding touches or not: it makes no difference.
+        # The contact of a point whose load is zero to rounding makes no difference.
         if pressed.real <= NO_LOAD * ground.weight * share:
             pressed, share = 0.0 * pressed, 0.0
         loads[i] = pressed
@@ -131,7 +132,7 @@ def add_track_forces(
     values: Any,
     jacobian: Any,
 ) -> None:
-    """Add force and moment (3,) of the ground on both tracks, and their derivatives (3, COLUMNS)."""
+    """Add the ground's force and moment (3,) on both tracks; derivatives (3, COLUMNS)."""
     count = len(ground.x) // 2
     small = ground.small
     sheared = ground.shear_modulus > 0.0
@@ -154,7 +155,7 @@ def add_track_forces(
             pressed = p * scale
             if sheared:
                 built_up, h_x, h_y, h_w, h_V = _built_up(ground, x, y, v_x, v_y, w, V)
-                # The product rule's other half: what a change of the shear displacement does.
+                # The product rule's other half: the effect of the shear displacement.
                 for column, slope in ((0, h_x), (1, h_y), (2, h_w), (of_V, h_V)):
                     jacobian[0, column] -= p * t_x * slope
                     jacobian[1, column] -= p * t_y * slope
@@ -277,7 +278,7 @@ def loads_of_many(
     by_forward: Floats,
     tipping: NDArray[np.bool_],
 ) -> None:
-    """`point_loads` of n motions; arrays (n, m) and (n,)."""
+    """Apply `point_loads` to n motions; arrays (n, m) and (n,)."""
     each = (len(right), len(ground.x))
     sizes_fit = loads.shape == by_right.shape == by_forward.shape == each
     if not sizes_fit or len(forward) != len(right) or len(tipping) != len(right):
@@ -297,7 +298,10 @@ def track_forces_of_many(
     values: Any,
     jacobian: Any,
 ) -> None:
-    """`add_track_forces` of n motions; twist (n, 3), V (n, 2), loads (n, m), values (n, 3)."""
+    """Apply `add_track_forces` to n motions.
+
+    Twist (n, 3), V (n, 2), loads (n, m), values (n, 3).
+    """
     n, points = len(twist), len(ground.x)
     sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
     sizes_fit &= loads.shape == by_right.shape == by_forward.shape == (n, points)
@@ -322,7 +326,10 @@ def track_forces_of_many(
 
 @compiled
 def balances_of_many(ground: Ground, twist: Any, V: Any, values: Any, jacobian: Any) -> None:
-    """`add_steady_balance` of n motions; twist (n, 3), V (n, 2), values (n, 3), jacobian (n, 3, 7)."""
+    """Apply `add_steady_balance` to n motions.
+
+    Twist (n, 3), V (n, 2), values (n, 3), jacobian (n, 3, 7).
+    """
     n = len(twist)
     sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
     if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
@@ -353,8 +360,8 @@ def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Fl
     Args:
         mass: M [kg].
         x_CM: centre of mass, right of the origin [m].
-        y_CM: forward of it [m].
-        yaw_inertia: about the vertical through the centre of mass [kg m²].
+        y_CM: centre of mass, forward of the origin [m].
+        yaw_inertia: moment of inertia about the vertical through the centre of mass [kg m²].
     """
     matrix = np.zeros((3, 3))
     matrix[0, 0] = matrix[1, 1] = mass
@@ -366,7 +373,7 @@ def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Fl
 
 @compiled
 def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
-    """Solve a 3 by 3 system by cofactors; zero and False where it is singular."""
+    """Solve a 3 by 3 system by cofactors; zero and False if it is singular."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
     g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
@@ -386,12 +393,12 @@ def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
 def _built_up(
     ground: Ground, x: float, y: float, v_x: Any, v_y: Any, w: Any, V: Any
 ) -> tuple[Any, Any, Any, Any, Any]:
-    """Wong and Chiang's share h of the friction at a contact point, and h by v_x, v_y, w, V.
+    """Wong and Chiang's share h of the friction at a point, and h by v_x, v_y, w, V.
 
     A point of the track enters the contact at the end toward which the track drives, and reaches y
-    after the time |y - y_entry| / |V|; its shear displacement is the slip summed over that time in
-    the vehicle's axes (the vehicle's turn meanwhile is neglected). A track at rest has been dragged
-    for ever: no end counts as the entry, and all its points are built up.
+    after the time |y - y_entry| / |V|. Its shear displacement is the slip summed over that time in
+    the vehicle's axes (the vehicle's rotation meanwhile is neglected). For a track at rest no end is the
+    entry, and all its points have full friction.
     """
     _, rear, front = ground.outline
     entry, passage = y, front - rear
@@ -413,7 +420,7 @@ def _built_up(
 
 @compiled
 def _invert_moments(ground: Ground, active: NDArray[np.bool_], inverse: Floats) -> None:
-    """Inverse (3, 3) of the active points' moments of 1, x, y, with a ridge against collinear ones."""
+    """Inverse (3, 3) of the active points' moments of 1, x, y, with a ridge."""
     n = s_x = s_y = xx = xy = yy = 0.0
     for i in range(len(active)):
         if active[i]:
@@ -444,9 +451,9 @@ def _invert_moments(ground: Ground, active: NDArray[np.bool_], inverse: Floats) 
 
 @compiled
 def _inverse_of_touching(ground: Ground, x: float, y: float, plane: Floats) -> Floats:
-    """Inverse (3, 3) of the moments of the points that touch under a unit weight at (x, y) [m].
+    """Inverse (3, 3) of the touching points' moments, unit weight at (x, y) [m].
 
-    Newton's iteration on the dual function, from the plane (3,) that presses and pulls.
+    Newton's iteration on the dual function, from the plane (3,) of loads of either sign.
     """
     inverse, step = np.empty((3, 3)), np.empty(3)
     active = np.empty(len(ground.x), dtype=np.bool_)
@@ -477,7 +484,7 @@ def _inverse_of_touching(ground: Ground, x: float, y: float, plane: Floats) -> F
 def _dual(
     ground: Ground, plane: Floats, moments: Floats, gradient: Floats, active: NDArray[np.bool_]
 ) -> float:
-    """The dual function of the loads at a plane; overwrites its gradient and which points touch."""
+    """Dual function of the loads at a plane; overwrites gradient and active points."""
     value = 0.0
     for k in range(3):
         value -= moments[k] * plane[k]

@@ -1,4 +1,4 @@
-"""Layout of the friction state: parameters by place, and the flat record that a model remembers."""
+"""Layout of the friction model: indices of parameters, and its flat memory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 REGULARISING_SPEED = 1e-3
 
 
-# The parameters, the places of the eight that they take.
+# Indices of the friction parameters among the eight.
 FRICTION, ROLLING, LENGTH, X_CM, Y_CM, Z_CM = range(6)
 
 
@@ -27,13 +27,13 @@ PARAMETER_NAMES: Final[tuple[str, ...]] = (
 )
 
 
-# v_x, v_y, w, and the force at the centre of mass that the loads answer to, right and forward.
+# v_x, v_y, w, and the force at the centre of mass that transfers load, right and forward.
 STATES = 5
 
 
-# What the model remembers, laid out flat: the states, their derivatives by the parameters in rows, those
-# of the twist by the track speeds in rows, the parameters and the speeds that all this is at, the indices
-# of the newest turns, and whether there was a step yet.
+# Memory of the model, flat: states, their derivatives by the parameters in rows, those of the twist by
+# the track speeds in rows, parameters and speeds of the linearisation, indices of the newest turns, and
+# a flag for the first step.
 OF_STATES = slice(0, STATES)
 
 

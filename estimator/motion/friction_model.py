@@ -1,23 +1,22 @@
-"""The friction motion model: what the forces of the ground do to the vehicle, integrated in time.
+"""Friction motion model: a vehicle under the ground's forces, integrated in time.
 
     twist = v + dv/dp (p - p') + dv/dV (V - V') + slip
 
 where v is the twist that `estimator.motion.friction_step` has integrated up to the end of the present
-step, with the parameters p' as they were known when it began, at its track speeds V'. The derivatives are
-integrated beside it, so that a filter which learns the parameters on the way sees what they would have
-made of the motion so far. What is learnt within a step acts linearly on it, and is taken up with the
-next.
+step, with the parameter estimate p' at its start, at its track speeds V'. The derivatives are integrated,
+too, so that they contain the effect of the parameters on all motion so far. Updates of the parameters
+within a step act linearly, and enter the integration with the next step.
 
-The parameters are what is uncertain of the vehicle on its ground, in physical units: friction and rolling
-resistance [-], half the contact's length and the three coordinates of the centre of mass [m]; two of the
-eight places stay empty. The model goes by no indices; those that it shows are of the newest turns,
-averaged a little.
+The parameters are the uncertain properties of the vehicle on its ground, in physical units: friction and
+rolling resistance [-], half the contact's length and the three coordinates of the centre of mass [m]; two
+of the eight places stay empty. The model does not use indices; those that it reports are of the newest
+turns, averaged over a short time.
 
-Friction is that of `estimator.motion.contact`, but slip below `REGULARISING_SPEED` fades it: track
-speeds are not known so well that the kink in Coulomb's law would be seen at less.
+Friction is that of `estimator.motion.contact`, but it fades at slip below `REGULARISING_SPEED`: track
+speeds are not accurate enough to resolve the kink in Coulomb's law.
 
-Symbols and axes are the paper's (see `kinematics`). `linearise` takes floats, and complex numbers for
-complex-step differentiation, and numba compiles it, see `estimator.motion.motion_model`.
+Symbols and axes are the paper's (see `estimator.motion.icr`). `linearise` accepts floats, and complex
+numbers for complex-step differentiation, and numba compiles it, see `estimator.motion.motion_model`.
 """
 
 from __future__ import annotations
@@ -53,9 +52,9 @@ from icreckon.estimator.motion.motion_model import (
     sign,
 )
 
-# Where the parameters can be: friction, rolling resistance and the height of the centre of mass, which
-# divides [m], are at least so much, the contact's length is this share of what it is taken for, and the
-# centre of mass stands within these shares of half the gauge and of half the contact's length.
+# Bounds of the parameters: least friction, rolling resistance and height of the centre of mass, which
+# divides [m]; range of the contact's length as shares of its nominal value; range of the centre of mass
+# as shares of half the gauge and of half the contact's length.
 LEAST_FRICTION, LEAST_ROLLING, LEAST_HEIGHT = 0.05, 0.0, 1e-3
 # Friction is at least this share of the robot file's, and so many times the rolling resistance.
 LEAST_OF_NOMINAL, LEAST_TRACTION = 0.2, 2.0
@@ -64,15 +63,15 @@ WITHIN_GAUGE, WITHIN_LENGTH = 0.8, 0.8
 
 
 class FrictionMotion:
-    """The friction motion model of one vehicle on its ground; see `MotionModel`.
+    """Friction motion model of one vehicle on its ground; see `MotionModel`.
 
     Args:
         vehicle: L, M and the centre of mass.
-        contact: the vehicle on its ground, as it is taken to be.
-        yaw_inertia: about the vertical through the centre of mass [kg m²].
-        load_lag: how fast the loads follow the force that transfers them [s].
-        eta: steering efficiency index that is typical of it [-].
-        estimated: (6,) which parameters are learnt; nothing is differentiated by the others.
+        contact: nominal contact of the vehicle with its ground.
+        yaw_inertia: moment of inertia about the vertical through the centre of mass [kg m²].
+        load_lag: time constant of the load transfer [s].
+        eta: typical steering efficiency index of the vehicle [-].
+        estimated: (6,) mask of estimated parameters; derivatives by the others are omitted.
     """
 
     def __init__(
@@ -97,7 +96,7 @@ class FrictionMotion:
 
     @property
     def bounds(self) -> Floats:
-        """See `MotionModel`."""
+        """Bounds (n, 9) of the parameters, as in `MotionModel`."""
         half_gauge = 0.5 * self.vehicle.gauge
         rows = np.zeros((9, 9))
         for row, (place, least) in enumerate(
@@ -118,11 +117,11 @@ class FrictionMotion:
 
     @property
     def memory(self) -> Floats:
-        """(MEMORY,)."""
+        """Checkpoint (MEMORY,) of the model."""
         return self._memory
 
     def recall(self, memory: Floats) -> None:
-        """See `MotionModel`."""
+        """Restore a checkpoint, as in `MotionModel`."""
         if memory.shape != (MEMORY,):
             raise ValueError(
                 f"the friction model remembers {MEMORY} numbers, not {len(memory)}: they are another's"
@@ -130,7 +129,7 @@ class FrictionMotion:
         self._memory = memory
 
     def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
-        """See `MotionModel`."""
+        """Begin a step, as in `MotionModel`."""
         from icreckon.estimator.motion.friction_step import step_motion
 
         memory = self._memory.copy()
@@ -149,18 +148,18 @@ class FrictionMotion:
         self._memory = memory
 
     def steering_efficiency(self, parameters: Any) -> float:  # noqa: ARG002 - it hardly depends
-        """See `MotionModel`."""
+        """Typical steering efficiency index [-], as in `MotionModel`."""
         return self.eta
 
     def linearise(
         self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
     ) -> tuple[Motion, TwistDerivatives]:
-        """See `MotionModel`; `u` is the smooth signed inertia of the twist."""
+        """Motion and derivatives of its twist; `u` is the smooth signed inertia."""
         return linearise(V_l, V_r, parameters, slip, self.vehicle, self._memory)
 
 
 def nominal_parameters(contact: Contact) -> Floats:
-    """The parameters (6,) of a contact."""
+    """Parameters (6,) of a contact."""
     soil, body = contact.soil, contact.body
     return np.array(
         [
@@ -182,7 +181,10 @@ def linearise(
     vehicle: VehicleConstants,
     memory: Floats,
 ) -> tuple[Motion, TwistDerivatives]:
-    """See `FrictionMotion.linearise`; `memory` as laid out above."""
+    """Linearise the friction model, see `FrictionMotion.linearise`.
+
+    `memory` is laid out as in `estimator.motion.friction_layout`.
+    """
     left, right = V_l - memory[AT_SPEEDS.start], V_r - memory[AT_SPEEDS.start + 1]
     v_x = _component(memory, 0, parameters, left, right) + slip[0]
     v_y = _component(memory, 1, parameters, left, right) + slip[1]
@@ -201,7 +203,7 @@ def linearise(
 
 
 def _component(memory: Floats, row: int, parameters: Any, left: Number, right: Number) -> Number:
-    """A component of the twist, without slip."""
+    """Component of the twist, without slip."""
     total = memory[row] + memory[OF_SPEEDS.start + 2 * row] * left
     total = total + memory[OF_SPEEDS.start + 2 * row + 1] * right
     first = OF_SENSITIVITIES.start + PARAMETERS * row

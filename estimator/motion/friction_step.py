@@ -1,20 +1,20 @@
-"""A step of the friction motion model and of its derivatives, compiled.
+"""Step of the friction motion model and of its derivatives, compiled.
 
 The body's twist v about the origin follows the tracks by the forces of
-`estimator.motion.contact_forces`. A step of h seconds is implicit in what is stiff, friction, and
-explicit in what is slow, the loads and the force of inertia I:
+`estimator.motion.contact_forces`. A step of h seconds is implicit in the stiff part, friction, and
+explicit in the slow parts, the loads and the force of inertia I:
 
     A (v' - v) = h (F(v', V, loads(q)) + I(v))
     q' = k q - (1 - k) F(v', V, loads(q)),  k = exp(-h / T)
 
 A is the mass matrix about the origin, V are the track speeds and q the force at the centre of mass that
-the loads answer to, with the lag T of a body that rolls and pitches on its suspension. At given loads
-friction has a potential, so v' is the minimum of a convex function, which Newton's iteration with a line
-search finds from anywhere; the friction's regularising speed is that of `FrictionMotion`, well above that
-of the soil.
+transfers load, with the lag T of a body that rolls and pitches on its suspension. At given loads friction
+has a potential, so v' is the minimum of a convex function, which Newton's iteration with a line search
+finds from any start. The friction's regularising speed is that of `FrictionMotion`, well above that of
+the soil.
 
-Beside it run the derivatives of v and q by the parameters (forward sensitivities, from the implicit
-function theorem at each step) and those of v by the track speeds of the step alone.
+The derivatives of v and q by the parameters are integrated, too (forward sensitivities, from the implicit
+function theorem at each step), and those of v by the track speeds of the step alone.
 
 Symbols and axes are the paper's. Import this module inside functions only: numba takes half a second to
 load.
@@ -54,27 +54,27 @@ from icreckon.estimator.motion.friction_layout import (
 )
 from icreckon.estimator.tracing.jit_kernel import compiled
 
-# No substep is longer than this [s].
+# Longest substep [s].
 LONGEST_SUBSTEP = 0.0101
-# Motion of so long ago is forgotten [s]: a longer step counts as one of this length, and so does the
-# first, before which the vehicle has been moving at its track speeds.
+# Time after which earlier motion has no effect [s]: a longer step counts as one of this length, and so
+# does the first, before which the vehicle has been moving at its track speeds.
 SETTLING = 2.0
 NEWTON_ITERATIONS, LINE_SEARCHES = 30, 10
 # Newton's iteration ends with a step below this [m/s, rad/s].
 SETTLED = 1e-7
-# A Newton step that overshoots the minimum along its way is shortened, unless the slope there is below
-# this share of what it was.
+# A Newton step that overshoots the minimum is shortened, unless its slope there is below this share of
+# the initial slope.
 OVERSHOOT = 0.5
 # Step of the central difference by the contact length, as a share of it.
 DIFFERENCE = 1e-5
-# Slower turns show no indices [rad/s]; those of turns are averaged over some time [s].
+# Slower turns do not determine indices [rad/s]; indices of turns are averaged over this time [s].
 TURNS, AVERAGING = 0.1, 0.5
 LARGEST_ETA = 20.0
 
 
 @compiled
 def with_parameters(ground: Ground, nominal: Floats, parameters: Floats) -> Ground:
-    """The contact at other parameters than the nominal ones, each (PARAMETERS,)."""
+    """Contact at given parameters instead of the nominal ones, each (PARAMETERS,)."""
     stretch = parameters[LENGTH] / nominal[LENGTH]
     even = ground.even.copy()
     for k in range(3):
@@ -112,18 +112,18 @@ def step_motion(
     dt: float,
     memory: Floats,
 ) -> None:
-    """Move on by a step, with constant track speeds; the first one settles from rest instead.
+    """Integrate one step at constant track speeds; the first one settles from rest.
 
     Args:
         ground: the contact at the nominal parameters.
-        nominal: (PARAMETERS,).
-        yaw_inertia: about the vertical through the centre of mass [kg m²].
+        nominal: (PARAMETERS,) nominal parameters.
+        yaw_inertia: moment of inertia about the vertical through the centre of mass [kg m²].
         load_lag: T [s].
-        estimated: (PARAMETERS,) not zero where derivatives are wanted.
-        parameters: (PARAMETERS,) or more, as they are known now.
+        estimated: (PARAMETERS,) not zero for parameters with derivatives.
+        parameters: (PARAMETERS,) or more, the present estimate.
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
-        dt: [s].
+        dt: length of the step [s].
         memory: see `estimator.motion.friction_model`; overwritten.
 
     Raises:
@@ -136,7 +136,7 @@ def step_motion(
     S = memory[OF_SENSITIVITIES].reshape(STATES, PARAMETERS)
     B = memory[OF_SPEEDS].reshape(3, 2)
     at = memory[AT_PARAMETERS]
-    # What was learnt since the last step changes where it led to.
+    # Parameter updates since the last step change its final state.
     for k in range(PARAMETERS):
         change = parameters[k] - at[k]
         at[k] = parameters[k]
@@ -185,7 +185,7 @@ def _substep(
     by_speeds: Floats,
     workspace: Floats,
 ) -> None:
-    """One step of the scheme: states (5,), their derivatives (5, 6) and those by the speeds (5, 2)."""
+    """Integrate a substep: states (5,), derivatives (5, 6), and by the speeds (5, 2)."""
     M = here.mass
     x_CM, y_CM, _ = here.centre
     loads, by_right, by_forward = workspace[0], workspace[1], workspace[2]
@@ -254,7 +254,7 @@ def _differentiate(
     slopes: Floats,
     scratch: Floats,
 ) -> None:
-    """Bring derivatives of the states by one quantity from the start of a substep to its end.
+    """Propagate derivatives of the states by one quantity over a substep.
 
     Args:
         M: mass [kg].
@@ -264,7 +264,7 @@ def _differentiate(
         keep: k.
         mass: (3, 3) mass matrix A.
         matrix: (3, 3) A - h dF/dv at the end.
-        jacobian: (3, COLUMNS) of the forces there.
+        jacobian: (3, COLUMNS) derivatives of the forces there.
         by_force: (3,) derivative of the forces by the quantity at given twist and loads.
         direct: (3,) derivative of h I - A (v' - v) by it at given twists.
         slopes: (5,) overwritten.
@@ -308,7 +308,10 @@ def _minimise(
     values: Floats,
     jacobian: Floats,
 ) -> None:
-    """Bring v (3,), a twist to begin at, to that after a step, with the forces (3,) and their slopes."""
+    """Find the twist v (3,) after a step from an initial guess, in place.
+
+    `values` (3,) and `jacobian` are overwritten with the forces and their derivatives.
+    """
     gradient, move, trial = np.empty(3), np.empty(3), np.empty(3)
     _gradient(
         ground, mass, inertia, V_l, V_r, h, start, loads, by_right, by_forward, v, values, jacobian,
@@ -352,7 +355,7 @@ def _gradient(
     jacobian: Floats,
     gradient: Floats,
 ) -> None:
-    """What a twist v lacks of balance (3,): A (v - v_start) - h (F + I); also F and its Jacobian."""
+    """Residual (3,) A (v - v_start) - h (F + I) of a twist v; F and its Jacobian, too."""
     values[:] = 0.0
     jacobian[:] = 0.0
     add_track_forces(
@@ -381,10 +384,10 @@ def _forces_by_parameter(
     workspace: Floats,
     by_parameter: Floats,
 ) -> None:
-    """Derivatives (3, PARAMETERS) of the ground's forces at given twist, track speeds and q.
+    """Derivatives (3, PARAMETERS) of the ground's forces at fixed twist, speeds and q.
 
-    Forces are linear in friction, in rolling resistance and in the loads, which the centre of mass acts
-    through; only the contact's length needs a difference.
+    Forces are linear in friction, in rolling resistance and in the loads, through which the centre of
+    mass acts; only the contact's length needs a finite difference.
     """
     z_CM = at[Z_CM]
     loads, by_right, by_forward = workspace[3], workspace[4], workspace[5]

@@ -1,8 +1,8 @@
-"""The kinematics of tracked vehicles by ICRs and inertia: equations (1) to (30) of the paper.
+"""Kinematics of tracked vehicles by ICRs and inertia: equations (1) to (30).
 
 Symbols and axes are the paper's: X right, Y forward, Z up, origin at the centre of the tracks' contact
-area; so `v_x` is the lateral and `v_y` the longitudinal velocity HERE AND IN `motion.py` ONLY. Every
-function is plain arithmetic: its arguments broadcast, and floats give floats.
+area. So `v_x` is the lateral and `v_y` the longitudinal velocity, in this folder only. Every function is
+plain arithmetic: its arguments broadcast, and floats give floats.
 
 Source: "Inertia-based ICR Kinematic Model for Tracked Skid-Steer Robots"; the constant-ICR model is
 that of Martinez et al., "Approximating kinematics for tracked mobile robots", IJRR 24(10), 2005.
@@ -16,7 +16,7 @@ import numpy as np
 
 GRAVITY = 9.81  # m/s²
 
-# A float, a complex number or an array of either: whatever broadcasts.
+# A float, a complex number or an array of either.
 Number = Any
 
 
@@ -29,7 +29,7 @@ class Icrs(NamedTuple):
 
 
 class IndexValues(NamedTuple):
-    """Sliding index zeta [m], eccentricity index epsilon [m], steering efficiency index eta [-]."""
+    """Sliding index zeta [m], eccentricity epsilon [m], steering efficiency eta [-]."""
 
     zeta: Number
     epsilon: Number
@@ -37,7 +37,7 @@ class IndexValues(NamedTuple):
 
 
 class PaperTwist(NamedTuple):
-    """Planar velocity of the origin in the paper's axes: v_x right, v_y forward [m/s], w [rad/s]."""
+    """Velocity of the origin in paper axes: v_x right, v_y forward [m/s], w [rad/s]."""
 
     v_x: Number
     v_y: Number
@@ -78,12 +78,15 @@ def inertial_force_magnitude(twist: PaperTwist, mass: Number, x_CM: Number, y_CM
 
 
 def symmetry_coordinates(V_l: Number, V_r: Number, H: Number) -> tuple[Number, Number]:
-    """x_1, zero in straight motion, and x_2, zero in on-spot turning [m/s], (14) and (15)."""
+    """x_1, zero in straight motion, and x_2, zero in on-spot turns [m/s], (14), (15)."""
     return V_l - V_r, V_l + H * V_r
 
 
 def on_spot_ratio(icrs: Icrs, x_CM: Number) -> Number:
-    """H of (13) from the ICRs at no inertia: there v_CM = 0, so H = -(x_ICRl - x_CM)/(x_ICRr - x_CM)."""
+    """H of (13) from the ICRs at no inertia.
+
+    There v_CM = 0, so H = -(x_ICRl - x_CM)/(x_ICRr - x_CM).
+    """
     return -(icrs.x_ICRl - x_CM) / (icrs.x_ICRr - x_CM)
 
 
@@ -107,7 +110,7 @@ def direct(V_l: Number, V_r: Number, indices: IndexValues, gauge: Number) -> Pap
 
 
 def inverse(v_y: Number, w: Number, indices: IndexValues, gauge: Number) -> tuple[Number, Number]:
-    """Track speeds V_l, V_r [m/s] for a forward velocity and a yaw rate, (23) and (24)."""
+    """Track speeds V_l, V_r [m/s] for a forward velocity and yaw rate, (23) and (24)."""
     half = 0.5 * gauge * indices.eta
     return v_y + w * (indices.epsilon - half), v_y + w * (indices.epsilon + half)
 
@@ -119,7 +122,7 @@ def indices_at_inertia(force: Number, x_1: Number, x_2: Number, parameters: Any)
         force: magnitude of the force of inertia |F| [N].
         x_1: V_l - V_r [m/s], only its sign counts.
         x_2: V_l + H V_r [m/s], only its sign counts.
-        parameters: the eight, in the order of `estimator.robot.robot_file.Indices`.
+        parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`.
     """
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters
     signed = force * np.sign(x_1) * np.sign(x_2)
@@ -131,22 +134,25 @@ def indices_at_inertia(force: Number, x_1: Number, x_2: Number, parameters: Any)
 
 
 def signed_inertia(twist: PaperTwist, mass: Number, x_CM: Number) -> tuple[Number, Number]:
-    """The smooth stand-ins for |F| sign(x_1) sign(x_2) and |F| sign(x_2) [N].
+    """Smooth approximations of |F| sign(x_1) sign(x_2) and |F| sign(x_2) [N].
 
     They are -M w (v_y + x_CM w) and M |w| (v_y + x_CM w): the lateral force of inertia with the signs
-    that (25) to (27) give it, without their jumps at x_1 = 0 and x_2 = 0 and without H.
+    of (25) to (27), without their jumps at x_1 = 0 and x_2 = 0 and without H.
     """
     _, forward = velocity_of_centre_of_mass(twist, x_CM, 0.0)
     return -mass * twist.w * forward, mass * np.abs(twist.w) * forward
 
 
 def indices_at_signed_inertia(signed: Number, directed: Number, parameters: Any) -> IndexValues:
-    """Indices at the smooth signed inertia, (25) to (27) with `signed_inertia` in place of |F| sign().
+    """Indices at the smooth signed inertia, (25) to (27).
+
+    `signed_inertia` replaces |F| sign().
 
     Args:
         signed: first value of `signed_inertia` [N].
         directed: second value of `signed_inertia` [N].
-        parameters: the eight, in the order of `estimator.robot.robot_file.Indices`; H is not used.
+        parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`; H is
+            not used.
     """
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters
     return IndexValues(

@@ -1,7 +1,7 @@
-"""The paper's motion model, which without its gains is also that of constant ICRs and the ideal drive.
+"""Inertia-based index model; without gains, constant ICRs or the ideal drive.
 
 It is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
-indices. All of it hangs on one scalar u, the (signed) force of inertia, so the model is
+indices. One scalar u, the (signed) force of inertia, determines all of them, so the model is
 
     w   = D / (L eta) + r_w          D = V_r - V_l,  V_m = (V_l + V_r) / 2
     v_y = V_m - D / (L eta) epsilon + r_y
@@ -15,12 +15,11 @@ and, for the literal form,   g = |F| of (11),   S = u sign(x_1) sign(x_2),   Z =
 The indices are evaluated at a force of inertia of at most the weight: friction cannot balance more, and
 so the equation has a solution for any parameters.
 
-u is found by Newton's iteration from u = 0, by bisection in the rare case where that does not settle
-(parameters far from any real vehicle's), and the derivatives follow from the implicit-function
-theorem.
+u is found by Newton's iteration from u = 0, or by bisection in the rare case that this does not converge
+(parameters far from any real vehicle's). The derivatives follow from the implicit-function theorem.
 
-Symbols and axes are the paper's (see `kinematics`). Arguments broadcast; floats give floats, complex
-numbers pass through, for complex-step differentiation, and numba compiles the same functions, see
+Symbols and axes are the paper's (see `estimator.motion.icr`). Arguments broadcast; floats give floats,
+complex numbers pass through, for complex-step differentiation, and numba compiles the same functions, see
 `estimator.motion.motion_model`.
 """
 
@@ -60,7 +59,7 @@ SMALLEST_SLOPE = 0.25
 
 @dataclass(frozen=True)
 class InertiaMotion(Unremembering):
-    """The inertia-based index model: `linearise` with its options."""
+    """Inertia-based index model: `linearise` with its options."""
 
     vehicle: VehicleConstants
     form: Form = "smooth"
@@ -68,17 +67,17 @@ class InertiaMotion(Unremembering):
 
     @property
     def bounds(self) -> Floats:
-        """See `MotionModel`."""
+        """Bounds (n, 9) of the parameters, as in `MotionModel`."""
         return index_bounds(self.vehicle.gauge)
 
     def steering_efficiency(self, parameters: Any) -> float:
-        """See `MotionModel`."""
+        """Typical steering efficiency index [-], as in `MotionModel`."""
         return float(parameters[ETA0])
 
     def linearise(
         self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
     ) -> tuple[Motion, TwistDerivatives]:
-        """See `MotionModel`."""
+        """Motion and derivatives of its twist, as in `MotionModel`."""
         is_literal = self.form == "literal"
         return linearise(V_l, V_r, parameters, slip, self.vehicle, is_literal, self.slip_in_inertia)
 
@@ -98,12 +97,13 @@ def solve(
     Args:
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
-        parameters: the eight, in the order of `estimator.robot.robot_file.Indices`; each broadcasts.
+        parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`; each
+            broadcasts.
         vehicle: L, M, x_CM, y_CM.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
         slip: residual (r_x, r_y, r_w) added to the kinematic twist.
-        slip_in_inertia: whether the inertia is that of the twist with slip ("measured" inertia, when
-            the slip is estimated from an IMU) or of the kinematic twist alone (track speeds only).
+        slip_in_inertia: True for the inertia of the twist with slip ("measured" inertia, if the slip is
+            estimated from an IMU), False for that of the kinematic twist alone (track speeds only).
 
     Returns:
         The motion.
@@ -123,7 +123,7 @@ def linearise(
     is_literal: bool,
     slip_in_inertia: bool,
 ) -> tuple[Motion, TwistDerivatives]:
-    """The motion and the derivatives of its twist; arguments as those of `solve`."""
+    """Compute the motion and the derivatives of its twist; arguments as in `solve`."""
     in_inertia = slip if slip_in_inertia else NO_SLIP
     problem = _problem(V_l, V_r, parameters, vehicle, is_literal, in_inertia)
     u = _balance(problem)
@@ -133,7 +133,7 @@ def linearise(
 
 
 class _Problem(NamedTuple):
-    """What the force of inertia is to be found for; the slip is that in the inertia."""
+    """Inputs of the balance for the force of inertia; the slip is that in the inertia."""
 
     D: Number
     V_m: Number
@@ -146,7 +146,7 @@ class _Problem(NamedTuple):
 
 
 class _Evaluation(NamedTuple):
-    """Everything at one value of u; `eta_is_free` is 0 where eta is held at 1."""
+    """Evaluation of the model at one u; `eta_is_free` is 0 if eta is held at 1."""
 
     kinematic: PaperTwist
     indices: IndexValues
@@ -179,7 +179,7 @@ def _problem(
 
 
 def _balance(problem: _Problem) -> Number:
-    """A zero of u - g(u), the one that Newton's iteration reaches from zero."""
+    """Zero of u - g(u), reached by Newton's iteration from zero."""
     u = 0.0 * problem.D
     settled: Any = False
     for _ in range(NEWTON_ITERATIONS):
@@ -193,7 +193,7 @@ def _balance(problem: _Problem) -> Number:
 
 
 def _bisect(problem: _Problem) -> Number:
-    """A zero of u - g(u) by bisection: g is continuous and bounded, since the indices are."""
+    """Zero of u - g(u) by bisection: g is continuous and bounded, as the indices are."""
     high = 1.0 + 0.0 * problem.D
     for _ in range(BISECTIONS):
         short = ((high - _evaluate(high, problem).g).real < 0.0) | (
@@ -212,7 +212,7 @@ def _bisect(problem: _Problem) -> Number:
 
 
 def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
-    """Everything at one value of u: indices, twist, g and their derivatives by u and by the twist."""
+    """Evaluate indices, twist, g and their derivatives at one value of u."""
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = problem.parameters
     gauge, mass, x_CM, y_CM = problem.vehicle
     S_u, Z_u, slip = problem.S_u, problem.Z_u, problem.slip
@@ -273,7 +273,7 @@ def _motion(u: Number, at: _Evaluation, slip: tuple[Number, Number, Number]) -> 
 
 
 def _regressors(at: _Evaluation) -> Regressors:
-    """Z, S, S [N] and the square of the force [N²]."""
+    """Regressors Z, S, S [N] and the square of the force [N²]."""
     S = at.S_u * at.force
     return Regressors(at.Z_u * at.force, S, S, at.force * at.force)
 
@@ -308,7 +308,7 @@ def _total(
     by_u: tuple[Number, Number, Number],
     u_channel: Number,
 ) -> tuple[Number, Number, Number]:
-    """The twist by a channel: at fixed u, and through it."""
+    """Total derivative of the twist by a channel: at fixed u, and through u."""
     return (
         direct[0] + by_u[0] * u_channel,
         direct[1] + by_u[1] * u_channel,

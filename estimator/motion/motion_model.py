@@ -1,14 +1,14 @@
-"""What a filter needs of a motion model: body velocity from track speeds, with its derivatives.
+"""Interface of motion models: body velocity from track speeds, with derivatives.
 
 `estimator.motion.index_model` has the paper's model, `estimator.motion.friction_model` that of friction.
-Inside, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three indices
-and the slip), so a derivative by a parameter is a channel's times what multiplies that parameter in its
-index, its *regressor*. What is handed out are derivatives by the parameters, track speeds and slip
-themselves.
+Internally, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three
+indices and the slip). So a derivative by a parameter is that by a channel times the *regressor*, the
+factor of that parameter in its index. The interface has derivatives by the parameters, track speeds and
+slip themselves.
 
-Symbols and axes are the paper's (see `kinematics`). Functions without a class are written for floats,
-complex numbers and arrays, and for numba (`estimator.tracing.jit_kernel`): they look at real parts only
-in comparisons, and branch on plain flags only.
+Symbols and axes are the paper's (see `estimator.motion.icr`). Functions without a class are written for
+floats, complex numbers and arrays, and for numba (`estimator.tracing.jit_kernel`): comparisons use real
+parts only, and branches plain flags only.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 
 NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-# What a model remembers that remembers nothing.
+# Checkpoint of a model without memory.
 NO_MEMORY: Floats = np.zeros(0)
 
 
 class VehicleConstants(NamedTuple):
-    """L [m], M [kg] and the centre of mass (right, forward) [m], as the paper has them."""
+    """Constants of the paper: L [m], M [kg], centre of mass (right, forward) [m]."""
 
     gauge: float
     mass: float
@@ -35,13 +35,13 @@ class VehicleConstants(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The motion at given track speeds.
+    """Motion at given track speeds.
 
     Attributes:
         twist: body velocity, slip included.
         indices: index values of this motion.
         u: the (signed) force of inertia [N].
-        force: the same, of at most the weight.
+        force: u limited to the weight [N].
     """
 
     twist: PaperTwist
@@ -51,10 +51,10 @@ class Motion(NamedTuple):
 
 
 class TwistDerivatives(NamedTuple):
-    """Total derivatives of (v_x, v_y, w); each has three rows, as tuples or as an array.
+    """Total derivatives of (v_x, v_y, w), three rows each, as tuples or arrays.
 
     Attributes:
-        by_parameters: (3, 8), in the order of `estimator.robot.robot_file.Indices`.
+        by_parameters: (3, 8) by the parameters, in the order of `estimator.robot.robot_file.Indices`.
         by_speeds: (3, 2) by V_l and V_r.
         by_slip: (3, 3) by r_x, r_y and r_w.
     """
@@ -65,11 +65,11 @@ class TwistDerivatives(NamedTuple):
 
 
 class MotionModel(Protocol):
-    """How a robot moves at given track speeds.
+    """Motion model: body velocity of a robot at given track speeds.
 
-    A model may remember: what it says may depend on how the robot has moved before. Then `begin_step`
-    tells it how time goes on, and `memory` and `recall` let the filter go back in time, be copied and be
-    saved. A model that does not remember inherits from `Unremembering`.
+    A model may have memory: its output may depend on earlier motion. Then `begin_step` advances it in
+    time, and `memory` and `recall` are checkpoint and restore, with which the filter goes back in time,
+    is copied and saved. A model without memory inherits from `Unremembering`.
     """
 
     @property
@@ -78,7 +78,7 @@ class MotionModel(Protocol):
 
     @property
     def bounds(self) -> Floats:
-        """(n, 9) where the parameters p can be: rows of a (8,) and b in a p >= b."""
+        """Bounds (n, 9) of the parameters p: rows of a (8,) and b in a p >= b."""
 
     def steering_efficiency(self, parameters: Any) -> float:
         """Typical steering efficiency index [-] at these parameters, without inertia."""
@@ -86,60 +86,60 @@ class MotionModel(Protocol):
     def linearise(
         self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
     ) -> tuple[Motion, TwistDerivatives]:
-        """The motion and the total derivatives of its twist; changes nothing.
+        """Compute the motion and the total derivatives of its twist, without side effects.
 
         Args:
             V_l: speed of the left track [m/s].
             V_r: speed of the right track [m/s].
-            parameters: the eight, those of index models in the order of
+            parameters: eight parameters, those of index models in the order of
                 `estimator.robot.robot_file.Indices`.
             slip: residual (r_x, r_y, r_w) added to the model's twist.
         """
 
     @property
     def memory(self) -> Floats:
-        """(m,) all that it remembers; never changed afterwards."""
+        """Checkpoint (m,) of the model's memory; never changed afterwards."""
 
     def recall(self, memory: Floats) -> None:
-        """Go by what it remembered then.
+        """Restore a checkpoint.
 
         Args:
-            memory: (m,) as `memory` gave it.
+            memory: (m,) checkpoint from `memory`.
 
         Raises:
-            ValueError: it is not of the length that the model's memory has.
+            ValueError: its length is not that of the model's memory.
         """
 
     def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
-        """A step begins, at whose mean speeds the model is asked from here on.
+        """Begin a step; later calls of `linearise` are at its mean speeds.
 
         Args:
-            dt: how long it is [s].
-            V_l: mean speed of the left track in it [m/s].
-            V_r: mean speed of the right track in it [m/s].
-            parameters: the eight, as they stand.
+            dt: length of the step [s].
+            V_l: mean speed of the left track in the step [m/s].
+            V_r: mean speed of the right track in the step [m/s].
+            parameters: present estimate of the eight parameters.
         """
 
 
 class Unremembering:
-    """The part of a `MotionModel` that is about memory, for one that has none."""
+    """Base of a `MotionModel` without memory."""
 
     @property
     def memory(self) -> Floats:
-        """(0,)."""
+        """Checkpoint (0,), empty."""
         return NO_MEMORY
 
     def recall(self, memory: Floats) -> None:
-        """See `MotionModel`."""
+        """Restore a checkpoint, as in `MotionModel`."""
         if memory.shape != NO_MEMORY.shape:
             raise ValueError(f"a motion model without memory cannot recall {len(memory)} numbers")
 
     def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
-        """See `MotionModel`."""
+        """Begin a step, as in `MotionModel`."""
 
 
 class Regressors(NamedTuple):
-    """What multiplies each gain in its index, in units of the index over those of the gain."""
+    """Factor of each gain in its index, in units of the index over those of the gain."""
 
     zeta1: Number
     epsilon1: Number
@@ -148,7 +148,7 @@ class Regressors(NamedTuple):
 
 
 class Channels(NamedTuple):
-    """Total derivatives of (v_x, v_y, w) by each channel: each a triple."""
+    """Total derivatives of (v_x, v_y, w) by each channel, as triples."""
 
     D: tuple[Number, Number, Number]
     V_m: tuple[Number, Number, Number]
@@ -161,7 +161,7 @@ class Channels(NamedTuple):
 
 
 def through_channels(by: Channels, gains: Regressors) -> TwistDerivatives:
-    """Derivatives by the parameters, track speeds and slip from those by the channels."""
+    """Derivatives by parameters, track speeds and slip from those by the channels."""
     return TwistDerivatives(
         (_by_parameters(by, gains, 0), _by_parameters(by, gains, 1), _by_parameters(by, gains, 2)),
         (_by_speeds(by, 0), _by_speeds(by, 1), _by_speeds(by, 2)),
@@ -174,7 +174,7 @@ def through_channels(by: Channels, gains: Regressors) -> TwistDerivatives:
 
 
 def _by_parameters(by: Channels, gains: Regressors, axis: int) -> tuple[Number, ...]:
-    """H has no gradient in any model."""
+    """Derivatives (8,) of a component by the parameters; that by H is always zero."""
     zeta, epsilon, eta = by.zeta[axis], by.epsilon[axis], by.eta[axis]
     return (
         0.0 * zeta,
@@ -193,41 +193,41 @@ def _by_speeds(by: Channels, axis: int) -> tuple[Number, Number]:
     return half - by.D[axis], half + by.D[axis]
 
 
-# Comparisons look at the real part only, so that a complex step passes through.
+# Comparisons use the real part only, so that a complex step passes through.
 
 
 def sign(x: Number) -> Number:
-    """-1, 0 or 1."""
+    """Sign of the real part: -1, 0 or 1."""
     return 1.0 * (x.real > 0.0) - 1.0 * (x.real < 0.0)
 
 
 def at_or_above(x: Number, bound: float) -> Number:
-    """1 or 0."""
+    """Return 1 if x is at least `bound`, else 0."""
     return 1.0 * (x.real >= bound)
 
 
 def is_zero(x: Number) -> Number:
-    """1 or 0."""
+    """Return 1 if x is zero, else 0."""
     return 1.0 * (x == 0.0)
 
 
 def at_least(x: Number, bound: float) -> Number:
-    """The larger of the two."""
+    """Larger of x and `bound`."""
     inside = at_or_above(x, bound)
     return inside * x + (1.0 - inside) * bound
 
 
 def dot(a: tuple[Number, Number, Number], b: tuple[Number, Number, Number]) -> Number:
-    """Of two triples."""
+    """Dot product of two triples."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 class TwistModel(NamedTuple):
-    """The body velocity at a state.
+    """Body velocity at a state, with derivatives.
 
     Attributes:
         twist: (3,) v_x, v_y [m/s], w [rad/s].
-        jacobian: (3, SIZE) its derivative by the state; that by the parameters smoothed in time.
+        jacobian: (3, SIZE) its derivative by the state; that by the parameters is smoothed in time.
         by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
         motion: the solved motion model, in the paper's axes.
     """

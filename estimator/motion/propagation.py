@@ -1,4 +1,6 @@
-"""How a step moves pose and slip, with derivatives and noise, one number at a time.
+"""Propagation of pose and slip over a step, with derivatives and process noise.
+
+All functions work on scalars.
 
 Written for plain Python and for numba (`estimator.tracing.jit_kernel`).
 """
@@ -15,7 +17,7 @@ Triple = tuple[float, float, float]
 
 
 class PoseStep(NamedTuple):
-    """What a body motion adds to a pose.
+    """Increment of a pose by a body motion.
 
     Attributes:
         step: x, y [m], yaw [rad] in the axes of the pose.
@@ -29,11 +31,11 @@ class PoseStep(NamedTuple):
 
 
 class Fading(NamedTuple):
-    """How a Gauss-Markov process goes on over a step.
+    """Decay of a Gauss-Markov process over a step.
 
     Attributes:
-        decay: what is left of its value at the end [-].
-        mean: its mean over the step as a share of its value at the start [-].
+        decay: factor on its value at the end of the step [-].
+        mean: its mean over the step as a share of its initial value [-].
     """
 
     decay: float
@@ -41,7 +43,7 @@ class Fading(NamedTuple):
 
 
 def arc_with_slopes(angle: float) -> tuple[float, float, float, float]:
-    """The two of `arc_factors`, and their derivatives by the angle."""
+    """Return both `arc_factors`, and their derivatives by the angle."""
     a, b = arc_factors(angle)
     is_small = abs(angle) < 1e-4
     divisor = select(is_small, 1.0, angle)
@@ -51,7 +53,7 @@ def arc_with_slopes(angle: float) -> tuple[float, float, float, float]:
 
 
 def step_on_se2(yaw: float, motion: Any) -> PoseStep:
-    """Increment of a pose by a body motion: forward, to the left [m], counter-clockwise [rad]."""
+    """Increment of a pose by a body motion: forward, left [m], yaw [rad]."""
     dx, dy, angle = motion[0], motion[1], motion[2]
     a, b, a_slope, b_slope = arc_with_slopes(angle)
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -67,7 +69,7 @@ def step_on_se2(yaw: float, motion: Any) -> PoseStep:
 
 
 def fading(dt: float, tau: float) -> Fading:
-    """Of a process with time constant `tau` over `dt` [s]."""
+    """Decay of a Gauss-Markov process with time constant `tau` over `dt` [s]."""
     ratio = dt / tau
     if ratio > 0.0:
         return Fading(math.exp(-ratio), -math.expm1(-ratio) / ratio)
@@ -75,7 +77,9 @@ def fading(dt: float, tau: float) -> Fading:
 
 
 def gauss_markov_noise(dt: float, tau: float) -> Triple:
-    """Covariance of a unit-variance Gauss-Markov process and its integral, driven over `dt`.
+    """Process noise over `dt` of a unit Gauss-Markov process and its integral.
+
+    The process has unit variance.
 
     Returns:
         Variance of the integral [s²], covariance of integral and value [s], variance of the value.

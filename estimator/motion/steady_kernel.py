@@ -17,16 +17,16 @@ SMALLEST_STEP = 1e-6
 def newton_of_many(
     ground: Ground, V: Floats, steps: int, tolerance: float, twist: Floats, residual: Floats
 ) -> None:
-    """Newton's iteration with step halving; each pair until it is solved, stuck, or out of steps.
+    """Newton's iteration with step halving, until solved, stuck, or out of steps.
 
     Args:
         ground: the contact.
         V: (n, 2) track speeds [m/s].
         steps: evaluations of the balance after the first.
-        tolerance: largest part of the balance of a solved pair, as a share of the weight (moments: of
-            the weight times half the gauge).
-        twist: (n, 3) guesses; overwritten with the best that was found [m/s, m/s, rad/s].
-        residual: (n,) overwritten with the largest part of the balance left, in the same shares.
+        tolerance: largest component of the residual of a solved pair, as a share of the weight
+            (moments: of the weight times half the gauge).
+        twist: (n, 3) guesses; overwritten with the best twist found [m/s, m/s, rad/s].
+        residual: (n,) overwritten with the largest component of the residual, in these shares.
 
     Raises:
         ValueError: an array has the wrong size.

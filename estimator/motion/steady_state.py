@@ -1,21 +1,21 @@
-"""The stationary twist of a tracked vehicle for given track speeds: all forces and moments balance.
+"""Stationary twist of a tracked vehicle: all forces and moments balance.
 
 The balance (`estimator.motion.contact.steady_balance`) is solved for many pairs of track speeds. Each
 stage is Newton's iteration (compiled) with the analytic Jacobian and step halving on the norm of the
 balance:
 
-1. straight from a kinematic guess, which serves most pairs in a handful of steps;
-2. for the others (where one track's travel comes to a stand, or points lift off, the balance has kinks
-   as narrow as the regularising speed) along a falling sequence of regularising speeds, from nearly
-   viscous ground to the soil's own value;
-3. for what is still left (fast vehicles with a high centre of mass), along rising track speeds in
-   the same ratio, from a crawl, where inertia is nothing, to the full speeds: the motion that a
-   vehicle reaches by speeding up slowly;
-4. where that motion ceases to exist on the way, from guesses spread over all plausible twists.
+1. from a kinematic guess, which solves most pairs in a few steps;
+2. for the others, along a falling sequence of regularising speeds, from nearly viscous ground to the
+   soil's own value (if one track's travel stops, or points lift off, the balance has kinks as narrow as
+   the regularising speed);
+3. for the rest (fast vehicles with a high centre of mass), along rising track speeds in constant ratio,
+   from a crawl with negligible inertia to the full speeds: the motion that a vehicle reaches by slow
+   acceleration;
+4. if that motion ceases to exist on the way, from guesses spread over all plausible twists.
 
 Hard turns at high speed can have more than one stationary motion; one of them is found. A pair that
-none of the stages solves is never dropped: it is named in an error, or marked in the result. Both tracks
-at rest stand for rest: friction holds the vehicle, and its twist is zero.
+none of the stages solves is never dropped: it is named in an error, or marked in the result. With both
+tracks at rest, friction holds the vehicle, and its twist is zero.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.motion.contact import Contact, ground, steady_inertia, vertical_loads
 from icreckon.estimator.motion.icr import PaperTwist
 
-# Largest part of the balance in a solved state, as a share of the weight (moments: of the weight times
-# half the gauge), and the largest that is still called converged.
+# Largest residual of a solved state, as a share of the weight (moments: of the weight times half the
+# gauge), and the largest that still counts as converged.
 TOLERANCE = 1e-12
 CONVERGED = 1e-10
 DIRECT_STEPS = 20
 # Continuation: the first regularising speed as a share of the largest track speed, the ratio of one to
-# the next, and how well each but the last is solved.
+# the next, and the tolerance of each but the last.
 FIRST_REGULARISATION = 0.3
 RATIO = 0.4
 ROUGH_TOLERANCE = 1e-3
 CONTINUATION_STEPS = 5
 FINAL_STEPS = 80
-# Rising speeds: how many steps, coarse first.
+# Rising speeds: numbers of steps, coarse first.
 SPEED_STEPS = (16, 64)
 # Spread guesses: yaw rates as shares of the ideal differential drive's; forward velocities off the mean
 # track speed, and lateral ones, as shares of half the difference of the track speeds.
@@ -53,7 +53,7 @@ FORWARD_SHARES = np.linspace(-1.0, 1.0, 17)
 LATERAL_SHARES = (-0.2, 0.0, 0.2)
 # The guess: effective gauge over gauge of a typical skid-steer vehicle.
 TYPICAL_ETA = 2.5
-# An error names at most this many pairs.
+# Most pairs that an error names.
 NAMED = 8
 
 
@@ -65,10 +65,10 @@ class SteadyMotion:
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
         twist: velocity of the origin in the paper's axes [m/s, rad/s].
-        residual: largest part of the balance left, as a share of the weight (moments: of the weight
+        residual: largest component of the balance, as a share of the weight (moments: of the weight
             times half the gauge) [-].
-        converged: where the residual is at most `CONVERGED`.
-        tipping: where the force of inertia points outside the contact, so that the vehicle would tip.
+        converged: True if the residual is at most `CONVERGED`.
+        tipping: True if the force of inertia points outside the contact, so that the vehicle would tip.
     """
 
     V_l: Floats
@@ -79,10 +79,10 @@ class SteadyMotion:
     tipping: NDArray[np.bool_]
 
     def require_converged(self) -> SteadyMotion:
-        """This, where all of it converged.
+        """Return the motions if all converged.
 
         Raises:
-            EstimatorError: names the pairs of track speeds that did not converge.
+            EstimatorError: some did not; the message names their track speeds.
         """
         failed = np.flatnonzero(~self.converged)
         if not failed.size:
@@ -109,15 +109,15 @@ def solve_steady(
     guess: PaperTwist | None = None,
     strict: bool = True,
 ) -> SteadyMotion:
-    """The stationary motion for each pair of track speeds.
+    """Solve for the stationary motion of each pair of track speeds.
 
     Args:
         V_l: speed of the left track [m/s]; broadcasts with V_r.
         V_r: speed of the right track [m/s].
         contact: soil, contact geometry and body.
-        guess: twists near the solution, broadcastable to the same shape; the kinematics of a typical
-            vehicle where left out.
-        strict: whether to raise where a pair does not converge.
+        guess: twists near the solution, broadcastable to that shape; by default the kinematics of a
+            typical vehicle.
+        strict: True to raise an error if a pair does not converge.
 
     Raises:
         EstimatorError: a track speed is not finite, or (strict) some pairs did not converge.
@@ -147,9 +147,10 @@ def solve_steady(
 
 
 def track_speed_grid(top: float = 1.0, count: int = 21) -> tuple[Floats, Floats]:
-    """All pairs of evenly spaced track speeds in [-top, top] [m/s]: V_l (count, count), V_r alike.
+    """Grid of evenly spaced track speeds in [-top, top] [m/s].
 
-    V_l runs along the first axis. The default is the paper's grid of 441 pairs (section II).
+    Returns V_l and V_r, each (count, count), with V_l along the first axis. The default is the paper's
+    grid of 441 pairs (section II).
     """
     # Integers divided, so that equal, opposite and zero speeds are exactly that.
     speeds = top * np.arange(1 - count, count, 2) / (count - 1)
@@ -158,7 +159,7 @@ def track_speed_grid(top: float = 1.0, count: int = 21) -> tuple[Floats, Floats]
 
 
 class _Solved(NamedTuple):
-    """Twists (3, n) and the largest part of the balance left (n,)."""
+    """Twists (3, n) and the largest component of the residual (n,)."""
 
     twist: Floats
     residual: Floats
@@ -198,7 +199,7 @@ def _along_regularisation(start: Floats, V: Floats, contact: Contact) -> _Solved
 
 
 def _along_speed(V: Floats, contact: Contact, steps: int) -> _Solved:
-    """Newton's iteration along rising track speeds, each motion guessed from the one before."""
+    """Newton's iteration along rising track speeds, each from the previous motion."""
     twist = _guess(V, contact)
     for step in range(1, steps):
         share = step / steps
@@ -207,7 +208,7 @@ def _along_speed(V: Floats, contact: Contact, steps: int) -> _Solved:
 
 
 def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
-    """Best of what one pair of track speeds (2, 1) leads to from guesses all over."""
+    """Best solution for one pair of track speeds (2, 1) from spread guesses."""
     difference = np.abs(V[1, 0] - V[0, 0])
     yaw, forward, lateral = np.meshgrid(YAW_SHARES, FORWARD_SHARES, LATERAL_SHARES)
     w = yaw.ravel() * (V[1, 0] - V[0, 0]) / contact.geometry.gauge
@@ -222,7 +223,7 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
 
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
-    """Newton's iteration with step halving; each pair until it is solved, stuck, or out of steps."""
+    """Newton's iteration with step halving, until solved, stuck, or out of steps."""
     from icreckon.estimator.motion.steady_kernel import newton_of_many
 
     twist, residual = np.ascontiguousarray(start.T), np.full(V.shape[1], np.inf)
@@ -233,6 +234,6 @@ def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: f
 
 
 def _guess(V: Floats, contact: Contact) -> Floats:
-    """The twist (3, n) of a typical vehicle, which turns about a point beside its centre of mass."""
+    """Twist (3, n) of a typical vehicle that turns about a point beside its centre."""
     w = (V[1] - V[0]) / (TYPICAL_ETA * contact.geometry.gauge)
     return np.stack([contact.body.y_CM * w, V.mean(axis=0), w])

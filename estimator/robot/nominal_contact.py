@@ -1,4 +1,4 @@
-"""The contact that the friction model starts from, for a robot whose ground is not known."""
+"""Nominal contact of the friction model, for a robot on unknown ground."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.robot_file import Robot
 
-# Slow turns to both sides, tracks left and right as shares of the crawl [m/s]: inertia has no part.
+# Slow turns to both sides, tracks left and right as shares of the crawl [m/s]: inertia is negligible.
 TURNS = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 1.3], [1.3, 1.0]])
 CRAWL = 0.05
-# Where the contact's half length is looked for, as shares of what the robot file says.
+# Bounds of the search for the contact's half length, as shares of the robot file's value.
 SHORTEST, LONGEST = 0.05, 3.0
-# How far off the centre the centre of mass may be for it, as a share of half the extent.
+# Bound of the centre of mass in that search, as a share of half the extent.
 OFF_CENTRE = 0.7
 
 
 def presumed_contact(robot: Robot) -> Contact:
-    """The contact to start from.
+    """Initial contact of the friction model.
 
-    Where the robot file knows the ground (`[soil]`) it is the file's. Otherwise length and centre of mass
-    are such that the robot's constant ICRs are those of its slow turns: ICRs are measured, lengths and
-    weights of a robot file mostly are not.
+    It is the robot file's if that describes the ground (`[soil]`). Otherwise length and centre of mass
+    are chosen such that slow turns have the robot's constant ICRs: ICRs are measured, lengths and weights
+    of a robot file mostly are not.
 
     Raises:
         EstimatorError: the centre of mass does not lie over the contact.
@@ -39,7 +39,7 @@ def presumed_contact(robot: Robot) -> Contact:
 
 
 def slow_turns(contact: Contact) -> IndexValues:
-    """Indices (4,) each of slow stationary turns, wide and narrow ones to both sides."""
+    """Indices, (4,) each, of slow stationary turns, wide and narrow, to both sides."""
     V_l, V_r = CRAWL * TURNS.T
     twist = solve_steady(V_l, V_r, contact, strict=False).twist
     return IndexValues(
@@ -51,7 +51,7 @@ def slow_turns(contact: Contact) -> IndexValues:
 
 @lru_cache(maxsize=32)
 def _with_slow_turns(contact: Contact, zeta: float, epsilon: float, eta: float) -> Contact:
-    """The contact with another length and centre of mass, whose slow turns have these indices."""
+    """Contact with length and centre of mass such that slow turns have these indices."""
     from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
     geometry, body = contact.geometry, contact.body

@@ -1,4 +1,4 @@
-"""The robot file: what no log can tell about a robot, as TOML, checked on reading.
+"""Robot file: parameters that no log can reveal, as TOML, checked on reading.
 
 Axes are those of REP-103 (x forward, y left, z up, origin at the centre of the tracks' contact area),
 except in `[indices]` and `[constant_icr]`, which use the paper's symbols and axes (X right, Y forward).
@@ -23,9 +23,9 @@ from icreckon.estimator.motion.motion_model import VehicleConstants
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
-# A gyro that reads z alone must have at least this share of the vertical along its z axis.
+# Least share of the vertical along the z axis of a gyro that reads z alone.
 LEAST_UPRIGHT = 0.1
-# That of a vehicle whose file says nothing of it [s].
+# Default lag of the load transfer [s].
 LOAD_LAG = 0.2
 
 
@@ -41,11 +41,11 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             wheelbase [m].
         contact_points: evenly spaced points along each track that press on the ground: 2 for a pair of
             wheels, the number of road wheels of a track.
-        yaw_inertia: moment of inertia about the vertical through the centre of mass; that of a plate
-            as large as the contact's outline where left out [kg m²].
+        yaw_inertia: moment of inertia about the vertical through the centre of mass; by default that
+            of a plate as large as the contact's outline [kg m²].
         max_track_speed: highest speed of a track [m/s].
-        load_lag: how fast the loads on the tracks follow the force of inertia that shifts them, as the
-            vehicle rolls and pitches on its suspension [s].
+        load_lag: time constant of the load transfer by the force of inertia, as the vehicle rolls and
+            pitches on its suspension [s].
     """
 
     mass: float
@@ -76,17 +76,17 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The eight parameters of the inertia-based kinematics (paper, equations 25 to 27).
+    """Eight parameters of the inertia-based kinematics (paper, equations 25 to 27).
 
     Attributes:
         H: ratio of track speeds of on-spot turning, V_l = -H V_r (13) [-].
         zeta0: sliding index at no inertia [m].
-        zeta1: its gain with the force of inertia [m/N].
+        zeta1: gain of zeta with the force of inertia [m/N].
         epsilon0: eccentricity index at no inertia [m].
-        epsilon1: its gain [m/N].
+        epsilon1: gain of epsilon [m/N].
         eta0: steering efficiency index at no inertia [-].
-        eta1: its gain [1/N].
-        eta2: its quadratic gain [1/N²].
+        eta1: gain of eta [1/N].
+        eta2: quadratic gain of eta [1/N²].
     """
 
     H: float = 1.0
@@ -107,7 +107,7 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
     def as_array(self) -> Floats:
-        """(8,) in the order H, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2."""
+        """Array (8,) of H, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2."""
         return np.array(msgspec.structs.astuple(self), dtype=float)
 
 
@@ -127,21 +127,22 @@ class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The IMU: where it sits, and how far to trust it.
+    """Mounting and noise of the IMU.
 
     Attributes:
         rotation_rpy_deg: orientation of the IMU in base_link, fixed-axis roll, pitch, yaw [deg].
-        position: place of the IMU in base_link [m].
-        gyro_axes: "xyz", or "z" where only the z gyro was logged (then the rate about the body's z
-            axis is that reading over the cosine of the tilt).
+        position: position of the IMU in base_link [m].
+        gyro_axes: "xyz", or "z" if only the z gyro was logged (then the rate about the body's z axis
+            is that reading over the cosine of the tilt).
         gyro_scale: reading over true rate, 1 for an ideal gyro [-].
-        gyro_scale_sigma: standard deviation of what of it is not known [-].
-        gyro_noise_density: [rad/s/√Hz].
-        gyro_bias_sigma: standard deviation of the bias at the start [rad/s].
+        gyro_scale_sigma: standard deviation of the gyro's scale [-].
+        gyro_noise_density: white noise of the rate [rad/s/√Hz].
+        gyro_bias_sigma: standard deviation of the initial bias [rad/s].
         gyro_bias_walk: random walk of the bias [rad/s/√s].
-        accelerometer_noise_density: vibration and small slopes included [m/s²/√Hz].
-        accelerometer_bias_sigma: levelling error included [m/s²].
-        accelerometer_bias_walk: [m/s²/√s].
+        accelerometer_noise_density: white noise, vibration and small slopes included [m/s²/√Hz].
+        accelerometer_bias_sigma: standard deviation of the initial bias, levelling error included
+            [m/s²].
+        accelerometer_bias_walk: random walk of the bias [m/s²/√s].
     """
 
     rotation_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -178,11 +179,11 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The track-speed sensors.
+    """Noise of the track-speed sensors.
 
     Attributes:
         speed_noise_density: white noise of each track's speed [m/s/√Hz].
-        scale_sigma: standard deviation of the unknown part of the effective sprocket radius [-].
+        scale_sigma: standard deviation of the relative error of the effective sprocket radius [-].
     """
 
     speed_noise_density: float = 1e-3
@@ -194,25 +195,25 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Size of what an index model leaves unexplained: the slip residual of the body velocity.
+    """Size of the slip residual: body velocity that an index model does not explain.
 
     The residual is a first-order Gauss-Markov process, in w plus white noise. The standard deviation of
     the process is a share of the difference of the track speeds (turning) plus a share of their mean
     (driving); it vanishes at rest.
 
     Attributes:
-        turning_x: of v_x, per |V_r - V_l| [-].
-        turning_y: of v_y, per |V_r - V_l| [-].
-        turning_w: of w, per |V_r - V_l| / (L eta0) [-].
-        driving_x: of v_x, per |V_l + V_r| / 2 [-].
-        driving_y: of v_y, per |V_l + V_r| / 2 [-].
-        driving_w: of w, per |V_l + V_r| / 2 [rad/m].
+        turning_x: share for v_x, per |V_r - V_l| [-].
+        turning_y: share for v_y, per |V_r - V_l| [-].
+        turning_w: share for w, per |V_r - V_l| / (L eta0) [-].
+        driving_x: share for v_x, per |V_l + V_r| / 2 [-].
+        driving_y: share for v_y, per |V_l + V_r| / 2 [-].
+        driving_w: share for w, per |V_l + V_r| / 2 [rad/m].
         time_constant: correlation time of the process [s].
         white_time: the white noise of w has the density of a process of the same standard deviation
             and this (short) correlation time [s].
 
     Raises:
-        EstimatorError: a figure is negative or no finite number, or `time_constant` is zero.
+        EstimatorError: a value is negative or not a finite number, or `time_constant` is zero.
     """
 
     turning_x: float = 0.05
@@ -230,7 +231,7 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             require_not_negative(name, getattr(self, name))
 
     def scaled(self, factor: float) -> Slip:
-        """The same, of another size."""
+        """Scale all standard deviations by a factor."""
         sizes = {
             name: factor * getattr(self, name)
             for name in self.__struct_fields__
@@ -240,19 +241,18 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
-    """Everything that a robot file says.
+    """Content of a robot file.
 
     Attributes:
-        name: what to call the robot.
+        name: name of the robot.
         vehicle: mass and geometry.
         indices: the eight parameters of the inertia-based model.
-        constant_icr: the best constant ICRs; those of `indices` at no inertia where left out.
+        constant_icr: the best constant ICRs; by default those of `indices` at no inertia.
         imu: mounting and noise of the IMU.
         tracks: noise of the track speeds.
-        soil: friction and rolling resistance of the ground that it usually drives on, None where
-            they are not known.
+        soil: friction and rolling resistance of the robot's usual ground, None if unknown.
         slip: overrides of the slip residual, variant name -> Slip; see `estimator.robot.variants`.
-        log: topic mapping of this robot's logs, checked by whoever reads logs.
+        log: topic mapping of this robot's logs, checked by the readers of logs.
         format: version of the file format.
         note: free text.
     """
@@ -281,20 +281,20 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
 
     @cached_property
     def centre_of_mass_paper(self) -> tuple[float, float]:
-        """(x_CM, y_CM) in the paper's axes [m]."""
+        """Centre of mass (x_CM, y_CM) in the paper's axes [m]."""
         x_forward, y_left, _ = self.vehicle.centre_of_mass
         x_cm, y_cm = rep103_to_paper(x_forward, y_left)
         return float(x_cm), float(y_cm)
 
     @cached_property
     def constants(self) -> VehicleConstants:
-        """What the motion models need of mass and geometry, in the paper's axes."""
+        """Constants of the motion models: mass and geometry in the paper's axes."""
         vehicle = self.vehicle
         return VehicleConstants(vehicle.track_gauge, vehicle.mass, *self.centre_of_mass_paper)
 
     @cached_property
     def contact(self) -> Contact:
-        """The tracks on the robot's usual ground, `Soil()` where it is not known.
+        """Contact of the tracks with the robot's usual ground, `Soil()` if unknown.
 
         Raises:
             EstimatorError: the centre of mass does not lie over the contact, or below the ground.
@@ -325,7 +325,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
 
     @cached_property
     def constant_indices(self) -> Indices:
-        """The constant-ICR model as indices: zeta0, epsilon0, eta0 by (17) to (19), the rest zero."""
+        """Constant ICRs as indices: zeta0, epsilon0, eta0 by (17) to (19), others zero."""
         gauge = self.vehicle.track_gauge
         if self.constant_icr is None:
             plain = self.indices
@@ -340,7 +340,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
 
     @cached_property
     def imu_rotation(self) -> Floats:
-        """(3, 3) rotation that takes vectors from the IMU's axes to base_link."""
+        """Rotation (3, 3) of vectors from the IMU's axes to base_link."""
         roll, pitch, yaw = np.radians(self.imu.rotation_rpy_deg)
         return rpy_to_matrix(roll, pitch, yaw)
 
@@ -351,7 +351,7 @@ def robot_names() -> list[str]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """A robot by the name of a shipped file, or from a TOML file of one's own.
+    """Load a robot by the name of a shipped file, or from a TOML file.
 
     Args:
         name_or_path: a name from `robot_names()`, or the path of a `.toml` file.
@@ -371,10 +371,10 @@ def load_robot(name_or_path: str | Path) -> Robot:
 
 
 def require_robot(robot: object) -> None:
-    """Refuse what is no robot, such as the path of its file.
+    """Reject an argument that is not a `Robot`, such as the path of its file.
 
     Raises:
-        EstimatorError: the message says how to get one.
+        EstimatorError: it is not a `Robot`; the message says how to load one.
     """
     if not isinstance(robot, Robot):
         given = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"

@@ -1,4 +1,4 @@
-"""Settings of the pose estimator that are no property of the robot."""
+"""Settings of the pose estimator that do not depend on the robot."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from icreckon.estimator.robot.variants import Adaptation
 Engine = Literal["compiled", "plain"]
 Inertia = Literal["tracks", "imu"]
 
-# Working through more than this again would take longer than anyone can wait [s].
+# A re-run of a longer history would take too long [s].
 LONGEST_HISTORY = 60.0
-# Times beyond are none: thirty years [s].
+# Largest valid time, thirty years [s].
 LONGEST_TIME = 1e9
 
 
 class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When to stop rejecting.
+    """Settings of the chi-square gates.
 
     Attributes:
-        patience: after this many rejections in a row the next sample is taken as right; at 0 none
+        patience: number of consecutive rejections after which the next sample is accepted; at 0 none
             is rejected.
 
     Raises:
-        EstimatorError: `patience` is no whole number of at least 0.
+        EstimatorError: `patience` is not a whole number of at least 0.
     """
 
     patience: int = 10
@@ -49,23 +49,23 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-# A shorter time holds no readings to judge by [s].
+# A shorter time contains no readings [s].
 SHORTEST_STANDSTILL = 1e-3
 
 
 class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When a robot counts as standing.
+    """Conditions of standstill, all of which must hold.
 
     Attributes:
-        track_speed: both tracks slower than this [m/s]; at 0 no robot is ever found standing.
-        duration: for at least this long [s], no less than 1 ms.
-        quiet_gyro: the yaw-rate readings of that time within this of their mean [rad/s], or within
-            five standard deviations of their noise if that is more.
-        bias_margin: and their mean within this, or four standard deviations of the bias estimate if
-            that is more, of the bias estimate [rad/s].
+        track_speed: both tracks are slower than this [m/s]; at 0 standstill is never detected.
+        duration: they are for at least this long [s], no less than 1 ms.
+        quiet_gyro: the yaw-rate readings of that time are within this of their mean [rad/s], or
+            within five standard deviations of their noise if that is more.
+        bias_margin: their mean is within this of the bias estimate [rad/s], or within four standard
+            deviations of the bias estimate if that is more.
 
     Raises:
-        EstimatorError: a figure is negative or no finite number, or `duration` is too short.
+        EstimatorError: a value is negative or not a finite number, or `duration` is too short.
     """
 
     track_speed: float = 0.005
@@ -85,32 +85,31 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the filter works; every default is what it was tuned to.
+    """Settings of the filter, with tuned defaults.
 
     Attributes:
         engine: "compiled" by numba (making the first estimator ever takes some 20 s), or "plain"
             Python, which is eight times slower; they agree to rounding.
-        form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs); not of `friction`.
-        inertia: "tracks" (the kinematic twist's own) or "imu" (with the slip that the IMU shows); not
-            of `friction`.
-        slip: the slip residual, or None for the variant's own.
-        adaptation: spread of the parameters, or None for the variant's own.
-        hold: track speeds older than this are no longer trusted [s].
-        gap_acceleration: random walk that the speeds are then taken to follow [m/s/√s].
-        history: a measurement that comes this much later than a newer one is still taken in, at its own
-            stamp, and what came after it is worked through again [s]; what is older is refused. At 0,
-            nothing older than the newest is taken.
-        longest_gap: a stamp this much ahead of the newest is not believed, unless ten in a row are [s].
-        use_accelerometer: whether the accelerometers update the filter.
-        considered: names of parameters, biases and scales (see `state_names`) that are uncertain and stay
-            so: they keep value and standard deviation, and are allowed for in all that is estimated
-            (Schmidt-Kalman).
+        form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs); not for `friction`.
+        inertia: "tracks" (of the kinematic twist) or "imu" (with the slip estimated from the IMU); not
+            for `friction`.
+        slip: the slip residual, or None for the variant's default.
+        adaptation: prior and random walk of the parameters, or None for the variant's default.
+        hold: age from which track speeds are stale [s].
+        gap_acceleration: random walk of stale track speeds [m/s/√s].
+        history: largest delay of a measurement behind newer ones [s]. It is processed at its own stamp,
+            and later measurements are re-run; older ones are rejected. At 0, no measurement older than
+            the newest is accepted.
+        longest_gap: a stamp this much ahead of the newest is rejected, unless ten in a row are [s].
+        use_accelerometer: True if the accelerometers update the filter.
+        considered: names of consider states (Schmidt-Kalman): parameters, biases and scales (see
+            `state_names`) that keep value and standard deviation, and contribute to the covariance.
         gates: chi-square gates.
         standstill: standstill detection.
 
     Raises:
-        EstimatorError: there is no such choice, a figure is out of its range or no finite number, or
-            something else stands where a structure of settings belongs.
+        EstimatorError: an unknown choice, a value that is out of range or not a finite number, or a
+            value of a wrong type in place of a structure of settings.
     """
 
     engine: Engine = "compiled"

@@ -1,4 +1,4 @@
-"""The size of the slip residual at given track speeds."""
+"""Size of the slip residual at given track speeds."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from icreckon.estimator.robot.robot_file import Slip
 
 
 def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> tuple[Any, Any, Any]:
-    """Standard deviation of the slip residual of v_x, v_y and w (REP-103), as `Slip` describes it.
+    """Standard deviations of the slip residual of v_x, v_y, w (REP-103), see `Slip`.
 
     Args:
         V_l: speed of the left track [m/s], (n,) or a float.
-        V_r: speed of the right track [m/s], the same.
+        V_r: speed of the right track [m/s], (n,) or a float.
         slip: shares of turning and driving.
         effective_gauge: L eta0 [m].
 
@@ -31,5 +31,5 @@ def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> t
 
 
 def slip_sigma(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> Floats:
-    """`slip_components` as (n, 3) or (3,)."""
+    """Standard deviations of `slip_components` as an array (n, 3) or (3,)."""
     return np.stack(slip_components(V_l, V_r, slip, effective_gauge), axis=-1)

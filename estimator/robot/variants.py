@@ -1,9 +1,8 @@
-"""The filter variants that are compared: one code path, chosen by configuration.
+"""Filter variants to compare: one code path, selected by configuration.
 
-A variant is an index model (what the eight parameters do in it, and which it uses) and whether those
-are estimated on the way (`online`) or kept (`fixed`). What a model leaves unexplained, its slip, is part
-of it: a poorer model needs more. The defaults here are for a robot whose file says nothing better in
-`[slip]`.
+A variant is an index model (the role of the eight parameters, and those it uses) with parameters that are
+estimated (`online`) or kept (`fixed`). The slip residual, which the model leaves unexplained, is part of
+it: a poorer model needs more. The defaults here apply if the robot file has no `[slip]`.
 """
 
 from __future__ import annotations
@@ -29,10 +28,9 @@ from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.nominal_contact import presumed_contact
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
 
-# How much more slip the friction model leaves on ground that the robot file does not know, and with
-# parameters that stay as the file has them.
+# Factors on the friction model's slip if the robot file has no ground, and if parameters are fixed.
 ON_UNKNOWN_GROUND, UNLEARNT = 2.0, 1.5
-# A centre of mass is known no better than if it were this share of half the gauge above the ground.
+# Least height of the centre of mass that scales its uncertainty, as a share of half the gauge.
 LEAST_KNOWN_HEIGHT = 0.3
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07
@@ -42,7 +40,7 @@ Model = Literal["differential", "constant", "inertia", "friction"]
 
 @dataclass(frozen=True)
 class Variant:
-    """A filter variant: its name, its index model, and whether it estimates the parameters."""
+    """Filter variant: name, index model, and True if it estimates the parameters."""
 
     name: str
     model: Model
@@ -64,33 +62,34 @@ VARIANTS = {
 
 
 class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How far the parameters may be from where they start, and how fast they may move.
+    """Prior standard deviations and random walks of the parameters.
 
-    A parameter whose standard deviation is zero is not estimated: it stays where it starts. Those of the
-    index models come first; `zeta1`, `epsilon1`, `eta1` and `eta2` are given as what they contribute to
+    A parameter with standard deviation zero is not estimated: it keeps its initial value. Parameters of
+    the index models come first. `zeta1`, `epsilon1`, `eta1` and `eta2` are given as contributions to
     their index at a lateral force of inertia of 0.07 times the weight (the largest in the paper's
-    simulations). Those of the friction model follow.
+    simulations). Parameters of the friction model follow.
 
     Attributes:
-        zeta0: standard deviation at the start [m].
-        zeta1: [m].
-        epsilon0: [m].
-        epsilon1: [m].
-        eta0: [-].
-        eta1: [-].
-        eta2: [-].
-        friction: as a share of the coefficient [-].
-        rolling_resistance: [-].
-        contact_length: as a share of the length [-].
-        x_CM: as a share of half the gauge [-].
-        y_CM: as a share of half the contact's length [-].
-        z_CM: as a share of the height, or of 0.3 times half the gauge if that is more [-].
+        zeta0: prior standard deviation [m].
+        zeta1: prior standard deviation [m].
+        epsilon0: prior standard deviation [m].
+        epsilon1: prior standard deviation [m].
+        eta0: prior standard deviation [-].
+        eta1: prior standard deviation [-].
+        eta2: prior standard deviation [-].
+        friction: prior standard deviation, as a share of the coefficient [-].
+        rolling_resistance: prior standard deviation [-].
+        contact_length: prior standard deviation, as a share of the length [-].
+        x_CM: prior standard deviation, as a share of half the gauge [-].
+        y_CM: prior standard deviation, as a share of half the contact's length [-].
+        z_CM: prior standard deviation, as a share of the height, or of 0.3 times half the gauge if that
+            is more [-].
         walk: random walk of each, as a share of the above per √s of turning [1/√s].
-        ground_walk: the same of friction and rolling resistance, which change from place to place, where
-            the robot file knows the ground (`[soil]`).
+        ground_walk: random walk of friction and rolling resistance, which change from place to place,
+            if the robot file describes the ground (`[soil]`) [1/√s].
 
     Raises:
-        EstimatorError: a figure is negative or no finite number.
+        EstimatorError: a value is negative or not a finite number.
     """
 
     zeta0: float = 0.02
@@ -114,9 +113,9 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             require_not_negative(f"Adaptation.{name}", getattr(self, name))
 
 
-# Constant ICRs: the shares that Table II's RMS errors are of the RMS track-speed difference over the
-# grid of that table (0.856 m/s), and of the yaw rate that goes with it; the ideal differential drive:
-# what is left of the published model. The better models' are as much as they lack in transient motion.
+# Constant ICRs: Table II's RMS errors as shares of the RMS track-speed difference over the grid of that
+# table (0.856 m/s), and of the corresponding yaw rate; the ideal differential drive: its difference from
+# the published model. The better models' are their errors in transient motion.
 # Sizes, time constants and walks were chosen by benchmarks/tune_variants.py.
 DEFAULT_SLIP: dict[Model, Slip] = {
     "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
@@ -150,10 +149,10 @@ DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
 
 
 def find_variant(name: str) -> Variant:
-    """The variant of this name.
+    """Find a variant by its name.
 
     Raises:
-        EstimatorError: there is none; the message names the nearest.
+        EstimatorError: an unknown name; the message names the nearest.
     """
     found = VARIANTS.get(name) if isinstance(name, str) else None
     if found is None:
@@ -162,14 +161,14 @@ def find_variant(name: str) -> Variant:
 
 
 def default_adaptation(variant: str, **changes: float) -> Adaptation:
-    """The adaptation that a variant has where `Settings` say nothing, with some figures of one's own.
+    """Default adaptation of a variant, with changes.
 
     Args:
         variant: name of the filter variant.
-        changes: figures of `Adaptation` that are to be others, in its units.
+        changes: values of `Adaptation` to replace, in its units.
 
     Raises:
-        EstimatorError: there is no such variant or figure, or a figure cannot be.
+        EstimatorError: an unknown variant or name, or an invalid value.
     """
     default = DEFAULT_ADAPTATION[find_variant(variant).model]
     for name in changes:
@@ -186,15 +185,15 @@ def parameter_names(variant: Variant) -> tuple[str, ...]:
 
 
 def used_parameters(variant: Variant) -> tuple[str, ...]:
-    """The names of those that the model has."""
+    """Names of the parameters that the variant's model uses."""
     return tuple(name for name in parameter_names(variant) if not name.startswith("unused"))
 
 
 def state_names(variant: Variant | str) -> tuple[str, ...]:
-    """Names (SIZE,) of the states of a variant, or of the variant of that name.
+    """Names (SIZE,) of the states of a variant, given itself or its name.
 
     Raises:
-        EstimatorError: there is no variant of that name.
+        EstimatorError: an unknown variant.
     """
     if not isinstance(variant, Variant):
         variant = find_variant(variant)
@@ -204,10 +203,10 @@ def state_names(variant: Variant | str) -> tuple[str, ...]:
 
 
 def initial_parameters(robot: Robot, variant: Variant) -> Floats:
-    """The eight parameters (8,) that a variant starts from.
+    """Initial values of the eight parameters (8,) of a variant.
 
     They are the robot file's, as far as the variant's model has them; see
-    `estimator.robot.nominal_contact` for those of the friction model where the ground is not known.
+    `estimator.robot.nominal_contact` for those of the friction model on unknown ground.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground.
@@ -230,14 +229,14 @@ def motion_model(
     slip_in_inertia: bool = False,
     adaptation: Adaptation | None = None,
 ) -> MotionModel:
-    """The motion model of a variant.
+    """Make the motion model of a variant.
 
     Args:
         robot: the robot.
         variant: the variant.
-        form: see `estimator.motion.index_model.solve`; the friction model has no forms.
-        slip_in_inertia: see there; the friction model does not look at the slip.
-        adaptation: of the variant, its default where left out.
+        form: see `estimator.motion.index_model.solve`; not used by the friction model.
+        slip_in_inertia: see `estimator.motion.index_model.solve`; not used by the friction model.
+        adaptation: adaptation of the variant; its default for None.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground.
@@ -256,13 +255,13 @@ def motion_model(
 
 
 def slip_of(robot: Robot, variant: Variant) -> Slip:
-    """The slip residual of a variant: the robot file's `[slip.<variant>]`, or the default.
+    """Slip residual of a variant: the robot file's `[slip.<variant>]`, or the default.
 
-    Where the ground is not known (no `[soil]`), or the parameters are not learnt, friction says less and
-    leaves more to the slip.
+    If the ground is unknown (no `[soil]`), or the parameters are not estimated, the friction model
+    explains less and its slip is larger.
 
     Raises:
-        EstimatorError: the robot file has slip for a variant that there is not.
+        EstimatorError: the robot file has slip for an unknown variant.
     """
     for name in robot.slip:
         find_variant(name)
@@ -275,10 +274,10 @@ def slip_of(robot: Robot, variant: Variant) -> Slip:
 
 
 def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
-    """Standard deviations at the start of the eight parameters (8,), in their order in the state.
+    """Initial standard deviations of the eight parameters (8,), in state order.
 
-    Zero where the variant does not estimate the parameter. H has no gradient in the motion model: its
-    spread is zero too, and it stays what the robot file says.
+    They are zero for parameters that the variant does not estimate. H has no gradient in the motion
+    model: its standard deviation is zero, too, and it keeps the robot file's value.
     """
     if not variant.online:
         return np.zeros(8)
@@ -303,7 +302,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
 
 
 def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
-    """Random walks of the eight parameters (8,) at their full rate, per √s; zero like their sigmas."""
+    """Random walks of the eight parameters (8,) at full rate [1/√s]; zero like sigmas."""
     walks = np.full(8, adaptation.walk)
     if variant.model == "friction" and robot.soil is not None:
         walks[[FRICTION, ROLLING]] = adaptation.ground_walk

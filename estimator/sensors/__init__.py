@@ -1,4 +1,4 @@
-"""Sensor models: what gyro, accelerometer and tracks should read, and when a sensor cannot be trusted.
+"""Sensor models of gyro, accelerometer and tracks, and detection of sensor faults.
 
 Held and stuck track speeds, standstill, the clock of the IMU. Below: `robot`, `motion`, `log`, `base`.
 """

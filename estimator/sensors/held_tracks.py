@@ -1,4 +1,4 @@
-"""The newest track speeds: how fast, how old, how quickly changing, and how far to be trusted."""
+"""Held track speeds: newest values, age, acceleration, and error density if stale."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from icreckon.estimator.sensors.stuck_tracks import Repeating
 ACCELERATION_AVERAGING = 0.05
 # Time constant of the smoothed speeds [s].
 SMOOTHING = 0.2
-# Speeds that are not renewed are taken to die away with this time constant, once they are too old [s].
+# Time constant with which stale speeds decay [s].
 DYING_AWAY = 2.0
 
 
 class TrackMemory(msgspec.Struct, frozen=True):
-    """All that `HeldTrackSpeeds` goes by; attributes as there."""
+    """Checkpoint of `HeldTrackSpeeds`, with its attributes."""
 
     stamp: int | None = None
     left: float = 0.0
@@ -30,37 +30,37 @@ class TrackMemory(msgspec.Struct, frozen=True):
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
-    """Share of a new value in a smoothed one, at this time since the one before [s]."""
+    """Weight of a new value in an exponential average; `interval` since the last [s]."""
     return -math.expm1(-interval / time_constant)
 
 
 def acceleration_after(
     acceleration: float, interval: float, speed: float, speed_before: float
 ) -> float:
-    """The averaged acceleration of a track after one more sample [m/s²].
+    """Averaged acceleration of a track after one more sample [m/s²].
 
     Args:
-        acceleration: before it [m/s²].
-        interval: since the sample before [s].
-        speed: that was sampled [m/s].
-        speed_before: of the sample before [m/s].
+        acceleration: average before it [m/s²].
+        interval: time since the previous sample [s].
+        speed: speed of the sample [m/s].
+        speed_before: speed of the previous sample [m/s].
     """
     weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
     return acceleration + weight * (speed - speed_before - acceleration * interval)
 
 
 def left_of_speed(too_old: float) -> float:
-    """What is left of a speed that has been too old to be trusted for so long [s], as a share."""
+    """Decay factor of a held speed that has been stale for `too_old` seconds."""
     return math.exp(-too_old / DYING_AWAY)
 
 
 def mean_left_of_speed(dt: float, from_age: float, to_age: float) -> float:
-    """The same in the mean of a step.
+    """Mean decay factor of a held speed over a step.
 
     Args:
-        dt: of the step [s].
-        from_age: for how long the speed has been too old at the start of the step [s].
-        to_age: the same at its end, more than zero [s].
+        dt: length of the step [s].
+        from_age: time that the speed has been stale at the start of the step [s].
+        to_age: time that it has been stale at the end, more than zero [s].
     """
     fresh = dt - (to_age - from_age)
     dying = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
@@ -70,17 +70,17 @@ def mean_left_of_speed(dt: float, from_age: float, to_age: float) -> float:
 def walked_density(
     dt: float, from_age: float, to_age: float, gap_acceleration: float, fastest: float
 ) -> float:
-    """Density of the error over a step of a speed that is not known any more [m²/s].
+    """Error density of an unknown speed over a step [m²/s].
 
     A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
-    noise of density g² t². The walk is bounded by the fastest that the tracks can go.
+    noise of density g² t². The walk is bounded by the highest track speed.
 
     Args:
-        dt: of the step, more than zero [s].
-        from_age: for how long the speed has not been known at the start of the step [s].
-        to_age: the same at its end [s].
+        dt: length of the step, more than zero [s].
+        from_age: time that the speed has been unknown at the start of the step [s].
+        to_age: time that it has been unknown at the end [s].
         gap_acceleration: random walk of the speed [m/s/√s].
-        fastest: no track is faster [m/s].
+        fastest: highest speed of a track [m/s].
     """
     age = (to_age * to_age - from_age * from_age) / (2.0 * dt)
     square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
@@ -88,21 +88,21 @@ def walked_density(
 
 
 class HeldTrackSpeeds:
-    """Track speeds are held from one sample to the next; each is the average since the one before.
+    """Track speeds held from sample to sample; each is the average since the previous.
 
     Args:
-        hold: speeds older than this are no longer trusted [s].
-        gap_acceleration: random walk that they are then taken to follow [m/s/√s].
-        fastest: no track is faster [m/s].
+        hold: age from which speeds are stale [s].
+        gap_acceleration: random walk of stale speeds [m/s/√s].
+        fastest: highest speed of a track [m/s].
 
     Attributes:
-        stamp: of the newest sample [ns], or None.
-        left: [m/s].
-        right: [m/s].
+        stamp: stamp of the newest sample [ns], or None.
+        left: newest speed of the left track [m/s].
+        right: newest speed of the right track [m/s].
         interval: time between the newest two samples [s].
-        acceleration: of the left and the right track, averaged [m/s²].
-        smooth: speeds of the left and the right track, smoothed [m/s].
-        repeating: how long each of them has read the same; None before the first sample.
+        acceleration: averaged acceleration of the left and the right track [m/s²].
+        smooth: smoothed speeds of the left and the right track [m/s].
+        repeating: repetition record of each track; None before the first sample.
     """
 
     def __init__(self, hold: float, gap_acceleration: float, fastest: float) -> None:
@@ -113,7 +113,7 @@ class HeldTrackSpeeds:
         self.recall(TrackMemory())
 
     def memory(self) -> TrackMemory:
-        """What it goes by now."""
+        """Checkpoint of the present state."""
         return TrackMemory(
             self.stamp,
             self.left,
@@ -125,7 +125,7 @@ class HeldTrackSpeeds:
         )
 
     def recall(self, memory: TrackMemory) -> None:
-        """Go by what it went by then."""
+        """Restore a checkpoint."""
         self.stamp: int | None = memory.stamp
         self.left, self.right = memory.left, memory.right
         self.interval = memory.interval
@@ -134,7 +134,7 @@ class HeldTrackSpeeds:
         self.repeating = memory.repeating
 
     def take(self, stamp: int, left: float, right: float) -> None:
-        """Take a new sample, later than the one before."""
+        """Add a new sample, later than the previous one."""
         share = 1.0
         if self.stamp is not None:
             interval = (stamp - self.stamp) * NANOSECOND
@@ -168,29 +168,29 @@ class HeldTrackSpeeds:
 
     @property
     def stopped(self) -> bool:
-        """Whether both tracks read exactly zero; then the encoders have no noise."""
+        """True if both tracks read exactly zero; then the encoders have no noise."""
         return self.left == 0.0 and self.right == 0.0
 
     @property
     def acceleration_window(self) -> float:
-        """Time that `acceleration` is an average of [s]."""
+        """Averaging time of `acceleration` [s]."""
         return max(ACCELERATION_AVERAGING, self.interval)
 
     def age(self, now: int) -> float:
-        """Age at a stamp [ns] of what the speeds are an average of: the middle of their interval [s]."""
+        """Age of the speeds at a stamp [ns], from the middle of their interval [s]."""
         if self.stamp is None:
             return 0.0
         return min((now - self.stamp) * NANOSECOND + 0.5 * self.interval, self._hold)
 
     def speeds_at(self, now: int | None) -> tuple[float, float]:
-        """Speeds of the left and the right track at a stamp [ns], which die away when too old [m/s]."""
+        """Speeds of the left and the right track at a stamp [ns]; stale ones decay [m/s]."""
         if self.stamp is None or now is None or now - self.stamp <= self._hold_ns:
             return self.left, self.right
         share = left_of_speed(self._too_old(now))
         return share * self.left, share * self.right
 
     def mean_speeds(self, start: int, end: int) -> tuple[float, float]:
-        """Their means between two stamps [ns]."""
+        """Mean speeds of the left and the right track between two stamps [ns] [m/s]."""
         if self.stamp is None or end - self.stamp <= self._hold_ns:
             return self.left, self.right
         dt = (end - start) * NANOSECOND
@@ -198,28 +198,28 @@ class HeldTrackSpeeds:
         return share * self.left, share * self.right
 
     def _too_old(self, now: int) -> float:
-        """For how long the speeds have been too old to be trusted, at a stamp [ns] [s]."""
+        """Time [s] that the speeds have been stale at a stamp [ns]."""
         if self.stamp is None:
             return 0.0
         return max(0, now - self.stamp - self._hold_ns) * NANOSECOND
 
     def is_hole(self, stamp: int) -> bool:
-        """Whether a new sample at a stamp [ns] would come later than the newest can be held."""
+        """Return True if a sample at a stamp [ns] follows a gap longer than `hold`."""
         return self.stamp is not None and (stamp - self.stamp) * NANOSECOND > self._hold
 
     def gap_density(self, start: int, end: int) -> float:
-        """Density of the error of the speeds over a step, from being too old to be trusted [m²/s].
+        """Error density of stale speeds over a step [m²/s].
 
         Args:
             start: stamp of the step's start [ns].
-            end: of its end, later [ns].
+            end: stamp of its end, later [ns].
         """
         if self.stamp is None or end - self.stamp <= self._hold_ns:
             return 0.0
         return self._walked(start, end, self.stamp + self._hold_ns)
 
     def stuck_densities(self, start: int, end: int) -> tuple[float, float]:
-        """The same of the left and of the right track alone, where its sensor is stuck [m²/s]."""
+        """Error densities over a step of the left and the right track if stuck [m²/s]."""
         if self.repeating is None:
             return 0.0, 0.0
         left, right = self.repeating
@@ -230,7 +230,7 @@ class HeldTrackSpeeds:
         return 0.0 if since is None else self._walked(start, end, since)
 
     def _walked(self, start: int, end: int, since: int) -> float:
-        """Density of the error over a step of speeds that are not known since a stamp [m²/s]."""
+        """Error density over a step of speeds that are unknown since a stamp [m²/s]."""
         from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
         dt = (end - start) * NANOSECOND
         if dt <= 0.0:

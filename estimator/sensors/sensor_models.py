@@ -1,11 +1,11 @@
-"""What each sensor should read, by the state: one scalar measurement and its Jacobian row at a time.
+"""Measurement models: scalar predicted measurements and their Jacobian rows.
 
-A measurement is z = h(x) + noise. Each function here returns the residual z - h(x) at the present state,
-the row dh/dx (SIZE,), and the variance of the noise. Where several are taken one after the other at one
-linearisation, the later ones' residuals allow for what the earlier ones have moved.
+A measurement is z = h(x) + noise. Each function returns the innovation z - h(x) at the present state, the
+row dh/dx (SIZE,), and the variance of the noise. In sequential updates at one linearisation, later
+innovations account for the shift of the state by earlier ones.
 
-What the IMU should read is written for plain Python and for numba (`estimator.tracing.jit_kernel`), in
-functions of numbers.
+Functions of the IMU's predicted measurements serve plain Python and numba
+(`estimator.tracing.jit_kernel`).
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from icreckon.estimator.log.measurements import STANDSTILL_SIGMA, ImuSample, Vec
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.robot.robot_file import Robot
 
-# Of a standing robot's velocity.
+# Variances of a standing robot's velocity about zero.
 STANDSTILL_VARIANCE = tuple(sigma * sigma for sigma in STANDSTILL_SIGMA)
-# Share of the change of the track speeds that may be wrong because it comes late.
+# Relative uncertainty of the change of the track speeds, due to its delay.
 ACCELERATION_DOUBT = 0.2
 
 
 class Reading(NamedTuple):
-    """A scalar measurement set against its prediction.
+    """Scalar measurement compared with its prediction.
 
     Attributes:
-        residual: measured less predicted.
-        row: (SIZE,) derivative of the prediction by the state.
-        variance: of the measurement.
+        residual: innovation, measured less predicted.
+        row: (SIZE,) derivative of the predicted measurement by the state.
+        variance: variance of the measurement noise.
     """
 
     residual: float
@@ -41,13 +41,13 @@ class Reading(NamedTuple):
 
 
 class ImuConstants(NamedTuple):
-    """What the readings of an IMU depend on.
+    """Constants of an IMU.
 
     Attributes:
-        gyro_density: of its noise [rad²/s].
-        accelerometer_density: of its noise [m²/s³].
-        x: of the IMU in base_link, forward [m].
-        y: to the left [m].
+        gyro_density: noise density of the gyro [rad²/s].
+        accelerometer_density: noise density of the accelerometer [m²/s³].
+        x: position of the IMU in base_link, forward [m].
+        y: position of the IMU in base_link, to the left [m].
     """
 
     gyro_density: float
@@ -57,13 +57,13 @@ class ImuConstants(NamedTuple):
 
 
 class Forecast(NamedTuple):
-    """What an accelerometer should read.
+    """Predicted measurement of an accelerometer.
 
     Attributes:
-        predicted: without its bias [m/s²].
-        by_v_x: derivative by the speed forward [1/s].
+        predicted: prediction without bias [m/s²].
+        by_v_x: derivative by the forward velocity [1/s].
         by_w: derivative by the yaw rate [m/s].
-        variance: of the reading [m²/s⁴].
+        variance: variance of the reading [m²/s⁴].
     """
 
     predicted: float
@@ -73,13 +73,13 @@ class Forecast(NamedTuple):
 
 
 class TrackChange(NamedTuple):
-    """How the track speeds change, for sensors that show it.
+    """Change of the track speeds, an input of IMU predictions.
 
     Attributes:
-        acceleration: of the left and the right track [m/s²].
-        window: time that this is an average of [s].
-        speed_variance: of each track's speed, from its sensor's noise [m²/s²].
-        age: of what the track speeds are an average of [s].
+        acceleration: averaged acceleration of the left and the right track [m/s²].
+        window: averaging time of the acceleration [s].
+        speed_variance: variance of each track's speed, from its sensor's noise [m²/s²].
+        age: age of the track speeds, from the middle of their averaging interval [s].
     """
 
     acceleration: tuple[float, float]
@@ -89,13 +89,13 @@ class TrackChange(NamedTuple):
 
 
 class SensorModels:
-    """The sensors of one robot.
+    """Measurement models of one robot's sensors.
 
     Args:
         robot: the robot.
 
     Attributes:
-        constants: of its IMU.
+        constants: constants of its IMU.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -111,37 +111,37 @@ class SensorModels:
         _, self._leftward, self._upward = robot.imu_rotation.tolist()
 
     def yaw_rate(self, sample: ImuSample) -> float:
-        """Rate about base_link's z axis as the gyros say [rad/s]."""
+        """Rate about base_link's z axis, measured by the gyros [rad/s]."""
         if self._imu.gyro_axes == "z":
             return sample.angular_velocity[2] / (self._upward[2] * self._imu.gyro_scale)
         return _dot(self._upward, sample.angular_velocity) / self._imu.gyro_scale
 
     def yaw_rates(self, angular_velocities: Floats) -> Floats:
-        """The same of samples (n, 3) [rad/s]."""
+        """Rates (n,) about base_link's z axis of gyro samples (n, 3) [rad/s]."""
         x, y, z = angular_velocities.T
         if self._imu.gyro_axes == "z":
             return np.asarray(z / (self._upward[2] * self._imu.gyro_scale))
         return np.asarray(_dot(self._upward, (x, y, z)) / self._imu.gyro_scale)
 
     def to_the_left_of(self, forces: Floats) -> Floats:
-        """Of specific forces (n, 3), what `to_the_left` says [m/s²]."""
+        """Component to the left of base_link of specific forces (n, 3) [m/s²]."""
         return np.asarray(_dot(self._leftward, forces.T))
 
     def to_the_left(self, force: Vector3) -> float:
-        """Of a specific force in the IMU's axes, the part to the left of base_link [m/s²]."""
+        """Component to the left of base_link of a specific force in IMU axes [m/s²]."""
         return _dot(self._leftward, force)
 
     def gyro(
         self, rate: float, interval: float, model: TwistModel, x: Floats, change: TrackChange
     ) -> Reading:
-        """Yaw rate times scale, plus bias.
+        """Gyro measurement: yaw rate times scale, plus bias.
 
         Args:
-            rate: as `yaw_rate` returns it [rad/s].
+            rate: rate from `yaw_rate` [rad/s].
             interval: time between samples [s].
             model: the twist at `x`.
             x: (SIZE,) the state.
-            change: of the track speeds.
+            change: change of the track speeds.
         """
         w, scale = model.twist.item(2), 1.0 + x.item(s.GYRO_SCALE)
         row = scale * model.jacobian[2]
@@ -161,18 +161,18 @@ class SensorModels:
         change: TrackChange,
         slip_density: float,
     ) -> Reading:
-        """Specific force to the left: dv_y/dt + w v_x at the IMU's place, plus bias.
+        """Accelerometer measurement to the left: dv_y/dt + w v_x at the IMU, plus bias.
 
-        The forward one says little: it is the change of the track speeds, which are better known.
+        The forward component carries little information: the track speeds give it more accurately.
 
         Args:
-            force: in the IMU's axes [m/s²].
+            force: specific force in the IMU's axes [m/s²].
             interval: time between samples [s].
             model: the twist at `linearised_at`.
-            linearised_at: (SIZE,) a state.
+            linearised_at: (SIZE,) state of the linearisation.
             x: (SIZE,) the state.
-            change: of the track speeds.
-            slip_density: of the change of the sideways slip [m²/s³].
+            change: change of the track speeds.
+            slip_density: density of the change of the sideways slip [m²/s³].
         """
         forecast = accelerometer_forecast(
             self.constants,
@@ -192,14 +192,14 @@ class SensorModels:
 def twist_component(
     axis: int, value: float, variance: float, model: TwistModel, linearised_at: Floats, x: Floats
 ) -> Reading:
-    """One component of the body velocity.
+    """Measurement of one component of the body velocity.
 
     Args:
         axis: 0 forward, 1 to the left, 2 counter-clockwise.
-        value: what it is measured to be [m/s] or [rad/s].
-        variance: of the measurement.
+        value: measured value [m/s] or [rad/s].
+        variance: variance of the measurement.
         model: the twist at `linearised_at`.
-        linearised_at: (SIZE,) a state.
+        linearised_at: (SIZE,) state of the linearisation.
         x: (SIZE,) the state.
     """
     row = model.jacobian[axis]
@@ -209,15 +209,15 @@ def twist_component(
 def gyro_variance(
     imu: ImuConstants, interval: float, by_turning: Any, change: TrackChange
 ) -> float:
-    """Of a reading of the gyro against the yaw rate of the model.
+    """Variance of a gyro reading about the yaw rate of the motion model.
 
     Args:
         imu: the IMU.
         interval: time between samples [s].
         by_turning: (2,) derivative of the yaw rate by the track speeds.
-        change: of the track speeds.
+        change: change of the track speeds.
     """
-    # The newest track speeds are averages of the time before, so they come late.
+    # The newest track speeds are averages of the time before, so they are late.
     late = _along(by_turning, change.acceleration) * change.age
     return imu.gyro_density / interval + late * late
 
@@ -230,21 +230,21 @@ def accelerometer_forecast(
     change: TrackChange,
     slip_density: float,
 ) -> Forecast:
-    """What the accelerometer should read; arguments as those of `SensorModels.accelerometer`.
+    """Predict the accelerometer measurement; see `SensorModels.accelerometer`.
 
     Args:
         imu: the IMU.
         interval: time between samples [s].
-        twist: (3,) of base_link.
+        twist: (3,) twist of base_link.
         by_speeds: (3, 2) its derivative by the track speeds.
-        change: of the track speeds.
-        slip_density: of the change of the sideways slip [m²/s³].
+        change: change of the track speeds.
+        slip_density: density of the change of the sideways slip [m²/s³].
     """
     v_x, w = twist[0], twist[2]
     by_left, by_turning = by_speeds[1], by_speeds[2]
-    # What the kinematics change by, from the change of the track speeds.
+    # Change of the kinematic twist, from the change of the track speeds.
     dv_y, dw = _along(by_left, change.acceleration), _along(by_turning, change.acceleration)
-    # The slip's own change over the sample, what comes late of the derivative, and its noise.
+    # Variances of the slip's own change over the sample, of the derivative's delay, and of its noise.
     white = (imu.accelerometer_density + slip_density) / interval
     turning = dw * imu.x
     late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv_y * dv_y + turning * turning)
@@ -259,9 +259,9 @@ def accelerometer_forecast(
 
 
 def shift(row: Floats, x: Floats, since: Floats) -> float:
-    """How far a prediction has moved with the state since an earlier one; for numba, too.
+    """Shift of a predicted measurement since an earlier state; for numba, too.
 
-    Added up in order, so that it is the same to the last bit whoever does it.
+    It is summed in order, so that all callers agree to the last bit.
 
     Args:
         row: (SIZE,) Jacobian of the prediction.

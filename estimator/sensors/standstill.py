@@ -1,4 +1,4 @@
-"""Standstill detection: both tracks stopped, and an IMU that shows nothing but its bias."""
+"""Standstill detection: both tracks stopped, and a gyro that reads only its bias."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from icreckon.estimator.robot.settings import StandstillSettings
 
 
 class StandstillMemory(msgspec.Struct, frozen=True):
-    """All that a `StandstillDetector` goes by.
+    """Checkpoint of a `StandstillDetector`.
 
     Attributes:
         stopped_since: stamp of the first track speeds that were slow enough [ns], or None.
@@ -23,7 +23,7 @@ class StandstillMemory(msgspec.Struct, frozen=True):
 
 
 class StandstillDetector:
-    """Watches track speeds and yaw-rate readings, and says when the robot stands."""
+    """Detector of standstill from track speeds and yaw-rate readings."""
 
     def __init__(self, settings: StandstillSettings, gyro_noise_density: float) -> None:
         self._settings = settings
@@ -32,16 +32,16 @@ class StandstillDetector:
         self._readings: deque[tuple[int, float]] = deque()
 
     def memory(self) -> StandstillMemory:
-        """What it goes by now."""
+        """Checkpoint of the present state."""
         return StandstillMemory(self._stopped_since, tuple(self._readings))
 
     def recall(self, memory: StandstillMemory) -> None:
-        """Go by what it went by then."""
+        """Restore a checkpoint."""
         self._stopped_since = memory.stopped_since
         self._readings = deque(memory.readings)
 
     def track_speeds(self, stamp: int, left: float, right: float) -> None:
-        """Take notice of track speeds [m/s] at a stamp [ns]."""
+        """Add track speeds [m/s] at a stamp [ns]."""
         if max(abs(left), abs(right)) >= self._settings.track_speed:
             self._stopped_since = None
             self._readings.clear()
@@ -49,13 +49,13 @@ class StandstillDetector:
             self._stopped_since = stamp
 
     def yaw_rate(self, stamp: int, reading: float, bias: float, bias_sigma: float) -> bool:
-        """Take notice of a yaw-rate reading [rad/s]; True when the robot stands.
+        """Add a yaw-rate reading; return True if the robot stands.
 
         Args:
-            stamp: [ns].
-            reading: yaw rate as measured.
-            bias: present estimate of the gyro's bias.
-            bias_sigma: its standard deviation.
+            stamp: stamp of the reading [ns].
+            reading: measured yaw rate [rad/s].
+            bias: present estimate of the gyro's bias [rad/s].
+            bias_sigma: standard deviation of that estimate [rad/s].
         """
         if self._stopped_since is None:
             return False

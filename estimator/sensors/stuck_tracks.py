@@ -1,8 +1,8 @@
-"""Whether a track's sensor is stuck: it repeats itself to the last bit, while the other one's does not.
+"""Stuck track sensors: one repeats a reading while the other track's changes.
 
-Many sensors repeat themselves: those that are read less often than they are told of, and those of coarse
-resolution at a steady speed. So repeating counts only where the other track has read many different
-values meanwhile, and where it goes on for much longer than this track has repeated itself before.
+Many sensors repeat readings: those sampled less often than they are published, and those of coarse
+resolution at a steady speed. So repetition counts only if the other track has read many different values
+meanwhile, and if it lasts much longer than this track's earlier repetitions.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 
-# So many different readings of the other track there must be, and so many of its own before.
+# Required number of different readings of the other track, and of its own before.
 OTHERS, OWN = 10, 20
-# A track's repeating is unusual from so many times the longest before.
+# Repetition is unusual from this multiple of the longest before.
 UNUSUAL = 3.0
 
 
 class Repeating(msgspec.Struct, frozen=True):
-    """How long a track has read the same.
+    """Repetition record of one track's readings.
 
     Attributes:
-        reading: the newest [m/s].
-        since: stamp of the first sample of those in a row that read so [ns].
+        reading: newest reading [m/s].
+        since: stamp of the first of the consecutive samples with this reading [ns].
         newest: stamp of the last of them [ns].
-        others: what the other track has read since then, each value once, at most `OTHERS` [m/s].
-        changes: how often the reading has changed, at most `OWN`.
-        longest: time that it has read the same for, moving and not stuck, at most [s].
+        others: distinct readings of the other track since then, at most `OTHERS` [m/s].
+        changes: number of changes of the reading, at most `OWN`.
+        longest: longest time of one reading while moving and not stuck [s].
     """
 
     reading: float
@@ -37,13 +37,13 @@ class Repeating(msgspec.Struct, frozen=True):
     longest: float = 0.0
 
     def after(self, stamp: int, reading: float, other: float, hold: float) -> Repeating:
-        """After one more sample.
+        """Record after one more sample.
 
         Args:
-            stamp: of the sample [ns].
-            reading: of the track [m/s].
-            other: of the other track [m/s].
-            hold: what comes later than this does not belong together [s].
+            stamp: stamp of the sample [ns].
+            reading: reading of the track [m/s].
+            other: reading of the other track [m/s].
+            hold: a longer gap between samples starts a new record [s].
         """
         if (stamp - self.newest) * NANOSECOND > hold:
             return Repeating(reading, stamp, stamp, (other,), self.changes, self.longest)
@@ -59,14 +59,14 @@ class Repeating(msgspec.Struct, frozen=True):
 
     @property
     def repeats(self) -> bool:
-        """Whether the newest two samples read the same."""
+        """True if the newest two samples have the same reading."""
         return self.since != self.newest
 
     def stuck_from(self, hold: float) -> int | None:
-        """Stamp from which the reading is not to be trusted [ns]; None where it is.
+        """Stamp from which the reading is stuck [ns]; None if it is not.
 
         Args:
-            hold: how long a reading may be old in any case [s].
+            hold: age up to which a reading is valid in any case [s].
         """
         if not self.repeats or len(self.others) < OTHERS or self.changes < OWN:
             return None

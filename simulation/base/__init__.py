@@ -1,4 +1,4 @@
-"""Ground floor: errors, types of fields, sample times, random streams, and kernels of noise.
+"""Errors, field types, sample times, random streams, and noise kernels.
 
 Below: `estimator`.
 """

@@ -4,8 +4,8 @@ from icreckon.estimator.base.errors import IcreckonError
 
 
 class SimulationError(IcreckonError, ValueError):
-    """A simulation that cannot be run as asked.
+    """A simulation that cannot be run as configured.
 
-    It is a `ValueError`, so that `estimator.base.config.convert` says in which table of which file it
-    arose.
+    It is a `ValueError`, so that `estimator.base.config.convert` reports the table and the file in
+    which it arose.
     """

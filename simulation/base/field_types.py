@@ -1,4 +1,4 @@
-"""Plain data from Python, brought to the types that its fields are declared with."""
+"""Conversion of plain Python data to the declared types of its fields."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from icreckon.simulation.base.errors import SimulationError
 
 
 def settle_types(data: msgspec.Struct) -> None:
-    """Give every field of a new structure the type that it is declared with, where nothing is lost.
+    """Convert every field of a new structure to its declared type, if lossless.
 
     Integers become floats, lists tuples, NumPy's scalars and arrays plain numbers, paths strings.
 
@@ -21,7 +21,7 @@ def settle_types(data: msgspec.Struct) -> None:
         data: the structure, as in its `__post_init__`; changed in place.
 
     Raises:
-        SimulationError: a value of another type; names the field.
+        SimulationError: a value of another type; the message names the field.
     """
     for name, kind in _fields(type(data)):
         try:

@@ -1,4 +1,4 @@
-"""Errors of sensors sample by sample, for numba; import it inside functions only."""
+"""Sensor errors sample by sample, for numba; import it inside functions only."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ def gauss_markov_of(noise: Floats, decay: float, drive: float) -> None:
 
     Args:
         noise: overwritten.
-        decay: what is left of a value after a step [-].
-        drive: standard deviation of what a step adds [-].
+        decay: factor on a value after one step [-].
+        drive: standard deviation of the noise added in one step [-].
 
     Raises:
         ValueError: the array has the wrong size.
@@ -36,18 +36,20 @@ def add_inertial_errors(
     bias: Floats,
     largest: float,
 ) -> None:
-    """What a sensor reads, and its bias; see `simulation.sensors.imu`.
+    """Compute the readings of an inertial sensor, and its bias, from the true values.
+
+    `simulation.sensors.imu` describes the error model.
 
     Args:
-        true: (n, 3) in its axes [unit].
-        draws: (n, 2, 3) unit normal: of the white noise, and of the walk of the bias.
-        triad: (3, 3) of scale and alignment.
-        start: (3,) the bias at turn-on [unit].
-        white: noise of a sample [unit].
-        walk: of the bias from sample to sample [unit].
-        reading: (n, 3) written to [unit].
-        bias: (n, 3) holds what else is bias, and is added to [unit].
-        largest: that it can read [unit].
+        true: (n, 3) true values in the sensor's axes [unit].
+        draws: (n, 2, 3) unit normal, for the white noise and for the random walk of the bias.
+        triad: (3, 3) matrix of scale and alignment.
+        start: (3,) bias at turn-on [unit].
+        white: standard deviation of a sample's white noise [unit].
+        walk: standard deviation of the bias walk per sample [unit].
+        reading: (n, 3) overwritten with the readings [unit].
+        bias: (n, 3) other parts of the bias; turn-on bias and walk are added in place [unit].
+        largest: range of the sensor [unit].
 
     Raises:
         ValueError: an array has the wrong size.

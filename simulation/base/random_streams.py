@@ -1,4 +1,4 @@
-"""Random streams of a run, from the seed of the study and the index of the run alone."""
+"""Random streams of a run, from the study's seed and the run's index alone."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from numpy.random import Generator, SeedSequence
 
 from icreckon.simulation.base.errors import SimulationError
 
-# NumPy takes larger ones, TOML and most other programs do not.
+# NumPy accepts larger seeds; TOML and most other programs do not.
 LARGEST_SEED = 2**63 - 1
 
 
 class Streams(NamedTuple):
-    """Independent random streams of one run; new ones go to the end, so that old runs stay."""
+    """Independent random streams of one run.
+
+    New streams are appended, so that existing runs do not change.
+    """
 
     trajectory: Generator
     truth: Generator
@@ -25,10 +28,10 @@ class Streams(NamedTuple):
 
 
 def random_streams(seed: int, run_index: int = 0) -> Streams:
-    """The random streams of a run, from the study's seed and the run's index and nothing else.
+    """Random streams of a run, from the study's seed and the run's index alone.
 
     Raises:
-        SimulationError: one of the two is no whole number from 0 to `LARGEST_SEED`.
+        SimulationError: seed or index is not a whole number from 0 to `LARGEST_SEED`.
     """
     check_whole("seed", seed)
     check_whole("run_index", run_index)
@@ -37,7 +40,7 @@ def random_streams(seed: int, run_index: int = 0) -> Streams:
 
 
 def check_whole(name: str, value: int) -> None:
-    """Refuse what is no whole number from 0 to `LARGEST_SEED`."""
+    """Reject a value that is not a whole number from 0 to `LARGEST_SEED`."""
     if not (isinstance(value, int | np.integer) and 0 <= value <= LARGEST_SEED):
         raise SimulationError(
             f"{name} must be a whole number from 0 to {LARGEST_SEED}, found {value!r}"

@@ -1,8 +1,9 @@
-"""Makers of commanded track speeds: each drives in its own way from its options.
+"""Trajectory generators: functions from options to commanded track speeds.
 
-Their keyword arguments are the options of a trajectory (`simulation.drives.trajectories`), with what
-values are allowed. Speeds are shares of the robot's `max_track_speed`, so that each fits any robot.
-Random ones are drawn event by event, so a longer one from the same seed begins as the shorter.
+Their keyword arguments are the options of a trajectory (`simulation.drives.trajectories`); the types
+state the allowed values. Speeds are shares of the robot's `max_track_speed`, so that each trajectory
+fits any robot. Random trajectories are drawn event by event, so a longer one from the same seed begins
+like the shorter.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from icreckon.simulation.drives.smooth_speeds import (
     blends,
 )
 
-# What half a square wave loses to its blended edges, as a share of the length of an edge.
+# Distance that half a square wave loses to its blended edges, as a share of an edge's length.
 EDGE_LOSS = 0.3125
 
 Share = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
@@ -38,7 +39,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 
 def straight(_duration: float, robot: Robot, _rng: Generator, *, speed: Share = 0.6) -> Blends:
-    """Straight ahead at a constant share `speed` of max_track_speed; backward if negative."""
+    """Straight line at a share `speed` of max_track_speed; backward if negative."""
     top = robot.vehicle.max_track_speed
     return blends([(STANDSTILL, speed * top, speed * top)])
 
@@ -51,7 +52,7 @@ def spin(
     speed: Share = 0.6,
     ratio: Positive | None = None,
 ) -> Blends:
-    """Turning on the spot, to the left if `speed` is positive: V_l = -H V_r, equation (13).
+    """Turn on the spot, V_l = -H V_r, equation (13); to the left if `speed` > 0.
 
     Args:
         robot: gives max_track_speed and H.
@@ -66,7 +67,10 @@ def spin(
 def circle(
     _duration: float, robot: Robot, _rng: Generator, *, speed: Share = 0.5, turn: Share = 0.25
 ) -> Blends:
-    """A circle: mean `speed` and half difference `turn` (left positive), shares of max_track_speed."""
+    """Circle of mean `speed` and half difference `turn` of the tracks.
+
+    Both are shares of max_track_speed; a positive `turn` is to the left.
+    """
     top = robot.vehicle.max_track_speed
     return blends([(STANDSTILL, (speed - turn) * top, (speed + turn) * top)])
 
@@ -79,7 +83,7 @@ def figure_eight(
     speed: Share = 0.5,
     turn: Share = 0.25,
 ) -> Blends:
-    """Full circles, left and right in turn, as long as `eta0` of the robot file makes them full.
+    """Full circles, left and right in turn, for the `eta0` of the robot file.
 
     Args:
         duration: seconds to fill.
@@ -112,14 +116,14 @@ def slalom(
     lowest: NotNegative = 0.05,
     highest: Positive = 0.25,
 ) -> Slalom:
-    """Left and right with rising frequency.
+    """Slalom, left and right with rising frequency.
 
     Args:
         duration: the frequency reaches its highest value at the end [s].
         robot: gives max_track_speed.
         speed: mean speed as a share of max_track_speed.
         turn: half the difference of the tracks as a share of max_track_speed, right first if
-            negative; less where the acceleration at the highest frequency asks for it.
+            negative; reduced if the acceleration at the highest frequency exceeds its limit.
         lowest: frequency at the start [Hz].
         highest: frequency at the end [Hz].
     """
@@ -141,13 +145,13 @@ def random_driving(
     reverse: Probability = 0.08,
     stop: Probability = 0.08,
 ) -> Blends:
-    """Everyday driving: forward mostly, bends and straights, now and then a stop or some reversing.
+    """Random everyday driving: bends and straights, occasional stops and reversing.
 
     Args:
         duration: seconds to fill.
         robot: gives max_track_speed.
         rng: draws the speeds and how long they are held.
-        hold: mean of the exponential time that speeds are held [s].
+        hold: mean of the exponentially distributed time that speeds are held [s].
         reverse: share of reversing among the manoeuvres.
         stop: share of stops.
     """
@@ -165,13 +169,13 @@ def random_driving(
 
 
 def aggressive(duration: float, robot: Robot, rng: Generator, *, hold: NotNegative = 0.7) -> Blends:
-    """Both tracks anywhere in their speed range, reverse included, uniformly and independently.
+    """Random track speeds, uniform over the full range, reverse included.
 
     Args:
         duration: seconds to fill.
         robot: gives max_track_speed.
         rng: draws the speeds and how long they are held.
-        hold: mean of the exponential time that speeds are held [s].
+        hold: mean of the exponentially distributed time that speeds are held [s].
     """
     top = robot.vehicle.max_track_speed
 
@@ -192,17 +196,17 @@ def arcs(
     widest: Positive = 10.0,
     hold: NotNegative = 4.0,
 ) -> Blends:
-    """Arcs of random radius to the left and to the right, as wide as `eta0` of the robot file has them.
+    """Arcs of random radius to the left and right, for the `eta0` of the robot file.
 
     Args:
         duration: seconds to fill.
         robot: gives max_track_speed, the gauge and eta0.
-        rng: draws radii (evenly in their logarithm), sides and how long arcs are held.
-        speed: mean of the tracks as a share of max_track_speed; less where the outer track would
+        rng: draws radii (log-uniform), sides and how long arcs are held.
+        speed: mean of the tracks as a share of max_track_speed; reduced if the outer track would
             exceed max_track_speed.
         tightest: smallest radius [m].
         widest: largest radius [m].
-        hold: mean of the exponential time that an arc is held [s].
+        hold: mean of the exponentially distributed time that an arc is held [s].
     """
     top = robot.vehicle.max_track_speed
     effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
@@ -226,7 +230,7 @@ def stop_and_go(
     drive: NotNegative = 6.0,
     rest: NotNegative = 3.0,
 ) -> Blends:
-    """Drives and rests in turn: straight, bending left, bending right, and so on.
+    """Alternate drives and rests: straight, bending left, bending right, and so on.
 
     Args:
         duration: seconds to fill.
@@ -248,14 +252,14 @@ def stop_and_go(
 
 
 def recorded(series: TrackSpeedSeries, *, factor: Positive = 1.0) -> Recorded:
-    """A recorded drive, after a standstill and a ramp to its first speeds; at its end, a ramp down.
+    """Recorded drive between a standstill with a ramp up, and a ramp down.
 
     Args:
         series: the recorded track speeds.
-        factor: on its speeds [-].
+        factor: factor on its speeds [-].
 
     Raises:
-        SimulationError: as `simulation.drives.recorded.recorded_command`.
+        SimulationError: as in `simulation.drives.recorded.recorded_command`.
     """
     return recorded_command(series, factor)
 

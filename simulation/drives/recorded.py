@@ -1,4 +1,4 @@
-"""A recorded series of track speeds as a trajectory: from a CSV file, or from a log in memory."""
+"""Trajectory from recorded track speeds: a CSV file, or a log in memory."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.smooth_speeds import STANDSTILL, blend_length
 
 COLUMNS = ("t", "left", "right")
-# A recording longer than this has its times in another unit than seconds [s].
+# A longer recording has its times in another unit than seconds [s].
 LONGEST = 1e6
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """Track speeds through given points, with a monotone cubic between (Fritsch and Butland).
+    """Track speeds through given points by monotone cubics (Fritsch and Butland).
 
-    Speed and acceleration do not jump, and between two points no speed leaves their range. Before
-    the first point and after the last one, the speeds are theirs.
+    Speed and acceleration are continuous, and between two points no speed leaves their range. Before
+    the first point and after the last one, the speeds are constant.
 
     Attributes:
         times: (k,) ascending [s].
@@ -55,15 +55,15 @@ class Recorded:
 
 
 def recorded_command(series: TrackSpeedSeries, factor: float) -> Recorded:
-    """The commands of a recording: standstill, a ramp to it, the recording, a ramp to a standstill.
+    """Commands of a recording: standstill, ramp up, the recording, ramp to standstill.
 
     Args:
         series: the recorded track speeds.
-        factor: on its speeds [-].
+        factor: factor on its speeds [-].
 
     Raises:
         SimulationError: fewer than two samples, a number that is not finite, times that do not rise,
-            or a span of them beyond all reason.
+            or times that span more than `LONGEST`.
     """
     _check_samples(
         np.asarray(series.stamps * NANOSECOND), series.speeds, "the recorded track speeds"
@@ -80,15 +80,17 @@ def recorded_command(series: TrackSpeedSeries, factor: float) -> Recorded:
 
 
 def read_recording(path: Path) -> TrackSpeedSeries:
-    """Recorded track speeds from a CSV file with a line of names, and columns t, left and right.
+    """Read recorded track speeds from a CSV file with columns t, left and right.
+
+    The first line holds the column names.
 
     Args:
         path: the file; t in seconds from any start, left and right in m/s, forward positive. Other
-            columns are passed over.
+            columns are ignored.
 
     Raises:
-        SimulationError: no such file, no text, a missing or repeated column, a cell that is no finite
-            number, times that do not rise or are not in seconds, or fewer than two samples.
+        SimulationError: no such file, no text, a missing or repeated column, a cell that is not a
+            finite number, times that do not rise or are not in seconds, or fewer than two samples.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -131,7 +133,7 @@ def _numbers(row: list[str], places: list[int], where: str) -> list[float]:
 
 
 def _check_samples(times: Floats, speeds: Floats, source: str) -> None:
-    """Refuse times (n,) [s] and speeds (n, 2) [m/s] that are no recording."""
+    """Reject times (n,) [s] and speeds (n, 2) [m/s] that cannot be a recording."""
     if len(times) < 2:
         raise SimulationError(f"{source}: a recording needs at least 2 samples, found {len(times)}")
     bad = ~(np.isfinite(times) & np.isfinite(speeds).all(axis=1))

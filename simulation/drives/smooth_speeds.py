@@ -1,6 +1,6 @@
-"""Track speeds that change with no jump in speed or acceleration, as functions of time.
+"""Track speeds with continuous speed and acceleration, as functions of time.
 
-Every one stands still for `STANDSTILL` seconds first, and keeps each track's acceleration within
+Every function stands still for `STANDSTILL` seconds first, and keeps each track's acceleration within
 `ACCELERATION` [m/s²].
 """
 
@@ -21,12 +21,12 @@ SHORTEST_BLEND = 0.2
 
 @dataclass(frozen=True)
 class Blends:
-    """Speeds held constant, with a quintic blend (continuous acceleration) from each to the next.
+    """Constant speeds joined by quintic blends, with continuous acceleration.
 
     Attributes:
-        starts: (k,) when each blend starts [s], ascending.
-        lengths: (k,) how long it takes [s]; it ends before the next one starts.
-        targets: (k, 2) left and right speed that it leads to [m/s]; before the first one, zero.
+        starts: (k,) start of each blend [s], ascending.
+        lengths: (k,) duration of each blend [s]; it ends before the next one starts.
+        targets: (k, 2) left and right speed after each blend [m/s]; zero before the first one.
     """
 
     starts: Floats
@@ -51,7 +51,7 @@ class Blends:
 
 @dataclass(frozen=True)
 class Slalom:
-    """Both tracks at a mean speed plus a cosine in opposition, its frequency changing linearly.
+    """Mean speed plus a cosine of opposite sign on each track, of linear frequency.
 
     Attributes:
         mean: mean speed of the tracks [m/s].
@@ -92,7 +92,7 @@ class Slalom:
 
 
 def blends(events: list[tuple[float, float, float]]) -> Blends:
-    """Blends from (start [s], left, right [m/s]), each as long as the acceleration limit asks."""
+    """Blends from (start [s], left, right [m/s]) at the acceleration limit."""
     table = np.array(events, dtype=float)
     targets = table[:, 1:]
     changes = np.abs(np.diff(targets, axis=0, prepend=np.zeros((1, 2)))).max(axis=1)
@@ -100,11 +100,11 @@ def blends(events: list[tuple[float, float, float]]) -> Blends:
 
 
 def blend_length(change: float) -> float:
-    """Seconds that a blend takes to change a speed by so much, up or down [m/s]."""
+    """Duration [s] of a blend that changes a speed by `change`, up or down [m/s]."""
     return max(STEEPEST * abs(change) / ACCELERATION, SHORTEST_BLEND)
 
 
 def smooth_step(x: Floats) -> Floats:
-    """0 below 0, 1 above 1, and between them a quintic with no jump in its second derivative."""
+    """Smooth step: 0 below 0, 1 above 1, a quintic with continuous curvature between."""
     x = np.clip(x, 0.0, 1.0)
     return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))

@@ -1,10 +1,10 @@
 """Commanded track speeds over time, by name.
 
 Every trajectory stands still for `simulation.drives.smooth_speeds.STANDSTILL` seconds, then drives with
-no jump in speed or acceleration: each track stays within `max_track_speed` and, unless it is recorded, in
-acceleration within `simulation.drives.smooth_speeds.ACCELERATION`. A trajectory is a function of time,
-so it does not depend on how it is sampled. How each one drives, and what its options mean, stands in
-`simulation.drives.drives`.
+continuous speed and acceleration. Each track stays within `max_track_speed` and, unless it is recorded,
+within the acceleration `simulation.drives.smooth_speeds.ACCELERATION`. A trajectory is a function of
+time, so it does not depend on how it is sampled. `simulation.drives.drives` describes each trajectory
+and its options.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from icreckon.simulation.drives.drives import (
 )
 
 RECORDED = "recorded"
-# Rounding that a speed may exceed max_track_speed by, relative to it.
+# Rounding error by which a speed may exceed max_track_speed, relative to it.
 ROUNDING = 1e-9
 
 
@@ -48,7 +48,7 @@ class Command(Protocol):
 
 
 class BoundedCommand(Command, Protocol):
-    """Commanded track speeds that know their highest."""
+    """Commanded track speeds with a known maximum."""
 
     @property
     def top_speed(self) -> float:
@@ -67,17 +67,17 @@ TRAJECTORIES: dict[str, Maker] = {
     "aggressive": aggressive,
     "stop-and-go": stop_and_go,
 }
-# Options of which the first must not be more than the second.
+# Pairs of options of which the first must not exceed the second.
 ORDERED = {"arcs": ("tightest", "widest"), "slalom": ("lowest", "highest")}
 
 
 def trajectory_names() -> list[str]:
-    """Names of all trajectories: the made ones and "recorded"."""
+    """Names of all trajectories: the generated ones and "recorded"."""
     return [*TRAJECTORIES, RECORDED]
 
 
 def trajectory_options(name: str) -> dict[str, float | None]:
-    """The options of a trajectory with their defaults; None is the robot file's.
+    """Options of a trajectory with defaults; None stands for the robot file's value.
 
     Args:
         name: one of `trajectory_names`.
@@ -89,17 +89,16 @@ def trajectory_options(name: str) -> dict[str, float | None]:
 def check_trajectory(
     name: str, options: Mapping[str, float], recording: object | None = None
 ) -> None:
-    """Refuse what no trajectory can be made of.
+    """Reject a name, options or a recording that give no trajectory.
 
     Args:
-        name: of the trajectory.
+        name: name of the trajectory.
         options: option -> value.
         recording: a recording or its file, or None.
 
     Raises:
-        SimulationError: no trajectory has that name, or this one has no such option (says which is
-            nearest); a value that is not allowed, alone or beside the others; a recording for a
-            trajectory that takes none.
+        SimulationError: an unknown trajectory or option (the message names the nearest); a value that
+            is not allowed, alone or in combination; a recording for a trajectory that uses none.
     """
     if name not in trajectory_names():
         raise SimulationError(
@@ -137,19 +136,19 @@ def make_trajectory(
     options: Mapping[str, float] | None = None,
     recording: TrackSpeedSeries | None = None,
 ) -> Command:
-    """The commanded track speeds of a trajectory.
+    """Make the commanded track speeds of a trajectory.
 
     Args:
         name: one of `trajectory_names`.
         duration: seconds to fill.
         robot: gives the speed range and, for some, the gauge and indices.
-        rng: draws what is random.
+        rng: draws the random parts.
         options: option -> value; see `trajectory_options`.
-        recording: what to drive, for "recorded".
+        recording: recorded track speeds, for "recorded".
 
     Raises:
-        SimulationError: as `check_trajectory`; a recording that is missing or no recording; or speeds
-            beyond the robot's max_track_speed.
+        SimulationError: as in `check_trajectory`; a missing or invalid recording; or speeds beyond the
+            robot's max_track_speed.
     """
     options = options or {}
     check_trajectory(name, options, recording)
@@ -171,7 +170,7 @@ def make_trajectory(
 
 
 def _check_together(name: str, options: Mapping[str, Any]) -> None:
-    """Refuse options that contradict each other."""
+    """Reject options that contradict each other."""
     if name in ORDERED:
         low, high = ORDERED[name]
         if options[low] > options[high]:

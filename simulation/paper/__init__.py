@@ -1,4 +1,5 @@
-"""The paper's dynamic simulation: published numbers, stationary motions, and the contact that fits best.
+"""Reproduction of the paper's dynamic simulation; identification of its contact.
 
-In: nothing but published figures. Out: the reproduction, side by side. Below: `base`, `estimator`.
+In: the published figures. Out: published and reproduced numbers, side by side. Below: `base`,
+`estimator`.
 """

@@ -1,4 +1,4 @@
-"""What each modelling choice changes: the published numbers with one choice at a time made otherwise."""
+"""Ablation of the reproduction: published numbers with one changed choice each."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ EVALUATIONS = 12
 
 
 class Count(msgspec.Struct, frozen=True, kw_only=True):
-    """How close a guess comes to the printed numbers.
+    """Number of printed values that a guess reproduces, and its worst value.
 
     Attributes:
-        within_5_percent: how many are that close; so the next two.
-        within_10_percent: see above.
-        within_20_percent: see above.
-        worst: name of the number that is farthest off; "" where the guess gives no numbers.
-        worst_percent: its difference [%]; NaN likewise.
+        within_5_percent: number of values that differ by at most 5 %.
+        within_10_percent: number of values that differ by at most 10 %.
+        within_20_percent: number of values that differ by at most 20 %.
+        worst: name of the value that differs most; "" if the guess gives no numbers.
+        worst_percent: its difference [%]; NaN if the guess gives no numbers.
     """
 
     within_5_percent: int
@@ -34,11 +34,11 @@ class Count(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Ablation(msgspec.Struct, frozen=True, kw_only=True):
-    """One choice made otherwise.
+    """Result of one changed choice.
 
     Attributes:
-        choice: in words.
-        unchanged: with all else as it was.
+        choice: name of the choice.
+        unchanged: with all else unchanged.
         refitted: with the free contact parameters refined again.
         guess: the refitted contact and reading.
     """
@@ -50,21 +50,21 @@ class Ablation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Choice(msgspec.Struct, frozen=True, kw_only=True):
-    """A change to a guess: fields of its contact and of its reading."""
+    """Change of a guess: fields of its contact and of its reading."""
 
     name: str
     contact: dict[str, Any] = {}
     reading: dict[str, Any] = {}
 
     def applied_to(self, guess: PaperContact) -> PaperContact:
-        """The guess with the change."""
+        """Apply the change to a guess."""
         return PaperContact(
             contact=msgspec.structs.replace(guess.contact, **self.contact),
             reading=msgspec.structs.replace(guess.reading, **self.reading),
         )
 
 
-# What a choice sets stays fixed while the rest of the contact is refitted.
+# The fields of a choice stay fixed while the rest of the contact is refitted.
 CHOICES: tuple[Choice, ...] = (
     Choice(name="none: the best contact and reading"),
     Choice(name="no rolling resistance", contact={"rolling_resistance": 0.0}),
@@ -114,13 +114,15 @@ def ablate(
     evaluations: int = EVALUATIONS,
     progress: Progress | None = None,
 ) -> list[Ablation]:
-    """The published numbers with each choice in turn; those that the guess makes already are left out.
+    """Reproduce the published numbers with each choice in turn.
+
+    Choices that the guess makes already are skipped.
 
     Args:
-        guess: where to start from.
-        choices: what to change.
+        guess: initial contact and reading.
+        choices: changes of the guess.
         evaluations: largest number of steps of each refinement.
-        progress: is told the share done.
+        progress: called with the share done.
     """
     rows = []
     for done, choice in enumerate(choices):
@@ -146,7 +148,7 @@ def ablate(
 
 
 def count_close(guess: PaperContact) -> Count:
-    """How close a guess comes to the printed numbers.
+    """Count the printed numbers that a guess reproduces closely.
 
     Args:
         guess: contact and reading.

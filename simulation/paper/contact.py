@@ -1,6 +1,6 @@
-"""What the paper leaves open, as plain data: contact, soil, height, and how its numbers are read.
+"""Parameters that the paper leaves open: contact, soil, height, and reading.
 
-`PaperContact` is the content of a TOML file; the best that is known ships as `paper_contact.toml`.
+`PaperContact` is the content of a TOML file; the best known one ships as `paper_contact.toml`.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ BEST_FILE = Path(__file__).parent / "paper_contact.toml"
 
 
 class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Contact of Auriga-alpha with the ground, in few numbers; mass, gauge and x, y are Table I's.
+    """Contact of Auriga-alpha; mass, gauge, x_CM and y_CM are those of Table I.
 
     Attributes:
         half_length: half the length of a track's contact [m].
         points: contact points along each track, evenly spaced.
-        end_weight: share of the first and last of them, where 1 is that of each between [-].
-        tread_width: width over which each touches, by three points across; 0 for one [m].
+        end_weight: weight of the first and last point, relative to those between [-].
+        tread_width: width of each contact, by three points across; 0 for one point [m].
         z_CM: height of the centre of mass [m].
         friction: coefficient across the track, and along it times `friction_ratio` [-].
         friction_ratio: along over across [-].
@@ -48,11 +48,11 @@ class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
 
 class PaperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A guess at everything that the paper leaves open.
+    """Guess at all parameters that the paper leaves open.
 
     Attributes:
         contact: the robot on its ground.
-        reading: how the numbers come from its motions.
+        reading: method that derives the numbers from its motions.
     """
 
     contact: ContactParameters = ContactParameters()
@@ -60,13 +60,13 @@ class PaperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 def make_contact(parameters: ContactParameters) -> Contact:
-    """The contact model of Auriga-alpha.
+    """Make the contact model of Auriga-alpha.
 
     Args:
-        parameters: see there.
+        parameters: parameters of the contact.
 
     Raises:
-        SimulationError: values that are no contact.
+        SimulationError: the values are no valid contact.
     """
     half = 0.5 * parameters.tread_width
     try:
@@ -93,7 +93,7 @@ def make_contact(parameters: ContactParameters) -> Contact:
 
 
 def load_paper_contact(path: Path = BEST_FILE) -> PaperContact:
-    """A guess from a TOML file; the best that is known where left out.
+    """Load a guess from a TOML file; the best known one by default.
 
     Args:
         path: the file.
@@ -105,11 +105,11 @@ def load_paper_contact(path: Path = BEST_FILE) -> PaperContact:
 
 
 def as_toml(guess: PaperContact, comment: str = "") -> str:
-    """The text of a TOML file that `load_paper_contact` reads.
+    """Text of a TOML file that `load_paper_contact` reads.
 
     Args:
-        guess: what to write.
-        comment: lines to put on top.
+        guess: contact and reading to write.
+        comment: lines at the top of the file.
     """
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     for table, content in msgspec.to_builtins(guess).items():

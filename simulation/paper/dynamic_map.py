@@ -1,4 +1,4 @@
-"""The paper's dynamic mapping: from stationary motions to ICRs, inertia, index parameters and errors.
+"""Dynamic mapping of the paper: ICRs, inertia, indices from stationary motions.
 
 Sections II to IV of the paper, on stationary motions from `estimator.motion.steady_state` over a grid of
 track speeds. Symbols and axes are the paper's (X right, Y forward); equations come from
@@ -38,18 +38,18 @@ Inertia = Literal["measured", "literal", "smooth"]
 
 @dataclass(frozen=True)
 class DynamicMap:
-    """Stationary motions of a vehicle and what section II and III derive from them.
+    """Stationary motions of a vehicle, with the quantities of section II and III.
 
     Arrays have the shape of the grid of track speeds, V_l along the first axis.
 
     Attributes:
         motion: track speeds and twists.
         vehicle: L, M and the centre of mass.
-        turning: where V_l and V_r differ; only there are ICRs and indices finite, elsewhere NaN.
-        icrs: of the tracks, (1) to (3) [m].
+        turning: mask of V_l unlike V_r; only there are ICRs and indices finite, elsewhere NaN.
+        icrs: ICRs of the tracks, (1) to (3) [m].
         indices: zeta, epsilon [m], eta [-], (17) to (19).
-        inertia: force right and forward [N], (10).
-        magnitude: of that force [N], (11).
+        inertia: force of inertia right and forward [N], (10).
+        magnitude: magnitude of that force [N], (11).
     """
 
     motion: SteadyMotion
@@ -62,14 +62,14 @@ class DynamicMap:
 
 
 class VelocityErrors(NamedTuple):
-    """Root mean squared errors of v_x, v_y [m/s] and w [rad/s] for both models, as in Table II."""
+    """RMS errors of v_x, v_y [m/s] and w [rad/s] for both models, as in Table II."""
 
     inertia_based: PaperTwist
     constant: PaperTwist
 
 
 def dynamic_map(contact: Contact, *, top: float = 1.0, count: int = 21) -> DynamicMap:
-    """The map over all pairs of evenly spaced track speeds; by default the paper's 441.
+    """Map over all pairs of evenly spaced track speeds; by default the paper's 441.
 
     Args:
         contact: soil, contact geometry and body.
@@ -86,10 +86,10 @@ def dynamic_map(contact: Contact, *, top: float = 1.0, count: int = 21) -> Dynam
 
 
 def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
-    """The map of stationary motions that are there already.
+    """Map of given stationary motions.
 
     Args:
-        motion: on a grid of track speeds, or at any.
+        motion: stationary motions, on a grid of track speeds or at any.
         vehicle: L, M and the centre of mass.
     """
     turning = (motion.V_l != motion.V_r) & (motion.twist.w != 0.0)
@@ -112,7 +112,7 @@ def mean_icrs(mapped: DynamicMap, include: ArrayLike | None = None) -> ConstantI
 
     Args:
         mapped: the map.
-        include: mask of the motions that enter; all that turn where left out.
+        include: mask of the motions that enter; all that turn by default.
 
     Raises:
         SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
@@ -128,9 +128,9 @@ def mean_icrs(mapped: DynamicMap, include: ArrayLike | None = None) -> ConstantI
 def on_spot_line(mapped: DynamicMap) -> float:
     """H of (13): the slope of the line of least inertia V_l = -H V_r on the grid.
 
-    On that line the centre of mass stands still but for its lateral drift, so its forward velocity
-    changes sign. For each V_r but zero the crossing along V_l is interpolated linearly; the line
-    through the origin that fits the crossings best (least squares) gives H.
+    On that line the centre of mass moves only laterally, so its forward velocity changes sign. For each
+    V_r except zero the crossing along V_l is interpolated linearly. H is the slope of the line through
+    the origin that fits the crossings best (least squares).
 
     Args:
         mapped: a map over a grid, V_l rising along the first axis, V_r along the second.
@@ -162,12 +162,12 @@ def on_spot_line(mapped: DynamicMap) -> float:
 def fit_parameters(
     mapped: DynamicMap, H: float | None = None, include: ArrayLike | None = None
 ) -> Indices:
-    """The eight parameters: H, and the least-squares fits of (25) to (27).
+    """Fit the eight parameters: H, and the least-squares fits of (25) to (27).
 
     Args:
         mapped: the map.
-        H: ratio of track speeds of on-spot turning; from `on_spot_line` where left out.
-        include: mask of the motions that enter; all that turn where left out.
+        H: ratio of track speeds of on-spot turning; from `on_spot_line` by default.
+        include: mask of the motions that enter; all that turn by default.
 
     Raises:
         SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
@@ -195,13 +195,15 @@ def fit_parameters(
 def inertia_based_twist(
     mapped: DynamicMap, parameters: Indices, inertia: Inertia = "measured"
 ) -> PaperTwist:
-    """Twists of the inertia-based kinematics at the map's track speeds, (20) to (22), (25) to (27).
+    """Twists of the inertia-based kinematics at the map's track speeds.
+
+    Equations (20) to (22) and (25) to (27).
 
     Args:
         mapped: the map.
-        parameters: the eight.
-        inertia: "measured", the map's own |F|, as an IMU would give it; "literal" or "smooth", |F|
-            implied by the model itself (`estimator.motion.index_model.solve` in that form).
+        parameters: the eight index parameters.
+        inertia: "measured" for the map's |F|, as from an IMU; "literal" or "smooth" for |F| implied by
+            the model itself (`estimator.motion.index_model.solve` in that form).
     """
     V_l, V_r = mapped.motion.V_l, mapped.motion.V_r
     if inertia != "measured":
@@ -229,12 +231,12 @@ def velocity_errors(
     icrs: ConstantIcr | None = None,
     inertia: Inertia = "measured",
 ) -> VelocityErrors:
-    """Table II: errors of both models over all motions of the map, straight ones included.
+    """Table II: errors of both models over all motions of the map, straight ones too.
 
     Args:
         mapped: the map, the truth.
-        parameters: of the inertia-based model; from `fit_parameters` where left out.
-        icrs: of the constant model; from `mean_icrs` where left out.
+        parameters: parameters of the inertia-based model; from `fit_parameters` by default.
+        icrs: ICRs of the constant model; from `mean_icrs` by default.
         inertia: see `inertia_based_twist`.
 
     Raises:
@@ -253,8 +255,8 @@ def rmse(twist: PaperTwist, truth: PaperTwist) -> PaperTwist:
     """Root mean squared error of each velocity component over all motions.
 
     Args:
-        twist: arrays of one shape.
-        truth: the same.
+        twist: estimated twists, arrays of one shape.
+        truth: true twists, arrays of that shape.
     """
     return PaperTwist(
         *(

@@ -1,8 +1,7 @@
-"""The numbers that the paper publishes of Auriga-alpha, as printed, with units and places.
+"""Numbers that the paper publishes of Auriga-alpha, with their units and places.
 
-A number is kept as the text that the paper prints, which says both its value and how many digits of it
-are published. The largest steering efficiency is nowhere printed: it is read off a figure, and stands
-apart.
+A number is stored as the printed text, which gives both its value and the number of published digits.
+The largest steering efficiency is not printed: it is read off a figure, and listed separately.
 """
 
 from __future__ import annotations
@@ -15,20 +14,20 @@ from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
 
-# Rounding to nearest is decided in binary floating point; this much of a unit is its noise.
+# Tolerance of rounding to nearest in binary floating point, as a share of the last digit.
 ROUNDING_NOISE = 1e-9
 
 
 @dataclass(frozen=True)
 class PublishedNumber:
-    """One number of the paper.
+    """Number published in the paper.
 
     Attributes:
-        name: ours, the same in tables, results and tests.
+        name: name used in tables, results and tests.
         unit: SI unit, "" for none.
         printed: the digits as the paper prints them.
         where: the place in the paper.
-        read_off: whether it is read off a figure instead of printed.
+        read_off: True if it is read off a figure instead of printed.
     """
 
     name: str
@@ -39,24 +38,24 @@ class PublishedNumber:
 
     @property
     def value(self) -> float:
-        """The number [unit]."""
+        """Value of the number [unit]."""
         return float(self.printed)
 
     @property
     def decimals(self) -> int:
-        """Published digits after the point."""
+        """Number of published digits after the point."""
         return max(0, -int(Decimal(self.printed).as_tuple().exponent))
 
     @property
     def significant_digits(self) -> int:
-        """Published digits from the first that is not zero."""
+        """Number of published digits from the first that is not zero."""
         return len(Decimal(self.printed).as_tuple().digits)
 
     def rounds_from(self, reproduced: float) -> bool:
-        """Whether a reproduced value, rounded to the published digits, is the published number.
+        """Return True if a reproduced value rounds to the published digits.
 
         Args:
-            reproduced: [unit]; NaN never rounds to anything.
+            reproduced: the value [unit]; False for NaN.
         """
         half = 0.5 * 10.0**-self.decimals
         return abs(reproduced - self.value) <= half * (1.0 + ROUNDING_NOISE)
@@ -99,27 +98,27 @@ AURIGA_ALPHA = VehicleConstants(gauge=0.42, mass=258.0, x_CM=-0.015, y_CM=0.04)
 
 @cache
 def published(name: str) -> PublishedNumber:
-    """The published number of that name.
+    """Published number by its name.
 
     Raises:
-        KeyError: there is none.
+        KeyError: an unknown name.
     """
     return {number.name: number for number in (*PUBLISHED, *READ_OFF)}[name]
 
 
 def published_parameters() -> Indices:
-    """The eight parameters as published (section III)."""
+    """Eight index parameters as published (section III)."""
     return Indices(**{name: published(name).value for name in Indices.__struct_fields__})
 
 
 def published_mean_icrs() -> ConstantIcr:
-    """The constant ICRs as published (section II)."""
+    """Constant ICRs as published (section II)."""
     names = ("x_ICRl", "x_ICRr", "y_ICR")
     return ConstantIcr(*(published(f"mean_{name}").value for name in names))
 
 
 def published_errors(model: str) -> PaperTwist:
-    """A column of Table II [m/s, m/s, rad/s].
+    """Column of Table II [m/s, m/s, rad/s].
 
     Args:
         model: "inertia" or "constant".

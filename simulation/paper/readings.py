@@ -1,8 +1,8 @@
-"""Ways to read the paper where its text leaves a choice: means, fits, and the force in Table II.
+"""Readings of ambiguous parts of the paper: means, fits, and Table II's force.
 
-The paper averages each ICR distribution and fits the indices by least squares, and does not say whether
-all turning motions weigh the same. Each reading here gives the same ten numbers and two motion models;
-which of them comes closest to the printed ones is a matter for `simulation.paper.search`.
+The paper averages each ICR distribution and fits the indices by least squares; the weights of turning
+motions are not stated. Each reading gives the same ten numbers and two motion models.
+`simulation.paper.search` finds the one that comes closest to the printed numbers.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from icreckon.simulation.paper.dynamic_map import (
 Means = Literal["plain", "median", "velocity"]
 Fit = Literal["plain", "velocity", "absolute"]
 
-# Reweighted least squares towards least absolute deviations: rounds, and the deviation below which the
-# weight grows no more, as a share of the largest one at the start.
+# Reweighted least squares towards least absolute deviations: rounds, and the deviation at which the
+# weight is capped, as a share of the largest initial one.
 REWEIGHTINGS = 30
 SMALLEST_DEVIATION = 1e-3
 
 
 class Reading(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How the numbers of the paper come from the stationary motions.
+    """Method that derives the numbers of the paper from the stationary motions.
 
     Attributes:
         means: constant ICRs as the "plain" mean of each distribution, as its "median", or such that
             they fit the "velocity" best (each motion weighs w²).
         fit: index parameters by "plain" least squares on the indices, on the "velocity" that they
-            stand for (each motion weighs w²), or by least "absolute" deviations of the indices.
-        inertia: the force that Table II's inertia-based model is given: "measured", that of the
-            stationary motion, or that of the model itself in the "literal" or "smooth" form.
-        largest_inertia: motions under more inertia enter neither means nor fits [N]; None for all.
-        least_difference: motions whose track speeds differ by less do not enter either [m/s].
-        straight: whether straight motions, which both models follow without error, count in Table II.
+            imply (each motion weighs w²), or by least "absolute" deviations of the indices.
+        inertia: force input of Table II's inertia-based model: "measured", that of the stationary
+            motion, or that of the model itself in the "literal" or "smooth" form.
+        largest_inertia: largest inertia of motions in means and fits [N]; None for all.
+        least_difference: least difference of track speeds of motions in means and fits [m/s].
+        straight: True if Table II counts straight motions, which both models follow without error.
     """
 
     means: Means = "plain"
@@ -62,11 +62,11 @@ class Reading(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
-    """The constant ICRs of a map [m].
+    """Constant ICRs of a map [m].
 
     Args:
         mapped: the map.
-        reading: how.
+        reading: method of the means.
 
     Raises:
         SimulationError: see `simulation.paper.dynamic_map.mean_icrs`.
@@ -88,11 +88,11 @@ def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
 
 
 def read_parameters(mapped: DynamicMap, reading: Reading) -> Indices:
-    """The eight parameters of a map.
+    """Eight index parameters of a map.
 
     Args:
         mapped: the map, over a grid of track speeds.
-        reading: how.
+        reading: method of the fit.
 
     Raises:
         SimulationError: see `simulation.paper.dynamic_map.fit_parameters`.
@@ -127,9 +127,9 @@ def read_errors(
 
     Args:
         mapped: the map, the truth.
-        parameters: of the inertia-based model.
-        icrs: of the constant model.
-        reading: how.
+        parameters: parameters of the inertia-based model.
+        icrs: ICRs of the constant model.
+        reading: force of inertia, and motions that count.
     """
     counted: Any = slice(None) if reading.straight else mapped.turning
     truth = mapped.motion.twist
@@ -162,7 +162,7 @@ def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
 
 
 def _absolute(columns: Floats, target: Floats, weight: Floats) -> Floats:
-    """Least absolute deviations; all motions weigh the same."""
+    """Least absolute deviations, with equal weights of all motions."""
     solution = _weighted(columns, target, np.ones_like(weight))
     least = SMALLEST_DEVIATION * float(np.abs(target - columns @ solution).max()) + 1e-300
     for _ in range(REWEIGHTINGS):

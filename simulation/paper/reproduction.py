@@ -1,7 +1,7 @@
-"""All published numbers of the paper beside ours, for a given contact and reading.
+"""Published and reproduced numbers of the paper, for a given contact and reading.
 
-Also Table II's machinery on the published parameters themselves, and the check that shows that two of
-the published numbers do not fit each other.
+Also Table II of the published parameters themselves, and a check that shows that two of the published
+numbers contradict each other.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ INERTIAS: tuple[Inertia, ...] = ("measured", "literal", "smooth")
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """A published number and ours.
+    """Published number and its reproduction.
 
     Attributes:
-        name: of the number, see `simulation.paper.published`.
+        name: name of the number, see `simulation.paper.published`.
         unit: SI unit, "" for none.
         published: the number as printed [unit].
-        reproduced: ours [unit].
-        difference_percent: ours less the published, as a share of its size [%].
-        rounds_to_published: whether ours rounds to the published digits.
+        reproduced: the reproduced number [unit].
+        difference_percent: reproduced less published, as a share of the published size [%].
+        rounds_to_published: True if the reproduced number rounds to the published digits.
         printed: the published digits.
         where: the place in the paper.
-        read_off: whether it was read off a figure.
+        read_off: True if it was read off a figure.
     """
 
     name: str
@@ -59,14 +59,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A map, and what was read from it.
+    """Reproduction of the paper: a map and the numbers derived from it.
 
     Attributes:
         guess: contact and reading.
         mapped: the stationary motions.
         icrs: constant ICRs.
-        parameters: the eight.
-        errors: Table II with these.
+        parameters: the eight index parameters.
+        errors: Table II with these ICRs and parameters.
         rows: all published numbers, the one read off a figure last.
     """
 
@@ -79,24 +79,24 @@ class Reproduction:
 
     @property
     def printed_rows(self) -> tuple[Row, ...]:
-        """Without what was read off a figure."""
+        """Rows of printed numbers, without the one read off a figure."""
         return tuple(row for row in self.rows if not row.read_off)
 
 
 class InterceptCheck(NamedTuple):
-    """Whether published means and fits can come from the same motions.
+    """Check of whether published means and fits can come from the same motions.
 
-    Least squares with an intercept makes the mean of an index equal the fit at the mean of its
+    By least squares with an intercept, the mean of an index equals the fit at the mean of its
     regressors. With s|F| for |F| sign(x_1) sign(x_2):
 
     Attributes:
         mean_epsilon: mean eccentricity by the published mean ICRs, (18) [m].
-        needed: mean of s|F| that ties it to the published fit (26) [N].
-        needed_range: the same over all values that round to the published digits [N].
+        needed: mean of s|F| at which the published fit (26) gives it [N].
+        needed_range: range of `needed` over all values that round to the published digits [N].
         of_published_model: mean of s|F| by the published parameters at the paper's track speeds [N].
-        of_map: the same of the reproduced motions [N].
+        of_map: mean of s|F| of the reproduced motions [N].
         mean_eta: mean efficiency by the published mean ICRs, (19) [-].
-        mean_eta_by_fit: what (27) gives for it with the published model's own inertia [-].
+        mean_eta_by_fit: mean efficiency by (27) with the published model's own inertia [-].
     """
 
     mean_epsilon: float
@@ -109,14 +109,14 @@ class InterceptCheck(NamedTuple):
 
 
 def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
-    """The stationary motions of Auriga-alpha over the paper's grid of track speeds.
+    """Stationary motions of Auriga-alpha over the paper's grid of track speeds.
 
     Args:
         parameters: the contact.
         count: speeds per track, 21 for the paper's 441 pairs.
 
     Raises:
-        SimulationError: no contact, or pairs without a stationary motion.
+        SimulationError: an invalid contact, or pairs without a stationary motion.
     """
     V_l, V_r = track_speed_grid(1.0, count)
     return map_of(solve_steady(V_l, V_r, make_contact(parameters)), AURIGA_ALPHA)
@@ -125,14 +125,14 @@ def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
 def numbers(
     mapped: DynamicMap, reading: Reading
 ) -> tuple[dict[str, float], ConstantIcr, Indices, VelocityErrors]:
-    """Our value for every published number, by its name, and the objects they are part of.
+    """Reproduced value of every published number, by its name, and their sources.
 
     Args:
         mapped: the map.
-        reading: how to read them from it.
+        reading: method that derives the numbers from it.
 
     Raises:
-        SimulationError: the map gives no sensible ICRs or parameters.
+        SimulationError: the map gives no valid ICRs or parameters.
     """
     icrs, parameters = read_means(mapped, reading), read_parameters(mapped, reading)
     errors = read_errors(mapped, parameters, icrs, reading)
@@ -145,10 +145,10 @@ def numbers(
 
 
 def reproduce(guess: PaperContact) -> Reproduction:
-    """All published numbers for a contact and a reading.
+    """Reproduce all published numbers for a contact and a reading.
 
     Args:
-        guess: see there.
+        guess: contact and reading.
 
     Raises:
         SimulationError: see `paper_map` and `numbers`.
@@ -173,21 +173,21 @@ def reproduce(guess: PaperContact) -> Reproduction:
 
 
 def within(rows: tuple[Row, ...], percent: float) -> int:
-    """How many rows differ by at most so much [%]."""
+    """Number of rows that differ by at most `percent` [%]."""
     return sum(abs(row.difference_percent) <= percent for row in rows)
 
 
 def table_2_with_published_parameters(
     mapped: DynamicMap, reading: Reading
 ) -> dict[Inertia, VelocityErrors]:
-    """Table II of a map, with the paper's parameters and mean ICRs instead of our fits.
+    """Table II of a map, with the paper's parameters and mean ICRs instead of fits.
 
     Args:
         mapped: the map, the truth.
-        reading: which motions count.
+        reading: motions that count.
 
     Returns:
-        The errors, for each way to obtain the force of inertia.
+        Errors for each source of the force of inertia.
     """
     parameters, icrs = published_parameters(), published_mean_icrs()
     return {
@@ -199,7 +199,7 @@ def table_2_with_published_parameters(
 
 
 def map_of_published_model(count: int = 21) -> DynamicMap:
-    """The motions that the published eight parameters imply, |F| from the model itself.
+    """Motions implied by the published parameters, with |F| from the model itself.
 
     Args:
         count: speeds per track.
@@ -213,14 +213,14 @@ def map_of_published_model(count: int = 21) -> DynamicMap:
 
 
 def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
-    """Whether the published means and fits can come from the same motions.
+    """Check whether the published means and fits can come from the same motions.
 
     Args:
         mapped: the reproduced motions.
     """
     icrs, fitted = published_mean_icrs(), published_parameters()
     mean_epsilon = 0.5 * (icrs.x_ICRl + icrs.x_ICRr)
-    # Half a unit of the last published digit: of either mean ICR (so of their mean), of the fit.
+    # Half a unit of the last published digit, of either mean ICR (so of their mean) and of the fit.
     corners = [
         (mean_epsilon + mean - fitted.epsilon0 - offset) / (fitted.epsilon1 + gain)
         for mean in (-5e-4, 5e-4)

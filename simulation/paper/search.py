@@ -1,9 +1,9 @@
-"""Contact and soil that bring the simulated numbers of the paper closest to the published ones.
+"""Identification of the contact and soil that reproduce the paper's numbers best.
 
-What the paper leaves open is found backwards: a seeded search over all of it (`search`), which maps
-random contacts and reads each map in every way, then least squares from the best ones (`refine`). Both
-use the relative deviations d of all numbers. A number that cannot be matched shall not drag the others
-along, so the objective is Cauchy's, the sum of ln(1 + (d / 10 %)²) / 2.
+Parameters that the paper leaves open are identified in two stages: a seeded search (`search`) maps random
+contacts and applies every reading to each map, then least squares refine the best ones (`refine`). Both
+use the relative deviations d of all numbers. The objective is Cauchy's, the sum of
+ln(1 + (d / 10 %)²) / 2, so that a number that cannot be matched does not distort the others.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from icreckon.simulation.paper.reproduction import INERTIAS, numbers, paper_map
 
 Progress = Callable[[float], None]
 
-# A deviation of this size starts to count less; the best candidate has most numbers within it.
+# Scale of Cauchy's loss: larger deviations count less; the best candidate has most numbers within it.
 SCALE = 0.1
-# A number that cannot be had at all counts as being off by this share.
+# Deviation of a number that a guess does not give.
 HOPELESS = 9.0
 SAMPLES = 600
 STARTS = 18
-# Share of the random contacts in which a refinement of the contact is switched off.
+# Share of random contacts in which an optional refinement of the model is off.
 PLAIN_SHARE = 0.6
 DIFFERENCE_STEP = 3e-4
 LARGEST_EVALUATIONS = 25
-# Of the time of `identify`, what its search takes.
+# Share of the search in the time of `identify`.
 SEARCH_SHARE = 0.6
 
 
 class Range(NamedTuple):
-    """Bounds of a contact parameter, and the value that switches it off (None: it is always on)."""
+    """Bounds of a contact parameter, and the value that disables it (None: always on)."""
 
     low: float
     high: float
@@ -62,7 +62,7 @@ RANGES: dict[str, Range] = {
 }
 POINTS = (3, 4, 5, 6, 8, 12)
 OPPOSES = ("travel", "track")
-# Where motions under much inertia are left out, from here on [N].
+# Limit of |F| in readings without motions under large inertia [N].
 GENTLE = 120.0
 READINGS: tuple[Reading, ...] = tuple(
     Reading(means=means, fit=fit, inertia=inertia, largest_inertia=largest)
@@ -74,10 +74,10 @@ PUBLISHED_TARGETS: dict[str, float] = {number.name: number.value for number in P
 
 
 class Candidate(NamedTuple):
-    """A guess.
+    """Candidate of the identification.
 
     Attributes:
-        far: how many numbers are more than 10 % off; candidates are ranked by it, then by cost.
+        far: number of values more than 10 % off; candidates are ranked by it, then by cost.
         cost: Cauchy's sum of the deviations.
         guess: contact and reading.
     """
@@ -88,20 +88,20 @@ class Candidate(NamedTuple):
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Sorts candidates, best first."""
+        """Sort key of candidates, best first."""
         return self.far, self.cost
 
 
 @dataclass(frozen=True)
 class Identified:
-    """The outcome of an identification.
+    """Result of an identification.
 
     Attributes:
         best: the candidate with most numbers within 10 %, and of those the one with the lowest cost.
-        refined: all candidates that least squares ended in, best first.
-        seed: of the search.
-        samples: contacts that were drawn.
-        failed: how many of them gave no numbers (no stationary motion, no sensible ICRs).
+        refined: all candidates after least squares, best first.
+        seed: seed of the search.
+        samples: number of random contacts.
+        failed: number of contacts that gave no numbers (no stationary motion, no valid ICRs).
     """
 
     best: Candidate
@@ -114,11 +114,11 @@ class Identified:
 def deviations(
     guess: PaperContact, targets: Mapping[str, float] = PUBLISHED_TARGETS, *, count: int = 21
 ) -> Floats:
-    """Relative deviations (n,) of all targets; `HOPELESS` where the guess gives no numbers.
+    """Relative deviations (n,) of all targets; `HOPELESS` if there are no numbers.
 
     Args:
         guess: contact and reading.
-        targets: what to reproduce, by the names of `simulation.paper.published`.
+        targets: values to reproduce, by the names of `simulation.paper.published`.
         count: track speeds per track of the map.
     """
     try:
@@ -129,7 +129,9 @@ def deviations(
 
 
 def cauchy(deviation: Floats) -> float:
-    """The objective: sum of ln(1 + (d / 10 %)²) / 2, as `scipy.optimize.least_squares` has it, scaled.
+    """Objective: sum of ln(1 + (d / 10 %)²) / 2, Cauchy's loss.
+
+    It is the scaled cost of `scipy.optimize.least_squares`.
 
     Args:
         deviation: (n,) relative deviations.
@@ -147,22 +149,22 @@ def identify(
     count: int = 21,
     progress: Progress | None = None,
 ) -> Identified:
-    """Search, then refine the best.
+    """Identify contact and reading: search, then refine the best candidates.
 
     Args:
-        seed: of the random contacts.
-        samples: contacts to draw.
-        starts: candidates to refine.
-        targets: what to reproduce, by the names of `simulation.paper.published`.
-        readings: ways to read the numbers from a map.
+        seed: seed of the random contacts.
+        samples: number of contacts to draw.
+        starts: number of candidates to refine.
+        targets: values to reproduce, by the names of `simulation.paper.published`.
+        readings: readings to apply to each map.
         count: track speeds per track of the map.
-        progress: is told the share done.
+        progress: called with the share done.
 
     Raises:
-        SimulationError: no contact that was drawn gives any numbers.
+        SimulationError: no random contact gives any numbers.
     """
 
-    def tell(done: float) -> None:
+    def advance(done: float) -> None:
         if progress:
             progress(done)
 
@@ -172,7 +174,7 @@ def identify(
         targets,
         tuple(readings),
         count=count,
-        progress=lambda done: tell(SEARCH_SHARE * done),
+        progress=lambda done: advance(SEARCH_SHARE * done),
     )
     if not found:
         raise SimulationError(f"none of {samples} random contacts gives the numbers to compare")
@@ -181,7 +183,7 @@ def identify(
     for done, candidate in enumerate(first):
         free = [name for name in RANGES if _is_on(candidate.guess.contact, name)]
         refined.append(refine(candidate.guess, free, targets, count=count))
-        tell(SEARCH_SHARE + (1.0 - SEARCH_SHARE) * (done + 1) / len(first))
+        advance(SEARCH_SHARE + (1.0 - SEARCH_SHARE) * (done + 1) / len(first))
     refined.sort(key=lambda candidate: candidate.rank)
     return Identified(refined[0], tuple(refined), seed, samples, failed)
 
@@ -195,18 +197,18 @@ def search(
     count: int = 21,
     progress: Progress | None = None,
 ) -> tuple[list[Candidate], int]:
-    """The first identification's contact and random ones, each read in every way.
+    """Evaluate the first identification's contact and random ones, with every reading.
 
     Args:
         rng: source of the contacts.
-        samples: how many.
-        targets: what to reproduce.
-        readings: ways to read a map.
+        samples: number of contacts.
+        targets: values to reproduce.
+        readings: readings to apply to each map.
         count: track speeds per track.
-        progress: is told the share done.
+        progress: called with the share done.
 
     Returns:
-        All candidates, the lowest cost first, and how many contacts gave no numbers.
+        All candidates, the lowest cost first, and the number of contacts that gave no numbers.
     """
     found: list[Candidate] = []
     failed = 0
@@ -230,7 +232,7 @@ def search(
 
 
 def random_contact(rng: Generator) -> ContactParameters:
-    """A contact drawn evenly from the ranges; refinements are off more often than not."""
+    """Draw a contact uniformly from the ranges; refinements are mostly off."""
     values: dict[str, Any] = {}
     for name, (low, high, off) in RANGES.items():
         values[name] = float(rng.uniform(low, high))
@@ -249,12 +251,12 @@ def refine(
     count: int = 21,
     evaluations: int = LARGEST_EVALUATIONS,
 ) -> Candidate:
-    """Least squares (Cauchy's loss) from a guess over some of its contact parameters.
+    """Refine some contact parameters of a guess by least squares (Cauchy's loss).
 
     Args:
-        guess: where to start; what is not free stays as it is.
+        guess: initial guess; parameters that are not free stay fixed.
         free: names from `RANGES`.
-        targets: what to reproduce.
+        targets: values to reproduce.
         count: track speeds per track.
         evaluations: largest number of steps.
     """
@@ -300,7 +302,7 @@ def _is_on(contact: ContactParameters, name: str) -> bool:
 
 
 def _spread_over_readings(found: list[Candidate], starts: int) -> list[Candidate]:
-    """The best candidates, but of each reading at most its share, so that none crowds out the rest."""
+    """Best candidates, of each reading at most its share, so that none dominates."""
     share = max(1, -(-starts // len({candidate.guess.reading for candidate in found})))
     taken: dict[Reading, int] = {}
     chosen = []

@@ -1,5 +1,5 @@
-"""Running a study: engines, workers, and the store of finished blocks.
+"""Execution of a study: engines, workers, and the store of finished blocks.
 
-In: a plan of cells. Out: results and tables in a folder; interrupted, the same call continues.
+In: a plan of cells. Out: results and tables in a folder; after an interruption, the same call continues.
 Below: `study`.
 """

@@ -1,6 +1,7 @@
-"""Blocks of a study on filters side by side: the same runs as on the streaming filter, much faster.
+"""Batch engine: blocks of a study on many filter lanes at once.
 
-What does not run side by side (the friction model, considered states) is left to the streaming filter.
+Results are those of the streaming filter, much faster. Filters of the friction model or with consider
+states cannot run in lanes; they run on the streaming filter.
 """
 
 from __future__ import annotations
@@ -59,18 +60,17 @@ from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import SENSORS, YAW_HORIZON, score_times, statistics
 
-# Runs of a block may have as many true motions, and a few blocks are under way at once; the cells that
-# share them come one after the other.
+# Enough for the true motions of a few concurrent blocks; cells that share them are consecutive.
 KEPT_TRUTHS = 160
 # Degrees of freedom of each sensor's innovations.
 DEGREES = {"gyro": 1.0, "accelerometer": 1.0, "position": 2.0}
 
 
 def why_not(plan: Plan) -> str | None:
-    """Why a study cannot be worked out by filters side by side; None where it can."""
+    """Reason why the batch engine cannot run a study; None if it can."""
     if not any(_goes_along(one) for cell in plan.cells for one in cell.filters):
         labels = ", ".join(one.label for one in plan.cells[0].filters)
-        return f"filters of the friction model or with considered states do so by themselves ({labels})"
+        return f"filters of the friction model or with consider states run one by one ({labels})"
     for cell in plan.cells:
         scenario = cell.scenario
         stamps = _stamps(scenario)
@@ -79,7 +79,7 @@ def why_not(plan: Plan) -> str | None:
             return f"in cell {cell.index}, {reason}"
         encoders = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
-            return f"in cell {cell.index}, encoders drop out that are faster than the IMU"
+            return f"in cell {cell.index}, encoders with dropouts are faster than the IMU"
         between = not np.isin(stamps[2], stamps[1]).all()
         for one in cell.filters:
             if between and one.settings.inertia == "imu":
@@ -88,28 +88,28 @@ def why_not(plan: Plan) -> str | None:
                 )
             slowest = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
             if 1.0 / slowest > 0.5 * one.settings.longest_gap:
-                return f"in cell {cell.index}, samples are longer apart than the filter believes"
+                return f"in cell {cell.index}, samples are further apart than half the longest_gap"
             if 1.0 / scenario.imu_rate > one.settings.hold:
-                return f"in cell {cell.index}, the IMU is slower than the filter waits for it"
+                return f"in cell {cell.index}, samples of the IMU are further apart than hold"
     return None
 
 
 def in_threads(plan: Plan) -> bool:
-    """Whether threads will do: where all filters run side by side, which lets go of the interpreter."""
+    """Return True if threads suffice: all filters run in lanes, which release the GIL."""
     return all(_goes_along(one) for cell in plan.cells for one in cell.filters)
 
 
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int, *, bits: int = 64
 ) -> dict[str, RunScores]:
-    """The statistics of some runs of a cell; see `simulation.running.engines.Block`.
+    """Statistics of some runs of a cell; see `simulation.running.engines.Block`.
 
     Args:
-        cell: where the runs belong.
-        filters: which of its filters to run.
+        cell: cell of the runs.
+        filters: filters of the cell to run.
         first_run: index of the first run.
         count: number of runs.
-        bits: of the numbers in filters side by side, 64 or 32.
+        bits: floating-point precision of the lanes, 64 or 32.
 
     Returns:
         Label of the filter -> statistics of the runs, and reasons of those that failed.
@@ -147,7 +147,7 @@ def block(
             values[one.label][begin : begin + here] = rows[:here]
             reasons[one.label][begin : begin + here] = _losses(result, times)[:here]
         for lane in doubtful:
-            # What the streaming filter refuses to take, the others have taken.
+            # A run that the streaming filter rejects must not take the other lanes with it.
             for label, scores in study_streaming.block(cell, together, runs[lane], 1).items():
                 values[label][begin + lane] = scores.values[0]
                 reasons[label][begin + lane] = scores.reasons[0]
@@ -155,7 +155,7 @@ def block(
 
 
 def _goes_along(one: Filter) -> bool:
-    """Whether a filter can run side by side with others of its kind."""
+    """Return True if a filter can run in lanes."""
     return find_variant(one.variant).model != "friction" and not one.settings.considered
 
 
@@ -166,7 +166,7 @@ class _Schedule(NamedTuple):
 
 
 def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
-    """Of track speeds, IMU, fixes and truth."""
+    """Stamps of track speeds, IMU, fixes and truth."""
     duration = scenario.duration
     fixes = np.zeros(0)
     if scenario.fix_rate > 0.0:
@@ -191,7 +191,7 @@ def _schedule(cell: Cell) -> _Schedule:
 
 
 class _Truth(NamedTuple):
-    """Of one true motion: what perfect sensors read, and what to score against."""
+    """Error-free sensor readings of one true motion, and the truth to score against."""
 
     perfect: Perfect
     poses: Floats
@@ -205,7 +205,7 @@ def _truth(cell: Cell, run: int) -> _Truth:
 
 
 def as_sensed_perfectly(scenario: Scenario) -> Scenario:
-    """A scenario as far as it has a part in what perfect sensors read."""
+    """Scenario reduced to the keys that affect error-free sensor readings."""
     latency = fix_errors(scenario.fixes, noise_preset(scenario.noise)).latency
     defaults = Scenario()
     return msgspec.structs.replace(
@@ -244,7 +244,7 @@ def _true_ticks(cell: Cell, runs: Sequence[int]) -> TrueTicks:
 
 
 def _log(cell: Cell, run: int) -> Log:
-    """The log of `simulation.running.streaming_engine.study_log`, without its truth."""
+    """Log of `simulation.running.streaming_engine.study_log`, without its truth."""
     scenario = cell.scenario
     streams = random_streams(scenario.seed, run)
     read = sensed(_truth(cell, run).perfect, scenario, cell.robot, streams)
@@ -254,7 +254,7 @@ def _log(cell: Cell, run: int) -> Log:
 def _measured(
     logs: Sequence[Log], filters: Sequence[Filter], track_stamps: Stamps
 ) -> list[Measured]:
-    """What each filter is told; the same object for filters that take the IMU to be the same."""
+    """Inputs of each filter; filters with the same model of the IMU share one object."""
     known: dict[bytes, Measured] = {}
     found = []
     for one in filters:
@@ -266,7 +266,7 @@ def _measured(
 
 
 def _losses(worked: Worked, times: Floats) -> list[str]:
-    """Why each lane failed, empty where it did not; `times` (ticks,) are those of the ticks [s]."""
+    """Reason why each lane failed, empty if it did not; `times` (ticks,) in seconds."""
     if worked.scores is None:
         raise ValueError("nothing was scored")
     kinds, ticks = worked.scores.sums[[LOST_KIND, LOST_TICK]].astype(int)
@@ -277,7 +277,7 @@ def _losses(worked: Worked, times: Floats) -> list[str]:
 
 
 def _statistics(filters: BatchFilter, worked: Worked) -> Floats:
-    """(width, n) in the order of `simulation.study.statistics.statistics`."""
+    """Statistics (width, n) in the order of `simulation.study.statistics.statistics`."""
     scores, counts = worked.scores, filters.counts(worked.lanes)
     if scores is None:
         raise ValueError("nothing was scored")

@@ -1,7 +1,6 @@
-"""What works out the runs of a study: engines that give the same statistics, at different speeds.
+"""Engines that compute the runs of a study: same statistics, at different speeds.
 
-An engine is a module with a function `block` and, if it has something to say, `why_not` and
-`in_threads`, of a `Plan`.
+An engine is a module with a function `block` and, optionally, `why_not` and `in_threads` of a `Plan`.
 """
 
 from __future__ import annotations
@@ -20,20 +19,20 @@ AUTO = "auto"
 
 
 class Block(Protocol):
-    """Some runs of a cell: a pure function, so that it may run anywhere, and again."""
+    """Runs of a cell as a pure function, so that it may run anywhere, and again."""
 
     def __call__(
         self, cell: Cell, filters: Sequence[Filter], first_run: int, count: int
     ) -> dict[str, RunScores]:
-        """The statistics of the runs.
+        """Compute the statistics of the runs.
 
-        Random numbers are those of `simulation.scenario.random_streams` by the study's seed and the
-        run's index, those of drive and truth by the index modulo `cell.truths`; so cells and filters
-        are paired, run by run.
+        Random numbers are those of `simulation.base.random_streams` by the study's seed and the run's
+        index, those of drive and truth by the index modulo `cell.truths`. So cells and filters are
+        paired, run by run.
 
         Args:
-            cell: where the runs belong.
-            filters: which of its filters to run.
+            cell: cell of the runs.
+            filters: filters of the cell to run.
             first_run: index of the first run.
             count: number of runs.
 
@@ -44,14 +43,14 @@ class Block(Protocol):
 
 @dataclass(frozen=True)
 class Engine:
-    """An engine.
+    """Engine of a study.
 
     Attributes:
-        name: what it is chosen by.
-        module: where its functions are.
-        block_runs: runs of a block; part of the study's identity, never a matter of workers.
-        threads: whether it works in threads (it lets go of the interpreter), or needs processes, unless
-            its module says otherwise of a study.
+        name: name by which it is chosen.
+        module: module of its functions.
+        block_runs: runs of a block; part of the study's identity, independent of workers.
+        threads: True if it runs in threads (it releases the GIL), False if it needs processes; the
+            module's `in_threads` takes precedence.
     """
 
     name: str
@@ -61,21 +60,21 @@ class Engine:
 
     @property
     def block(self) -> Block:
-        """Its function."""
+        """Function `block` of the engine's module."""
         return cast(Block, import_module(self.module).block)
 
     def why_not(self, plan: Plan) -> str | None:
-        """Why it cannot work out a study, by its module's `why_not`; None where it can."""
-        ask: Any = getattr(import_module(self.module), "why_not", None)
-        return None if ask is None else ask(plan)
+        """Reason why it cannot run a study, by its module's `why_not`; None if it can."""
+        check: Any = getattr(import_module(self.module), "why_not", None)
+        return None if check is None else check(plan)
 
     def in_threads(self, plan: Plan) -> bool:
-        """Whether it works out a study in threads, by its module's `in_threads` or by `threads`."""
-        ask: Any = getattr(import_module(self.module), "in_threads", None)
-        return self.threads if ask is None else bool(ask(plan))
+        """Return True if it runs a study in threads, by `in_threads` or `threads`."""
+        check: Any = getattr(import_module(self.module), "in_threads", None)
+        return self.threads if check is None else bool(check(plan))
 
 
-# The first that can is chosen by "auto".
+# "auto" chooses the first engine that can run the study.
 ENGINES = {
     engine.name: engine
     for engine in (
@@ -91,20 +90,20 @@ ENGINES = {
 
 
 def why_slow(plan: Plan, chosen: Engine) -> str | None:
-    """Why the fastest engine was not chosen, for people; None where it was, or another was wanted."""
+    """Reason why the fastest engine cannot run a study; None if it was chosen or can."""
     fastest = next(iter(ENGINES.values()))
     return None if chosen.name == fastest.name else fastest.why_not(plan)
 
 
 def choose_engine(plan: Plan, wanted: str | None = None) -> Engine:
-    """The engine for a study.
+    """Choose the engine for a study.
 
     Args:
         plan: the study.
-        wanted: name of an engine or "auto"; that of the study where left out.
+        wanted: name of an engine or "auto"; None for the study's setting.
 
     Raises:
-        SimulationError: no such engine, or one that cannot work out this study (says why).
+        SimulationError: no such engine, or one that cannot run this study (the message says why).
     """
     name = wanted or plan.study.engine
     if name == AUTO:

@@ -1,4 +1,4 @@
-"""What a study is: the digest that tells one from another, and the manifest beside its results."""
+"""Identity of a study: its digest, and the manifest beside its results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.statistics import statistics
 
 FORMAT = 1
-# Packages whose versions may change the last bits of a result, and those that write it.
+# Packages whose versions may change the last bits of a result, and packages that write it.
 COMPUTING = ("icreckon", "numpy", "scipy", "numba", "filterpy")
 WRITING = ("msgspec", "matplotlib", "pyarrow")
 SEEDING = "numpy.random.SeedSequence([seed, index of the run, or of its true motion]).spawn(...)"
@@ -28,7 +28,7 @@ Plain = dict[str, Any]
 
 @cache
 def computing_versions() -> Plain:
-    """Versions of the packages that compute, here."""
+    """Installed versions of the packages that compute."""
     return {name: _version(name) for name in COMPUTING}
 
 
@@ -57,7 +57,10 @@ def manifest(plan: Plan, engine: Engine) -> Plain:
 
 
 def digest(plan: Plan, engine: Engine) -> str:
-    """What the runs of a study depend on: not their number, names for people, or what is compared."""
+    """Digest of all that the runs of a study depend on.
+
+    Their number, names for people, and the baseline of comparisons do not count.
+    """
     content = {
         "format": FORMAT,
         "engine": engine.name,
@@ -81,18 +84,18 @@ def digest(plan: Plan, engine: Engine) -> str:
 
 
 def differences(old: Plain, new: Plain, table: str = "") -> list[str]:
-    """Where two manifests differ, as "key: there OLD, here NEW"."""
-    told = []
+    """Differences of two manifests, as "key: there OLD, here NEW"."""
+    found = []
     for key in sorted({*old, *new}):
         path = f"{table}.{key}" if table else key
         was, now = old.get(key), new.get(key)
         if was == now or key == "digest":
             continue
         if isinstance(was, dict) and isinstance(now, dict):
-            told += differences(was, now, path)
+            found += differences(was, now, path)
         else:
-            told.append(f"{path}: there {_short(was)}, here {_short(now)}")
-    return told
+            found.append(f"{path}: there {_short(was)}, here {_short(now)}")
+    return found
 
 
 def as_json(data: Any) -> str:
@@ -101,7 +104,7 @@ def as_json(data: Any) -> str:
 
 
 def plain(data: Any) -> Any:
-    """Plain data of a structure, as JSON would give it back."""
+    """Plain data of a structure, as after a round trip through JSON."""
     return json.loads(json.dumps(msgspec.to_builtins(data)))
 
 

@@ -45,25 +45,25 @@ def run_study(
     report: Report | None = None,
     remark: Callable[[str], None] | None = None,
 ) -> Results:
-    """Run a study, or continue it, and leave its tables in a folder; see docs/study.md.
+    """Run or continue a study, and write its tables to a folder; see docs/study.md.
 
     Args:
         study: the study.
-        folder: for blocks and results; where the same study was begun there, it goes on.
-        engine: name of an engine, or "auto"; the study's where left out.
-        workers: threads or processes, as the engine needs; one for each core where left out.
-        executor: anything with that interface to run on instead.
+        folder: folder of blocks and results; if it has blocks of the same study, the study continues.
+        engine: name of an engine, or "auto"; None for the study's setting.
+        workers: number of threads or processes, as the engine needs; None for one per core.
+        executor: executor to run on instead.
         cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).
-        overwrite: whether another study in the folder may be thrown away.
+        overwrite: True if another study in the folder may be deleted.
         report: called at the start and after each block.
-        remark: called with what may surprise, in words.
+        remark: called with warnings, as text.
 
     Returns:
-        What `results.json` holds, NaN where that has null.
+        Content of `results.json`, with NaN for null.
 
     Raises:
-        SimulationError: the study makes no sense, sweeps what changes nothing, or its folder holds
-            something else.
+        SimulationError: an invalid study, a swept key that changes nothing, or a folder with other
+            content.
         EstimatorError: no such robot.
     """
     if executor is not None and cluster is not None:
@@ -73,10 +73,10 @@ def run_study(
     chosen = choose_engine(plan, engine)
     slow = why_slow(plan, chosen)
     if remark is not None and slow is not None:
-        remark(f"runs are worked out one after the other, which is slow: {slow}")
-    told = manifest(plan, chosen)
+        remark(f"runs are computed one after the other, which is slow: {slow}")
+    identity = manifest(plan, chosen)
     shape = (len(plan.labels), len(statistics(study.horizons)))
-    store = open_store(Path(folder), told, shape, overwrite=overwrite)
+    store = open_store(Path(folder), identity, shape, overwrite=overwrite)
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1
     if cluster is not None:
@@ -86,7 +86,7 @@ def run_study(
     else:
         workplace = here(count, threads=chosen.in_threads(plan))
     run_blocks(plan, chosen, jobs, store, workplace, report)
-    return _write_results(_gathered(plan, jobs, store), told, store)
+    return _write_results(_gathered(plan, jobs, store), identity, store)
 
 
 def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
@@ -97,18 +97,18 @@ def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
         block = store.read(job)
         if block is None:
             raise SimulationError(
-                f"{store.path(job)}: was there, and is not any more; give the same command again"
+                f"{store.path(job)}: has been removed meanwhile; give the same command again"
             )
         here = slice(job.first_run, job.first_run + job.count)
         values[:, job.cell, here], reasons[:, job.cell, here] = block
     return Runs(plan, values, reasons)
 
 
-def _write_results(runs: Runs, told: dict[str, object], store: BlockStore) -> Results:
+def _write_results(runs: Runs, identity: dict[str, object], store: BlockStore) -> Results:
     from icreckon.simulation.study.tables import results_parquet, runs_parquet
 
     cells = cell_summaries(runs)
-    results = study_results(runs, told, cells)
+    results = study_results(runs, identity, cells)
     files = {
         RESULTS_PARQUET: results_parquet(runs, cells),
         RUNS_PARQUET: runs_parquet(runs),

@@ -1,4 +1,4 @@
-"""Working through the blocks of a study: handed out, kept when finished, handed out again if lost."""
+"""Job queue of a study: blocks are submitted, stored, and submitted again if lost."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.failures import checked, run_by_run
 from icreckon.simulation.study.statistics import statistics
 
-# A block that so many workers have died of is not tried again.
+# A block is not tried again after so many workers have died in it.
 MOST_TRIES = 4
-# How long a wait for blocks lasts before signals are looked at [s].
+# Longest wait for blocks between checks for signals [s].
 POLL_SECONDS = 0.5
-# Errors of `distributed` that tell of a worker's end; by name, as it need not be installed.
+# Errors of `distributed` for a dead worker; by name, as it need not be installed.
 CLUSTER_LOSSES = {"KilledWorker", "FutureCancelledError", "FuturesCancelledError"}
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a study is, in blocks, and in runs of one filter each.
+    """Progress of a study, in blocks, and in runs of one filter each.
 
     Attributes:
-        blocks: that are finished.
-        all_blocks: of the study.
-        found_blocks: that were there at the start.
-        runs: that this command has worked out.
-        runs_left: that it still must.
+        blocks: finished blocks.
+        all_blocks: blocks of the study.
+        found_blocks: blocks in the store at the start.
+        runs: runs computed by this command.
+        runs_left: runs still to compute.
     """
 
     blocks: int
@@ -54,17 +54,17 @@ Worked = tuple[Floats, Reasons, dict[str, str]]
 
 
 def work(module: str, cell: Cell, first_run: int, count: int) -> Worked:
-    """A block, where the worker is.
+    """Compute a block, on the worker.
 
     Args:
-        module: of the engine.
-        cell: where the runs belong.
+        module: module of the engine.
+        cell: cell of the runs.
         first_run: index of the first run.
         count: number of runs.
 
     Returns:
-        The statistics (filters, runs, statistics), NaN for failed runs; why these failed (filters,
-        runs), empty for the others; and the versions of what computed them.
+        Statistics (filters, runs, statistics), NaN for failed runs; reasons of failed runs (filters,
+        runs), empty for the others; and the versions of the packages that compute.
     """
     block = import_module(module).block
     filters = {one.label: one for one in cell.filters}
@@ -92,18 +92,18 @@ def run_blocks(
     open_workplace: OpenWorkplace,
     report: Report | None = None,
 ) -> None:
-    """Work out all blocks that the store does not have.
+    """Compute all blocks that the store does not have.
 
     Args:
         plan: the study.
-        engine: what works them out.
+        engine: engine that computes the blocks.
         jobs: all blocks of the study.
-        store: keeps them.
-        open_workplace: where they are worked out; opened again when its workers have died.
+        store: store of finished blocks.
+        open_workplace: opens the workers; called again if they have died.
         report: called at the start and after each block.
 
     Raises:
-        SimulationError: a block fails, or its workers die again and again.
+        SimulationError: a block fails, or its workers die repeatedly.
     """
     _Runner(plan, engine, jobs, store, report).run(open_workplace)
 
@@ -126,14 +126,14 @@ class _Runner:
         self._lost: Counter[Job] = Counter()
 
     def run(self, open_workplace: OpenWorkplace) -> None:
-        """Until all blocks are there."""
-        self._tell()
+        """Run until all blocks are finished."""
+        self._report_progress()
         while self._waiting:
             with open_workplace() as workplace:
                 try:
                     self._work_through(workplace)
                 except BrokenExecutor:
-                    # All that was handed out is among the waiting again; the next workplace is new.
+                    # All submitted blocks are queued again; the next workplace is new.
                     continue
         self._store.tidy()
 
@@ -183,10 +183,10 @@ class _Runner:
         self._finished += 1
         self._runs += self._runs_of(job)
         self._left -= self._runs_of(job)
-        self._tell()
+        self._report_progress()
 
     def _lose(self, job: Job, problem: BaseException) -> None:
-        """Put a block back whose worker has died."""
+        """Queue a block again whose worker has died."""
         self._lost[job] += 1
         if self._lost[job] >= MOST_TRIES:
             raise SimulationError(
@@ -197,13 +197,13 @@ class _Runner:
 
     def _named(self, job: Job) -> str:
         cell = self._plan.cells[job.cell]
-        told = ", ".join(f"{key} = {value}" for key, value in cell.values.items())
-        where = f" ({told})" if told else ""
+        values = ", ".join(f"{key} = {value}" for key, value in cell.values.items())
+        where = f" ({values})" if values else ""
         return f"cell {job.cell}{where}, runs from {job.first_run} on"
 
     def _runs_of(self, job: Job) -> int:
         return job.count * len(self._plan.labels)
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         if self._report is not None:
             self._report(Progress(self._finished, self._all, self._found, self._runs, self._left))

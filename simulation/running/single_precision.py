@@ -1,4 +1,4 @@
-"""Blocks of a study on filters side by side in single precision: twice as many, with seven digits."""
+"""Batch engine in single precision: twice as many lanes, with seven digits."""
 
 from __future__ import annotations
 
@@ -15,5 +15,5 @@ __all__ = ["block", "in_threads", "why_not"]
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int
 ) -> dict[str, RunScores]:
-    """The statistics of some runs of a cell; see `simulation.running.engines.Block`."""
+    """Statistics of some runs of a cell; see `simulation.running.engines.Block`."""
     return study_batch.block(cell, filters, first_run, count, bits=32)

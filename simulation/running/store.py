@@ -1,4 +1,4 @@
-"""The blocks of a study on disk: each finished one is a file, whole or not there."""
+"""Store of finished blocks on disk: one file per block, written atomically."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ BLOCKS = "blocks"
 MANIFEST = "manifest.json"
 RESULTS = "results.json"
 TEMPORARY = ".tmp"
-# A file that has been half written for longer is nobody's [s].
+# A temporary file older than this is abandoned [s].
 ABANDONED = 3600.0
-# What comes of reading a file with any byte changed.
+# Errors of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
-# Differences that a refusal names; those of these keys follow from others, or do no harm.
-TOLD = 4
-UNTOLD = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
+# Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
+MOST_LISTED = 4
+UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
 
 
-# Why runs failed, by filter and run; empty for runs that did not.
+# Reasons of failed runs, by filter and run; empty for the others.
 Reasons = NDArray[np.str_]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A block: runs `first_run` to `first_run + count - 1` of a cell, by all filters."""
+    """Block: runs `first_run` to `first_run + count - 1` of a cell, by all filters."""
 
     cell: int
     first_run: int
@@ -48,7 +48,7 @@ class Job:
 
 
 def jobs_of(plan: Plan, block_runs: int) -> list[Job]:
-    """All blocks of a study; cells that share true motions come one after the other."""
+    """All blocks of a study; cells that share true motions are consecutive."""
     runs = plan.study.runs
     return [
         Job(cell.index, first, min(block_runs, runs - first))
@@ -58,11 +58,11 @@ def jobs_of(plan: Plan, block_runs: int) -> list[Job]:
 
 
 class BlockStore:
-    """The folder of a study.
+    """Store of blocks in the folder of a study.
 
     Args:
-        folder: where it is.
-        digest: of the study.
+        folder: the folder.
+        digest: digest of the study.
         shape: number of filters and of statistics.
     """
 
@@ -72,13 +72,13 @@ class BlockStore:
         self._shape = shape
 
     def path(self, job: Job) -> Path:
-        """The file of a block."""
+        """File of a block."""
         return self.folder / BLOCKS / f"{job.cell:05d}-{job.first_run:07d}.npz"
 
     def read(self, job: Job) -> tuple[Floats, Reasons] | None:
-        """Statistics (filters, runs, statistics) and reasons (filters, runs) of a block, if it is there.
+        """Read a block: statistics (filters, runs, statistics), reasons (filters, runs).
 
-        What is cut short, damaged, or of another study does not count.
+        Returns None if the file is missing, cut short, damaged, or of another study.
         """
         try:
             with self.path(job).open("rb") as file, np.load(file, allow_pickle=False) as data:
@@ -92,15 +92,15 @@ class BlockStore:
         return (values, reasons) if right and digest == self._digest else None
 
     def write(self, job: Job, values: Floats, reasons: Reasons) -> None:
-        """Keep a finished block, even if the power fails in the next moment.
+        """Write a finished block durably: it survives a power failure.
 
         Args:
             job: the block.
             values: (filters, runs, statistics).
-            reasons: (filters, runs) why runs failed.
+            reasons: (filters, runs) reasons of failed runs.
 
         Raises:
-            SimulationError: the file system refuses.
+            SimulationError: the file cannot be written.
         """
         path = self.path(job)
         beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
@@ -116,7 +116,7 @@ class BlockStore:
             raise SimulationError(f"{path}: cannot be written: {problem.strerror}") from None
 
     def tidy(self) -> None:
-        """Take away what interrupted runs left half written, but nothing that is being written now."""
+        """Remove temporary files of interrupted commands, not those being written now."""
         for path in (self.folder / BLOCKS).glob(f"*{TEMPORARY}"):
             with suppress(OSError):
                 if time.time() - path.stat().st_mtime > ABANDONED:
@@ -126,16 +126,16 @@ class BlockStore:
 def open_store(
     folder: Path, manifest: dict[str, Any], shape: tuple[int, int], *, overwrite: bool
 ) -> BlockStore:
-    """The folder of a study, new or to be gone on with, its manifest written.
+    """Open the folder of a study, new or to be continued, and write its manifest.
 
     Args:
-        folder: where it shall be.
-        manifest: of the study.
+        folder: the folder.
+        manifest: manifest of the study.
         shape: number of filters and of statistics.
-        overwrite: whether another study there may be thrown away.
+        overwrite: True if another study there may be deleted.
 
     Raises:
-        SimulationError: there is something else, or the file system refuses.
+        SimulationError: the folder has other content, or cannot be written.
     """
     try:
         if overwrite:
@@ -149,7 +149,7 @@ def open_store(
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file beside its place, and move it there."""
+    """Write a file atomically: to a temporary file, then renamed."""
     beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
     with beside.open("wb") as file:
         file.write(content)
@@ -159,7 +159,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
-    """Write files (name -> content) to a folder, each whole.
+    """Write files (name -> content) to a folder, each atomically.
 
     Raises:
         SimulationError: the folder cannot be written.
@@ -181,10 +181,10 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
         )
     if found.get("digest") == manifest["digest"]:
         return
-    told = differences(found, json.loads(as_json(manifest)))
-    told = [one for one in told if not one.startswith(UNTOLD)]
-    listed = "; ".join(told[:TOLD]) or "content of the robot or recording"
-    more = f"; and {len(told) - TOLD} more" if len(told) > TOLD else ""
+    changed = differences(found, json.loads(as_json(manifest)))
+    changed = [one for one in changed if not one.startswith(UNLISTED)]
+    listed = "; ".join(changed[:MOST_LISTED]) or "content of the robot or recording"
+    more = f"; and {len(changed) - MOST_LISTED} more" if len(changed) > MOST_LISTED else ""
     raise SimulationError(
         f"{folder} holds another study ({listed}{more}); give another --out, or --overwrite to throw "
         "that away"
@@ -192,7 +192,7 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
 
 
 def _throw_away_others(folder: Path, manifest: dict[str, Any]) -> None:
-    """Remove what is there of another study, and nothing else."""
+    """Remove the files of another study, and nothing else."""
     found = _read_manifest(folder)
     if found is None or found["digest"] == manifest["digest"]:
         return
@@ -211,7 +211,7 @@ def _read_manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a new name in a folder last; not every system can."""
+    """Flush a new name in a folder to disk, if the system can."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:

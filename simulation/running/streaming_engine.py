@@ -1,4 +1,4 @@
-"""Blocks of a study on the streaming filter: one run after the other, as a robot would have it."""
+"""Streaming engine: blocks of a study on the robot's filter, one run at a time."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from icreckon.simulation.study.plan import DEFAULT_TRUTHS
 from icreckon.simulation.study.statistics import run_statistics, score_times, statistics
 from icreckon.simulation.truth.true_motion import TrueMotion
 
-# Cells of a sweep mostly share their true motions; so many are kept.
+# True motions kept in memory; cells of a sweep mostly share them.
 KEPT_MOTIONS = 2 * DEFAULT_TRUTHS
-# What of a scenario has no part in the true motion.
+# Keys of a scenario that do not affect the true motion.
 SENSED = (
     "noise",
     "track_rate",
@@ -49,7 +49,7 @@ SENSED = (
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int
 ) -> dict[str, RunScores]:
-    """The statistics of some runs of a cell; see `simulation.running.engines.Block`."""
+    """Statistics of some runs of a cell; see `simulation.running.engines.Block`."""
     width = len(statistics(cell.horizons))
     values = {one.label: np.full((count, width), np.nan) for one in filters}
     reasons: dict[str, list[str]] = {one.label: [] for one in filters}
@@ -73,7 +73,7 @@ def _run(log: Log, one: Filter, times: Floats) -> Run:
     """Run a filter over a log, with a row at each of the given times (n,) [s].
 
     Raises:
-        LostFilter: the estimate is not finite, has negative variances, or is absurd.
+        LostFilter: the estimate is not finite, has negative variances, or is implausible.
     """
     estimator = PoseEstimator(one.robot, one.variant, settings=one.settings)
     wanted = deque(to_stamps(times).tolist())
@@ -105,10 +105,10 @@ def _run(log: Log, one: Filter, times: Floats) -> Run:
 
 
 def study_log(cell: Cell, run_index: int) -> Log:
-    """The log of a run: the true motion of its number modulo `cell.truths`, and noise of its own.
+    """Log of a run: true motion of its index modulo `cell.truths`, noise of its own.
 
-    Of the first `cell.truths` runs it is what `simulation.scenario.simulate` gives, but for the stamps
-    of its truth, which are those of `score_times`.
+    For the first `cell.truths` runs it is the log of `simulation.simulate.simulate`, except for the
+    stamps of its truth, which are those of `score_times`.
     """
     scenario, robot = cell.scenario, cell.robot
     motion = true_motion(driven(scenario), msgpack.encode(robot), run_index % cell.truths)
@@ -120,7 +120,7 @@ def study_log(cell: Cell, run_index: int) -> Log:
 
 
 def driven(scenario: Scenario) -> bytes:
-    """A scenario as far as it has a part in the true motion."""
+    """Scenario reduced to the keys that affect the true motion, encoded."""
     defaults = {field.name: field.default for field in msgspec.structs.fields(Scenario)}
     plain = {name: defaults[name] for name in SENSED}
     return msgpack.encode(msgspec.structs.replace(scenario, **plain))
@@ -128,7 +128,7 @@ def driven(scenario: Scenario) -> bytes:
 
 @lru_cache(KEPT_MOTIONS)
 def true_motion(scenario_data: bytes, robot_data: bytes, truth_index: int) -> TrueMotion:
-    """A true motion, of the scenario and the robot that are packed there."""
+    """True motion of an encoded scenario and robot."""
     scenario = msgpack.decode(scenario_data, type=Scenario)
     robot = msgpack.decode(robot_data, type=Robot)
     return drive(scenario, robot, random_streams(scenario.seed, truth_index))

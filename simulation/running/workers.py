@@ -1,4 +1,4 @@
-"""Where the blocks of a study run: in threads, in processes, or on a cluster."""
+"""Workers for the blocks of a study: threads, processes, or a cluster."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from icreckon.simulation.base.errors import SimulationError
 
-# Blocks that wait for each worker that has one: it is never idle, and little is lost.
+# Blocks queued per worker: it is never idle, and little is lost if it dies.
 AHEAD = 2
 CONNECT_SECONDS = 20.0
 THREADS = "study"
@@ -25,11 +25,11 @@ THREADS = "study"
 
 @dataclass(frozen=True)
 class Workplace:
-    """Workers.
+    """Workers behind an executor.
 
     Attributes:
-        executor: they take work from it.
-        capacity: tells how many blocks to hand out at a time.
+        executor: executor of the workers.
+        capacity: returns the number of blocks to submit at a time.
     """
 
     executor: Executor
@@ -50,7 +50,7 @@ def here(workers: int, *, threads: bool) -> OpenWorkplace:
 
 
 def given(executor: Executor, workers: int) -> OpenWorkplace:
-    """Workers behind an executor that somebody else opens and closes."""
+    """Workers behind an executor that the caller opens and closes."""
 
     @contextmanager
     def open_workplace() -> Iterator[Workplace]:
@@ -60,10 +60,10 @@ def given(executor: Executor, workers: int) -> OpenWorkplace:
 
 
 def cluster(address: str) -> OpenWorkplace:
-    """The workers of a `dask.distributed` cluster.
+    """Workers of a `dask.distributed` cluster.
 
     Args:
-        address: of its scheduler, as tcp://host:8786.
+        address: address of its scheduler, as tcp://host:8786.
     """
 
     @contextmanager
@@ -91,7 +91,7 @@ def cluster(address: str) -> OpenWorkplace:
 
 
 def _require_listener(address: str) -> None:
-    """Refuse an address where nobody listens, at once; the cluster's own client takes its time."""
+    """Reject an address without listener at once; the cluster's own client is slow to."""
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     if parts.scheme not in {"tcp", "tls"}:
         return
@@ -108,7 +108,7 @@ def _require_listener(address: str) -> None:
 
 
 def threads_at_work() -> bool:
-    """Whether threads are still in blocks, as after an interruption; an exit waits for them."""
+    """Return True if threads still compute blocks, which delays an exit."""
     return any(thread.name.startswith(f"{THREADS}_") for thread in threading.enumerate())
 
 
@@ -126,7 +126,7 @@ def _threads(workers: int) -> Iterator[Workplace]:
 @contextmanager
 def _processes(workers: int) -> Iterator[Workplace]:
     context = multiprocessing.get_context("spawn")
-    # Nothing is ever sent: the workers see when this end is closed, also by the end of this process.
+    # Nothing is ever sent: the workers detect that this end is closed, also if this process dies.
     theirs, ours = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(workers, context, _begin_worker, (theirs,))
     try:
@@ -142,7 +142,7 @@ def _processes(workers: int) -> Iterator[Workplace]:
 
 
 def _begin_worker(closes: Connection) -> None:
-    """Leave Ctrl-C to the parent, and go when it closes the line, or is killed."""
+    """Leave Ctrl-C to the parent, and exit when it closes the pipe, or is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_leave_with, args=(closes,), daemon=True).start()
 

@@ -1,8 +1,9 @@
-"""What the encoders of the tracks read of a true motion.
+"""Track speeds from encoders: noise, scale errors, quantisation, dropouts.
 
-An encoder counts. Its speed is the travel counted since the sample before, over the time since: what
-one sample misses of a count the next one has, so quantisation does not add up. Noise is a density (per
-root second). Every figure has its own random numbers, so that changing one changes no other error.
+An encoder counts. Its speed is the travel counted since the previous sample, over the time since. The
+next sample contains the fraction of a count that one sample misses, so quantisation does not add up.
+Noise is a density (per root second). Every parameter has its own random numbers, so that changing one
+changes no other error.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from icreckon.simulation.truth.true_motion import TrueMotion
 
 DROPOUT_READINGS = ("nothing", "last", "zero")
 
-# A slower track stands: a true one comes to rest exponentially, and never quite [m/s].
+# A slower track counts as standing: a true one comes to rest exponentially, and never quite [m/s].
 STANDING = 1e-4
 
 
@@ -28,14 +29,16 @@ class EncoderErrors(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         speed_noise_density: white noise of each track's speed [m/s/√Hz].
-        scale_sigma: of the unknown part of the effective sprocket radius, both tracks alike [-].
-        scale_difference_sigma: of the left track's scale less the right one's [-].
-        resolution: travel of the track for each count [m]; 0 for an encoder that does not count.
-        dropouts_per_hour: mean number of dropouts in an hour without; both tracks drop out together.
+        scale_sigma: standard deviation of the relative error of the effective sprocket radius, common
+            to both tracks [-].
+        scale_difference_sigma: standard deviation of the left track's scale less the right one's [-].
+        resolution: travel of the track per count [m]; 0 for no quantisation.
+        dropouts_per_hour: mean number of dropouts per hour outside dropouts; both tracks drop out
+            together.
         dropout_duration: mean length of a dropout [s]; both this and the time between dropouts are
             exponentially distributed.
-        dropout_reads: what samples read in a dropout, one of `DROPOUT_READINGS`: "nothing" (they are
-            missing from the log), the "last" speeds before it, or "zero".
+        dropout_reads: reading in a dropout, one of `DROPOUT_READINGS`: "nothing" (samples are missing
+            from the log), the "last" speeds before it, or "zero".
     """
 
     speed_noise_density: float = 0.0
@@ -50,13 +53,15 @@ class EncoderErrors(msgspec.Struct, frozen=True, kw_only=True):
 def read_tracks(
     motion: TrueMotion, times: Floats, rate: float, errors: EncoderErrors, rng: Generator
 ) -> TrackSpeedSeries:
-    """Track speeds from encoders: averages since the sample before; exactly zero on a standing track.
+    """Track speeds from encoders, averaged since the previous sample.
+
+    They are exactly zero on a standing track.
 
     Args:
         motion: the true motion.
-        times: (n,) when to sample [s].
-        rate: samples per second [Hz], which turns density into noise per sample.
-        errors: of the track speeds.
+        times: (n,) sample times [s].
+        rate: samples per second [Hz]; converts the noise density to noise per sample.
+        errors: errors of the track speeds.
         rng: draws the errors.
     """
     return with_encoder_errors(motion.mean_track_speeds(times), times, rate, errors, rng)
@@ -65,7 +70,10 @@ def read_tracks(
 def with_encoder_errors(
     true: Floats, times: Floats, rate: float, errors: EncoderErrors, rng: Generator
 ) -> TrackSpeedSeries:
-    """What encoders read of true mean speeds (n, 2) since the sample before [m/s]; see `read_tracks`."""
+    """Add encoder errors to true mean speeds (n, 2) since the previous sample [m/s].
+
+    Other arguments as in `read_tracks`.
+    """
     constants, events = rng.spawn(2)
     scale = 1.0 + errors.scale_sigma * rng.standard_normal()
     difference = errors.scale_difference_sigma * constants.standard_normal()
@@ -88,7 +96,7 @@ def with_encoder_errors(
 
 
 def _dropouts(times: Floats, errors: EncoderErrors, rng: Generator) -> NDArray[np.bool_]:
-    """Which samples (n,) fall into a dropout; the first one, at the start of the run, never does."""
+    """Mask (n,) of samples in a dropout; the first sample of the run is never in one."""
     lost = np.zeros(len(times), dtype=bool)
     if errors.dropouts_per_hour == 0.0:
         return lost

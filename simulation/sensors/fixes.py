@@ -1,6 +1,6 @@
 """Position fixes of a true motion: noise, outliers, latency, outages.
 
-Every figure has its own random numbers, so that changing one changes no other error.
+Every parameter has its own random numbers, so that changing one changes no other error.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from icreckon.estimator.log.series import FixSeries
 from icreckon.simulation.base.sampling import to_stamps
 from icreckon.simulation.truth.true_motion import TrueMotion
 
-# A fix without error still says that it is good to a millimetre (a milliradian): a log has no room
-# for a variance of zero.
+# A fix without error still states a sigma of a millimetre (a milliradian): a log allows no variance
+# of zero.
 SMALLEST_FIX_SIGMA = 1e-3
 
 
@@ -26,9 +26,9 @@ class FixErrors(msgspec.Struct, frozen=True, kw_only=True):
         sigma: standard deviation of each coordinate [m].
         heading_sigma: standard deviation of yaw [rad], or None for fixes without heading.
         outlier_share: share of fixes that are outliers [-].
-        outlier_sigma: standard deviation of what an outlier has more, in each coordinate [m]. The log
-            states the variance of an ordinary fix for it.
-        latency: a fix that arrives (and is stamped) now shows the pose of so long ago [s].
+        outlier_sigma: standard deviation of the additional error of an outlier, in each coordinate
+            [m]. The log states the variance of an ordinary fix for it.
+        latency: age of the pose that a fix measures, at its arrival and stamp [s].
     """
 
     sigma: float = 0.05
@@ -45,15 +45,15 @@ def read_fixes(
     outages: tuple[tuple[float, float], ...],
     rng: Generator,
 ) -> FixSeries:
-    """Position fixes, with heading where its sigma is given, and none in an outage.
+    """Position fixes, with heading if its sigma is given, and none in an outage.
 
-    What is older than the run shows the pose at its start, where the robot stood.
+    A fix of a pose before the run measures the pose at its start, where the robot stood.
 
     Args:
         motion: the true motion.
-        times: (n,) when fixes arrive [s].
-        errors: of the fixes.
-        outages: start and end [s] of each time in which no fix arrives, both included.
+        times: (n,) arrival times of the fixes [s].
+        errors: errors of the fixes.
+        outages: start and end [s] of each span without fixes, both included.
         rng: draws the errors, those of fixes lost in an outage included.
     """
     poses = motion.poses_at(shown_times(times, errors))
@@ -61,7 +61,7 @@ def read_fixes(
 
 
 def shown_times(times: Floats, errors: FixErrors) -> Floats:
-    """Of when (n,) fixes that arrive at these times (n,) show the pose [s]."""
+    """Times (n,) of the poses measured by fixes that arrive at `times` (n,) [s]."""
     return np.maximum(times - errors.latency, 0.0)
 
 
@@ -72,7 +72,7 @@ def with_fix_errors(
     outages: tuple[tuple[float, float], ...],
     rng: Generator,
 ) -> FixSeries:
-    """Fixes that show true poses (n, 3); other arguments as those of `read_fixes`."""
+    """Add fix errors to true poses (n, 3); other arguments as in `read_fixes`."""
     choices, sizes = rng.spawn(2)
     sigmas = np.array([errors.sigma, errors.sigma, errors.heading_sigma or 0.0])
     poses = poses + sigmas * rng.standard_normal(poses.shape)

@@ -1,16 +1,15 @@
-"""What gyro and accelerometer read of a true motion.
+"""Gyro and accelerometer readings of a true motion.
 
-A reading is T u + n + b: the true quantity u in the IMU's axes, a triad T with errors of scale and
-alignment, white noise n and a bias b, cut off at the range. Noise is a density (per root second), so an
-IMU sampled twice as often has noise that is larger by the root of two in each sample and the same in
-what its samples add up to. Every figure has its own random numbers, so that changing one changes no
-other error.
+A reading is T u + n + b, cut off at the range: the true quantity u in the IMU's axes, a triad T with
+errors of scale and alignment, white noise n and a bias b. Noise is a density (per root second). If an
+IMU samples twice as often, each sample's noise is larger by the root of two, and the noise of their
+integral stays. Every parameter has its own random numbers, so that changing one changes no other error.
 
-A bias is the sum of three parts: what it is at turn-on, a random walk (rate or acceleration random
-walk, K), and the bias instability B. A data sheet reads B off the Allan deviation of the sensor, whose
-floor is sqrt(2 ln 2 / pi) B = 0.664 B for flicker noise (IEEE Std 952-1997, annex C). Flicker noise has
-no finite model; as usual a first-order Gauss-Markov process of correlation time T stands for it, here
-of the size at which its Allan deviation peaks at that floor. With x = tau / T its Allan variance is
+A bias is the sum of three parts: the turn-on bias, a random walk (rate or acceleration random walk, K),
+and the bias instability B. A data sheet reads B off the Allan deviation of the sensor, whose floor is
+sqrt(2 ln 2 / pi) B = 0.664 B for flicker noise (IEEE Std 952-1997, annex C). Flicker noise has no finite
+model. As usual a first-order Gauss-Markov process of correlation time T approximates it, scaled so that
+its Allan deviation peaks at that floor. With x = tau / T its Allan variance is
 
     sigma_b² (2 / x) (1 - (3 - 4 e^-x + e^-2x) / (2 x))
 
@@ -35,8 +34,7 @@ from icreckon.simulation.truth.true_motion import TrueMotion, gauss_markov
 
 # Floor of the Allan deviation over bias instability, for flicker noise.
 INSTABILITY_FLOOR = float(np.sqrt(2.0 * np.log(2.0) / np.pi))
-# Highest Allan deviation of a Gauss-Markov process over its standard deviation, and where it is, in
-# correlation times.
+# Peak of a Gauss-Markov process' Allan deviation over its standard deviation.
 MARKOV_PEAK = 0.617364
 MARKOV_PEAK_AT = 1.8926
 
@@ -48,8 +46,8 @@ class InertialErrors(msgspec.Struct, frozen=True, kw_only=True):
         noise_density: white noise of each axis, N [unit/√Hz].
         bias_sigma: standard deviation of each axis' bias at turn-on [unit].
         bias_instability: B of the data sheet; the Allan deviation has its floor at 0.664 B [unit].
-        bias_instability_time: correlation time of the process that stands for it [s]; the floor is at
-            1.89 times this.
+        bias_instability_time: correlation time of the process that approximates it [s]; the floor is
+            at 1.89 times this.
         bias_walk: random walk of the bias, K [unit/√s].
         scale_sigma: standard deviation of each axis' relative error of scale [-].
         misalignment_sigma: standard deviation of each of the six small angles by which an axis leans
@@ -69,7 +67,7 @@ class InertialErrors(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Imu:
-    """What the IMU reads, and the part of it that is bias.
+    """IMU readings, and the part of them that is bias.
 
     Attributes:
         series: the samples.
@@ -92,14 +90,14 @@ def read_imu(
     gyro_rng: Generator,
     accelerometer_rng: Generator,
 ) -> Imu:
-    """IMU samples in the IMU's axes, at its place and mounting in the robot file.
+    """IMU samples in the IMU's axes, for its place and mounting in the robot file.
 
     The accelerometer reads specific force, averaged over one sample interval. The gyro reads
     `gyro_scale` times the rate, and of "z" gyros x and y are zero.
 
     Args:
         motion: the true motion.
-        times: (n,) when to sample [s].
+        times: (n,) sample times [s].
         rate: samples per second [Hz].
         robot: place, mounting, axes and scale of the IMU.
         gyro: errors of the gyro.
@@ -116,7 +114,7 @@ def read_imu(
 def perfect_readings(
     motion: TrueMotion, times: Floats, rate: float, robot: Robot
 ) -> tuple[Floats, Floats]:
-    """What the IMU would read without errors; arguments as those of `read_imu`.
+    """IMU readings without errors; arguments as in `read_imu`.
 
     Returns:
         Angular velocities (n, 3) times `gyro_scale` [rad/s], and specific forces (n, 3) [m/s²].
@@ -138,11 +136,11 @@ def with_inertial_errors(
     gyro_rng: Generator,
     accelerometer_rng: Generator,
 ) -> Imu:
-    """What the IMU reads where a perfect one reads this; other arguments as those of `read_imu`.
+    """Add IMU errors to error-free readings.
 
     Args:
-        perfect: as `perfect_readings` returns it.
-        times: (n,) when it samples [s].
+        perfect: the readings, as returned by `perfect_readings`.
+        times: (n,) sample times [s].
         rate: samples per second [Hz].
         robot: axes of the gyro.
         gyro: errors of the gyro.
@@ -161,16 +159,16 @@ def with_inertial_errors(
 def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floats:
     """Angular velocity (n, 3) of base_link in its own axes [rad/s].
 
-    About z it is the true motion's. About x and y it is what turns the ground under the robot. A
-    direction g that is fixed in the world changes in body axes as dg/dt = -omega x g. In axes that
-    follow the body but not its yaw, G = R_z(yaw) g, only the sought rates O = R_z(yaw) omega_xy are
-    left of that, dG_x/dt = -G_z O_y and dG_y/dt = G_z O_x, and on a plane G is constant, however the
-    robot turns on it.
+    About z it is that of the true motion. About x and y it is the rotation of the ground under the
+    robot. A direction g that is fixed in the world changes in body axes as dg/dt = -omega x g. In axes
+    that follow the body but not its yaw, G = R_z(yaw) g changes only by the sought rates
+    O = R_z(yaw) omega_xy: dG_x/dt = -G_z O_y and dG_y/dt = G_z O_x. On a plane G is constant, however
+    the robot turns on it.
 
     Args:
         motion: the true motion.
         times: (n,) [s].
-        window: over which the change of gravity's direction is averaged [s].
+        window: interval over which the change of gravity's direction is averaged [s].
     """
     w = motion.twists_at(times)[:, 2]
     rates = np.stack([np.zeros_like(w), np.zeros_like(w), w], axis=-1)
@@ -188,7 +186,7 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
 def specific_forces(
     motion: TrueMotion, times: Floats, window: float, position: tuple[float, float, float]
 ) -> Floats:
-    """Specific force (n, 3) in base_link's axes at a place fixed to it [m/s²].
+    """Specific force (n, 3) in base_link's axes at a point fixed to it [m/s²].
 
     Acceleration of base_link, dv/dt + omega x v, plus domega/dt x r + omega x (omega x r), less the
     acceleration of gravity.
@@ -196,8 +194,8 @@ def specific_forces(
     Args:
         motion: the true motion.
         times: (n,) [s].
-        window: over which accelerations are averaged [s].
-        position: r, the place in base_link [m].
+        window: interval over which accelerations are averaged [s].
+        position: r, the point in base_link [m].
     """
     a_x, a_y, w_rate = motion.accelerations_at(times, window).T
     omega = angular_velocities(motion, times, window)
@@ -218,13 +216,13 @@ def specific_forces(
 
 
 def _window(motion: TrueMotion, times: Floats, window: float) -> tuple[Floats, Floats, Floats]:
-    """Start, middle and end (n,) of a window about each time [s], cut off where the motion ends."""
+    """Start, middle, end (n,) of a window about each time [s], within the motion."""
     start = np.clip(times - 0.5 * window, 0.0, motion.end)
     return start, times, np.clip(times + 0.5 * window, 0.0, motion.end)
 
 
 def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Floats:
-    """Acceleration of gravity (n, 3) in axes that follow the body but not its yaw [m/s²]."""
+    """Gravity (n, 3) in axes that follow the body but not its yaw [m/s²]."""
     grid = np.arange(len(gravity)) / motion.rate
     unturned = np.column_stack([_turned(gravity[:, :2], motion.poses[:, 2]), gravity[:, 2]])
     return np.stack([np.interp(times, grid, column) for column in unturned.T], axis=-1)
@@ -240,7 +238,7 @@ def _turned(vectors: Floats, yaw: Floats) -> Floats:
 def _read(
     true: Floats, rate: float, errors: InertialErrors, rng: Generator
 ) -> tuple[Floats, Floats]:
-    """What a sensor reads (n, 3) of true values (n, 3) in its axes, and its bias (n, 3) [unit]."""
+    """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit]."""
     from icreckon.simulation.base.noise_kernel import add_inertial_errors_entry
 
     constants, instabilities = rng.spawn(2)

@@ -1,8 +1,8 @@
-"""Sensors as data sheets specify them, presets, and the errors that they come to on a robot.
+"""Sensor specifications as in data sheets, presets, and the resulting errors.
 
-A figure that a scenario leaves out (None) is the preset's; one that the preset leaves out is the robot
-file's; and one that no robot file has is that of `EncoderErrors`, `InertialErrors` or `FixErrors`,
-where all figures are explained: no such error, or a usual duration.
+A parameter that a scenario omits (None) is taken from the preset, then from the robot file, then from
+the defaults of `EncoderErrors`, `InertialErrors` or `FixErrors`: no such error, or a usual duration.
+These three classes document all parameters.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from icreckon.simulation.sensors.encoders import DROPOUT_READINGS, EncoderErrors
 from icreckon.simulation.sensors.fixes import FixErrors
 from icreckon.simulation.sensors.imu import InertialErrors
 
-# Ten dropouts in a second are a broken encoder, or a slip of the pen.
+# Ten dropouts in a second are a broken encoder, or a mistake.
 MOST_DROPOUTS_PER_HOUR = 36_000.0
-# What `factor` multiplies.
+# Parameters that `factor` multiplies.
 ENCODER_SCALED = ("speed_noise_density", "scale_sigma", "scale_difference_sigma", "resolution")
 INERTIAL_SCALED = (
     "noise_density",
@@ -33,12 +33,12 @@ INERTIAL_SCALED = (
     "misalignment_sigma",
 )
 FIX_SCALED = ("sigma", "heading_sigma")
-# What cannot be zero.
+# Parameters that cannot be zero.
 POSITIVE = ("dropout_duration", "bias_instability_time", "range")
 
 
 def _check(spec: msgspec.Struct) -> None:
-    """Refuse a wrong type, a figure that is negative, infinite or NaN, or zero without sense."""
+    """Reject wrong types, negative, infinite or NaN values, and zeros in `POSITIVE`."""
     settle_types(spec)
     for name in spec.__struct_fields__:
         value = getattr(spec, name)
@@ -50,7 +50,10 @@ def _check(spec: msgspec.Struct) -> None:
 
 
 class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The encoders' figures, see `EncoderErrors`, and `factor` on noise, scales and resolution."""
+    """Encoder parameters, as in `EncoderErrors`.
+
+    `factor` multiplies noise, scales and resolution.
+    """
 
     speed_noise_density: float | None = None
     scale_sigma: float | None = None
@@ -74,7 +77,10 @@ class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class InertialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Figures of gyro or accelerometer, see `InertialErrors`, and `factor` on all but time and range."""
+    """Gyro or accelerometer parameters, as in `InertialErrors`.
+
+    `factor` multiplies all but time and range.
+    """
 
     noise_density: float | None = None
     bias_sigma: float | None = None
@@ -91,7 +97,10 @@ class InertialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class FixSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Figures of position fixes, see `FixErrors`, and `factor` on the sigmas of ordinary fixes."""
+    """Position fix parameters, as in `FixErrors`.
+
+    `factor` multiplies the sigmas of ordinary fixes.
+    """
 
     sigma: float | None = None
     heading_sigma: float | None = None
@@ -107,7 +116,7 @@ class FixSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class SensorSpecs(msgspec.Struct, frozen=True, kw_only=True):
-    """The data sheets of all sensors."""
+    """Specifications of all sensors."""
 
     encoders: EncoderSpec = EncoderSpec()
     gyro: InertialSpec = InertialSpec()
@@ -116,7 +125,7 @@ class SensorSpecs(msgspec.Struct, frozen=True, kw_only=True):
 
 
 # Grades are those of the IMU alone, as in data sheets; a moving vehicle adds vibration. Biases also
-# walk: about as far as their instability within some ten minutes, as they do when it gets warm.
+# walk: about as far as their instability within some ten minutes, as they do during warm-up.
 NOISE_PRESETS: dict[str, SensorSpecs] = {
     "perfect": SensorSpecs(
         encoders=EncoderSpec(speed_noise_density=0.0, scale_sigma=0.0),
@@ -197,13 +206,13 @@ Errors = TypeVar("Errors", bound=msgspec.Struct)
 
 
 def noise_preset(name: str) -> SensorSpecs:
-    """The data sheets of a preset.
+    """Sensor specifications of a preset.
 
     Args:
         name: one of `NOISE_PRESETS`.
 
     Raises:
-        SimulationError: an unknown preset; says which is nearest.
+        SimulationError: an unknown preset; the message names the nearest.
     """
     if name not in NOISE_PRESETS:
         hint = nearest_hint(name, list(NOISE_PRESETS))
@@ -212,7 +221,7 @@ def noise_preset(name: str) -> SensorSpecs:
 
 
 def encoder_errors(robot: Robot, given: EncoderSpec, preset: SensorSpecs) -> EncoderErrors:
-    """Errors of the robot's encoders, of what is given, the preset, and the robot file."""
+    """Encoder errors from the given parameters, the preset, and the robot file."""
     own = EncoderSpec(
         speed_noise_density=robot.tracks.speed_noise_density, scale_sigma=robot.tracks.scale_sigma
     )
@@ -220,7 +229,7 @@ def encoder_errors(robot: Robot, given: EncoderSpec, preset: SensorSpecs) -> Enc
 
 
 def gyro_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs) -> InertialErrors:
-    """Errors of the robot's gyro, of what is given, the preset, and the robot file."""
+    """Gyro errors from the given parameters, the preset, and the robot file."""
     imu = robot.imu
     own = InertialSpec(
         noise_density=imu.gyro_noise_density,
@@ -232,7 +241,7 @@ def gyro_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs) -> Inert
 
 
 def accelerometer_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs) -> InertialErrors:
-    """Errors of the robot's accelerometer, of what is given, the preset, and the robot file."""
+    """Accelerometer errors from the given parameters, the preset, and the robot file."""
     imu = robot.imu
     own = InertialSpec(
         noise_density=imu.accelerometer_noise_density,
@@ -243,14 +252,14 @@ def accelerometer_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs)
 
 
 def fix_errors(given: FixSpec, preset: SensorSpecs) -> FixErrors:
-    """Errors of position fixes, of what is given and the preset; no robot file has any."""
+    """Position fix errors from the given parameters and the preset alone."""
     return _in_force(FixErrors, FIX_SCALED, given, preset.fixes)
 
 
 def _in_force(
     kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
 ) -> Errors:
-    """Errors with each figure from the first data sheet that has it, some times the factor."""
+    """Errors from the first spec that has each parameter; `scaled` ones times factor."""
     figures: dict[str, Any] = {}
     for spec in reversed(specs):
         given = msgspec.structs.asdict(spec)

@@ -1,4 +1,7 @@
-"""Variants and cells of a study whose results agree to rounding: what they differ in does not act."""
+"""Variants and cells of a study whose results agree to rounding.
+
+The keys in which they differ have no effect.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,17 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 
-# Statistics of a run that differ by less, relatively, are the same.
+# Relative difference up to which statistics of a run count as equal.
 ROUNDING = 1e-9
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:
-    """Places along an axis at which all statistics are the same to rounding, in groups of two or more.
+    """Group the indices along an axis at which all statistics are equal to rounding.
+
+    Groups have two or more indices.
 
     Args:
-        values: (filters, cells, runs, statistics); NaN where there is none.
+        values: (filters, cells, runs, statistics); NaN for missing values.
         axis: 0 for filters, 1 for cells.
     """
     places = np.moveaxis(values, axis, 0)

@@ -1,4 +1,4 @@
-"""The cells of a study: each one scenario, one true robot, and what each filter believes of it."""
+"""Cells of a study: one scenario, one true robot, and each filter's robot model."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, merged
 from icreckon.simulation.study.plan import LatinHypercube, Study, nest
 
-# Roots of the dotted keys that are not the scenario's.
+# Roots of dotted keys outside the scenario.
 ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
 ROBOTS = (ROBOT, TRUE_ROBOT, FILTER)
 OUTAGE = "outage"
 MOST_CELLS = 100_000
-# A grid's values are on a logarithmic scale where the largest is this many times the smallest.
+# A grid's axis is logarithmic if its largest value is at least this many times the smallest.
 LOG_SPAN = 20.0
 
 Scale = Literal["linear", "log", "names"]
@@ -37,13 +37,13 @@ Kind = Literal["grid", "cases", "latin"]
 
 @dataclass(frozen=True)
 class Axis:
-    """Something that is swept.
+    """Axis of a sweep.
 
     Attributes:
         name: the dotted key, or the name of the cases.
-        scale: of its values in figures.
-        values: all that occur, in their order in the study; those of a Latin hypercube rise.
-        sampled: whether it belongs to a Latin hypercube, where each value occurs once.
+        scale: scale of its values in figures.
+        values: all values, in their order in the study; ascending for a Latin hypercube.
+        sampled: True for an axis of a Latin hypercube, where each value occurs once.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Filter:
-    """A filter in a cell: its label, variant, settings, and the robot that it takes for true."""
+    """Filter in a cell: its label, variant, settings, and robot model."""
 
     label: str
     variant: str
@@ -64,16 +64,16 @@ class Filter:
 
 @dataclass(frozen=True)
 class Cell:
-    """A point of the sweep.
+    """Point of a sweep.
 
     Attributes:
-        index: its number, from 0.
+        index: index of the cell, from 0.
         values: axis -> value, one for each axis.
-        scenario: what is driven; its seed is the study's.
-        robot: the robot that drives.
-        filters: those of the study, in its order.
-        truths: distinct true motions: run r drives that of number r modulo this.
-        horizons: lengths of the segments that drift is scored over [s].
+        scenario: scenario of the runs, with the study's seed.
+        robot: the true robot.
+        filters: filters of the study, in its order.
+        truths: number of distinct true motions; run r drives true motion r modulo this.
+        horizons: lengths of the segments over which drift is scored [s].
     """
 
     index: int
@@ -87,7 +87,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Plan:
-    """A study with its axes and cells."""
+    """Study with its axes and cells."""
 
     study: Study
     axes: tuple[Axis, ...]
@@ -101,13 +101,13 @@ class Plan:
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a sweep: a key of the grid, an axis of cases, or all of a Latin hypercube.
+    """Part of a sweep: a grid key, an axis of cases, or a whole Latin hypercube.
 
     Attributes:
-        kind: which of these.
-        name: of the axis; of a Latin hypercube, of its first one.
-        values: names of the points; of a Latin hypercube, those of its first axis.
-        changes: what each point changes, by dotted key.
+        kind: kind of the part.
+        name: name of the axis; for a Latin hypercube, of its first axis.
+        values: names of the points; for a Latin hypercube, the values of its first axis.
+        changes: changes of each point, by dotted key.
     """
 
     kind: Kind
@@ -118,17 +118,17 @@ class Part:
 
 @dataclass(frozen=True)
 class _Point:
-    """Where an axis, or all of a Latin hypercube, is in a cell: its values, and changes by dotted key."""
+    """Point of an axis or a Latin hypercube: its values, and changes by dotted key."""
 
     values: dict[str, Value]
     changes: dict[str, Any]
 
 
 def expand(study: Study) -> Plan:
-    """The plan of a study.
+    """Expand a study to its plan.
 
     Raises:
-        SimulationError: a dotted key leads nowhere (says which is nearest), or a cell makes no sense.
+        SimulationError: an unknown dotted key (the message names the nearest), or an invalid cell.
         EstimatorError: no such robot.
     """
     robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
@@ -147,13 +147,13 @@ def expand(study: Study) -> Plan:
 
 
 def cell_maker(study: Study) -> Callable[[dict[str, Any]], Cell]:
-    """Function that returns the cell of changes by dotted key; raises what `expand` does."""
+    """Make a function from changes by dotted key to a cell; raises as `expand` does."""
     robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
     return lambda changes: _cell(study, robot, 0, {}, changes)
 
 
 def parts_of(study: Study) -> list[Part]:
-    """The parts of the sweep, which multiply."""
+    """Parts of the sweep; cells are all their combinations."""
     axes, dimensions = _dimensions(study)
     cases = {} if study.sweep is None else study.sweep.cases
     parts = []
@@ -166,7 +166,7 @@ def parts_of(study: Study) -> list[Part]:
 
 
 def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
-    """The axes, and the points of each dimension of the sweep."""
+    """Axes, and the points of each dimension of the sweep."""
     sweep = study.sweep
     axes: list[Axis] = []
     dimensions: list[list[_Point]] = []
@@ -192,11 +192,11 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
 
 
 def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
-    """The points of a Latin hypercube: dotted key -> value, to six significant digits.
+    """Points of a Latin hypercube: dotted key -> value, to six significant digits.
 
     Args:
-        latin: its ranges.
-        seed: of the study; the same gives the same points.
+        latin: number of points, and ranges.
+        seed: seed of the study, which determines the points.
     """
     from scipy.stats import qmc  # type: ignore[import-untyped]
 
@@ -230,12 +230,12 @@ def _cell(
     if outage is not None:
         scenario = _with_outage(scenario, outage)
     alike = _changed_robot(robot, parts[ROBOT], ROBOT)
-    believed = _changed_robot(alike, parts[FILTER], FILTER)
+    modelled = _changed_robot(alike, parts[FILTER], FILTER)
     filters = tuple(
         Filter(
             spec.label,
             spec.variant,
-            _changed_robot(believed, spec.robot, f"robot of {spec.label}"),
+            _changed_robot(modelled, spec.robot, f"robot of {spec.label}"),
             spec.made_settings(),
         )
         for spec in study.filters()
@@ -247,7 +247,7 @@ def _cell(
 
 
 def _root(key: str) -> str:
-    """The first part of a dotted key, if there is such."""
+    """Root of a dotted key, checked."""
     root, _, rest = key.partition(".")
     allowed = [*(name for name in Scenario.__struct_fields__ if name != "seed"), OUTAGE, *ROBOTS]
     if root not in allowed:
@@ -268,7 +268,7 @@ def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
 
 
 def _with_outage(scenario: Scenario, length: Any) -> Scenario:
-    """A scenario without fixes in its last `length` seconds."""
+    """Scenario without fixes in its last `length` seconds."""
     if not (is_finite(length) and 0.0 <= length <= scenario.duration):
         raise SimulationError(
             f"outage must be from 0 to the duration of the run, {scenario.duration:g} s, "
@@ -280,7 +280,7 @@ def _with_outage(scenario: Scenario, length: Any) -> Scenario:
 
 
 def _shown(value: Any) -> Value:
-    """A value of a grid as it stands in tables: lists become text."""
+    """Format a value of a grid for tables: lists become text."""
     return value if isinstance(value, str | int | float | bool) else str(value)
 
 

@@ -1,6 +1,6 @@
-"""Failed runs of a study: what makes a run fail, and how failures are counted and reported.
+"""Failed runs of a study: detection, counts and reports.
 
-A failed run has no statistic at all: every one of its values is NaN, so that it enters no sum.
+A failed run has no statistics: all its values are NaN, so that it enters no sum.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.streaming.lost import described
 from icreckon.simulation.study.statistics import Statistic, statistics
 
-# Largest value of a statistic by its unit. No filter that has an estimate comes near.
+# Largest plausible value of a statistic by its unit; working filters are far below.
 LARGEST = {
     "% of distance": 1e7,
     "deg/m": 1e7,
@@ -28,9 +28,9 @@ LARGEST = {
     "rad/s": 1e3,
     "-": 1e12,
 }
-# Statistics that every run has; the others are NaN in runs that have no such time or measurement.
+# Statistics that every run has; others are NaN in runs too short, or without such measurements.
 REQUIRED_FROM, REQUIRED_TO = "final_position_error_m", "rmse_w_rad_s"
-# Characters of a reason that are kept.
+# Longest stored reason, in characters.
 LONGEST_REASON = 300
 
 
@@ -39,7 +39,7 @@ class RunScores(NamedTuple):
 
     Attributes:
         values: (count, n) in the order of `simulation.study.statistics.statistics`.
-        reasons: (count,) why each run failed; empty for a run that did not.
+        reasons: (count,) reason of each failed run; empty for the others.
     """
 
     values: Floats
@@ -54,8 +54,8 @@ class Failures:
         cell: index of the cell.
         variant: label of the filter.
         runs: number of failed runs.
-        of: number of runs.
-        reasons: the most frequent first, each with its number of runs and the first of them.
+        of: number of all runs.
+        reasons: reasons, the most frequent first, each with its number of runs and its first run.
     """
 
     cell: int
@@ -66,11 +66,11 @@ class Failures:
 
 
 def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
-    """Exclude failed runs: a reason for each impossible run, NaN for all values of failed runs.
+    """Exclude failed runs: add reasons for impossible values, set all values to NaN.
 
     Args:
-        scores: as an engine returns them.
-        horizons: of the statistics [s].
+        scores: scores as returned by an engine.
+        horizons: horizons of the statistics [s].
     """
     kinds = statistics(horizons)
     values, reasons = scores.values.copy(), []
@@ -85,12 +85,12 @@ def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
 def run_by_run(
     one_run: Callable[[int, str], RunScores], runs: range, labels: Sequence[str], width: int
 ) -> dict[str, RunScores]:
-    """Scores of runs that are worked out one at a time, because one of them raises an exception.
+    """Score runs one at a time, after an exception in one of them.
 
     Args:
         one_run: scores of a run (its index) by a filter (its label).
         runs: indices of the runs.
-        labels: of the filters.
+        labels: labels of the filters.
         width: number of statistics.
     """
     found = {}
@@ -113,7 +113,7 @@ def run_by_run(
 
 
 def failures_of(reasons: Any, labels: Sequence[str]) -> list[Failures]:
-    """Failed runs by cell and filter, of reasons (filters, cells, runs)."""
+    """Failed runs by cell and filter, from reasons (filters, cells, runs)."""
     found = []
     for cell in range(reasons.shape[1]):
         for label, of_cell in zip(labels, reasons[:, cell], strict=True):
@@ -122,16 +122,16 @@ def failures_of(reasons: Any, labels: Sequence[str]) -> list[Failures]:
                 failed = [(str(of_cell[run]), int(run)) for run in at]
                 counts = Counter(reason for reason, _ in failed)
                 first = dict(reversed(failed))
-                told = tuple(
+                most_common = tuple(
                     {"reason": reason, "runs": count, "first_run": first[reason]}
                     for reason, count in counts.most_common()
                 )
-                found.append(Failures(cell, label, len(failed), len(of_cell), told))
+                found.append(Failures(cell, label, len(failed), len(of_cell), most_common))
     return found
 
 
 def _why_impossible(values: Floats, kinds: Sequence[Statistic]) -> str:
-    """Reason why the statistics (n,) of a run cannot be; empty if they can."""
+    """Reason why the statistics (n,) of a run are impossible; empty if they are valid."""
     names = [one.name for one in kinds]
     required = range(names.index(REQUIRED_FROM), names.index(REQUIRED_TO) + 1)
     for place, (kind, value) in enumerate(zip(kinds, values.tolist(), strict=True)):

@@ -1,4 +1,4 @@
-"""Sweeps and variants that cannot act: refused before a study runs."""
+"""Rejection of sweeps and variants without effect, before a study runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from icreckon.simulation.study.cells import Cell, Part, Plan, cell_maker, expand
 from icreckon.simulation.study.inputs import cell_inputs, digest_of, filter_inputs
 from icreckon.simulation.study.plan import FilterSpec, Study, flatten, nest
 
-# Why a key may change nothing, by its end.
+# Why a key may change nothing, by its last part.
 WHY = {
     "sprocket_radius": "simulated tracks report speeds, which no radius is needed for",
     "mass": "forces of friction and inertia both grow with the mass, which cancels without payloads "
@@ -40,10 +40,10 @@ Changes = dict[str, Any]
 
 
 def refuse_idle(plan: Plan) -> None:
-    """Refuse a swept key, a case, or a key of a variant that changes nothing in any cell.
+    """Reject swept keys, cases, or keys of variants that change nothing in any cell.
 
     Raises:
-        SimulationError: names the key and says why it cannot act, if that is known.
+        SimulationError: such a key; the message names it, and the reason if known.
     """
     study = plan.study
     _refuse_idle_variants(study, plan.cells)
@@ -66,7 +66,7 @@ def refuse_idle(plan: Plan) -> None:
 
 
 class _Contexts:
-    """All that goes with a part of a sweep: the points of the other parts."""
+    """Contexts of a part of a sweep: the combinations of the other parts' points."""
 
     def __init__(self, study: Study, parts: Sequence[Part], place: int) -> None:
         self._cell_at = cell_maker(study)
@@ -77,13 +77,13 @@ class _Contexts:
         ]
 
     def cells(self, changes: Changes) -> Iterator[Cell]:
-        """Cells of some changes with each of the others."""
+        """Cells of given changes in each context."""
         return (self._cell_at(other | changes) for other in self._others)
 
     def alike(
         self, points: Sequence[Changes], besides: Sequence[Changes] = ({},)
     ) -> list[list[int]]:
-        """Groups of points that have the same inputs whatever goes with them."""
+        """Groups of points that have equal inputs in every context."""
         groups = [list(range(len(points)))]
         for other, besides_it in product(self._others, besides):
             if all(len(group) == 1 for group in groups):
@@ -103,7 +103,7 @@ class _Contexts:
 
 
 def _refuse_idle_keys_of_cases(points: Part, contexts: _Contexts) -> None:
-    """A key of a case is idle if the case is the same without it, and it is not what it was anyway."""
+    """Reject keys of cases that change nothing; keys set to defaults are allowed."""
     for name, changes in zip(points.values, points.changes, strict=True):
         for key in changes if len(changes) > 1 else ():
             rest = {other: value for other, value in changes.items() if other != key}
@@ -112,23 +112,23 @@ def _refuse_idle_keys_of_cases(points: Part, contexts: _Contexts) -> None:
                 if _differ(pairs):
                     continue
             except IcreckonError:
-                # The rest of the case cannot be without it.
+                # The rest of the case is invalid without it.
                 continue
             raise _idle(key, f"case {name!r} of {points.name!r} with it and without it")
 
 
 def _differ(pairs: Iterable[tuple[Cell, Cell]]) -> bool:
-    """Whether some cell has other inputs, or all are told the same."""
-    told_alike = True
+    """Return True if some inputs differ, or if all configurations are equal."""
+    configured_alike = True
     for one, other in pairs:
         if digest_of(cell_inputs(one)) != digest_of(cell_inputs(other)):
             return True
-        told_alike &= (one.scenario, one.robot, one.filters) == (
+        configured_alike &= (one.scenario, one.robot, one.filters) == (
             other.scenario,
             other.robot,
             other.filters,
         )
-    return told_alike
+    return configured_alike
 
 
 def _refuse_idle_variants(study: Study, cells: Sequence[Cell]) -> None:
@@ -137,8 +137,9 @@ def _refuse_idle_variants(study: Study, cells: Sequence[Cell]) -> None:
         for key, rest in _without_each(spec):
             if _acts(study, cells, place, rest):
                 continue
-            told = f"{key} of variant {spec.label!r}"
-            raise SimulationError(f"{told} changes nothing in this study{_why(key)}; leave it out")
+            raise SimulationError(
+                f"{key} of variant {spec.label!r} changes nothing in this study{_why(key)}; leave it out"
+            )
     for first, second in combinations(range(len(specs)), 2):
         same = (
             specs[first].variant == specs[second].variant
@@ -154,7 +155,7 @@ def _refuse_idle_variants(study: Study, cells: Sequence[Cell]) -> None:
 
 
 def _without_each(spec: FilterSpec) -> list[tuple[str, FilterSpec]]:
-    """Keys of a variant, and the variant without each."""
+    """Keys of a variant, each with the variant without it."""
     found = []
     for part in ("settings", "robot"):
         flat = flatten(getattr(spec, part))
@@ -165,21 +166,21 @@ def _without_each(spec: FilterSpec) -> list[tuple[str, FilterSpec]]:
 
 
 def _acts(study: Study, cells: Sequence[Cell], place: int, rest: FilterSpec) -> bool:
-    """Whether a filter is another one with these keys; or these are only what it has anyway."""
+    """Return True if a filter's inputs differ from those of `rest`, or nothing does."""
     variants = list(study.filters())
     variants[place] = rest
     try:
         others = expand(msgspec.structs.replace(study, variants=tuple(variants))).cells
     except IcreckonError:
-        # The rest of the variant cannot be without it.
+        # The rest of the variant is invalid without it.
         return True
-    told_alike = True
+    configured_alike = True
     for cell, without in zip(cells, others, strict=True):
         one, other = cell.filters[place], without.filters[place]
         if digest_of(filter_inputs(cell, one)) != digest_of(filter_inputs(without, other)):
             return True
-        told_alike &= (one.robot, one.settings) == (other.robot, other.settings)
-    return told_alike
+        configured_alike &= (one.robot, one.settings) == (other.robot, other.settings)
+    return configured_alike
 
 
 def _idle(key: str, points: str, changes: Changes | None = None) -> SimulationError:
@@ -191,7 +192,7 @@ def _idle(key: str, points: str, changes: Changes | None = None) -> SimulationEr
 
 
 def _why(*keys: str) -> str:
-    """Why keys change nothing, if it is known."""
+    """Reason why keys change nothing, if known."""
     for key in keys:
         for part in reversed(key.split(".")):
             if part in WHY:

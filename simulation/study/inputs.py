@@ -1,8 +1,8 @@
-"""Inputs of a cell: the numbers that its true motion, its sensors and its filters in fact use.
+"""Inputs of a cell: numbers that its true motion, sensors and filters in fact use.
 
-Keys of scenario, robot file and settings are resolved to what is left of them in this cell. What has no
-part in it is left out: figures of a sensor that is switched off, indices where friction is the truth, a
-mass that cancels. So two cells of equal inputs have equal results, to rounding.
+Keys of scenario, robot file and settings are resolved to their effect in this cell. Numbers without
+effect are left out: parameters of a disabled sensor, indices if friction is the truth, a mass that
+cancels. So two cells of equal inputs have equal results, to rounding.
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ from icreckon.simulation.sensors.specs import (
 )
 from icreckon.simulation.study.cells import Cell, Filter
 
-# Numbers that agree to so many digits are the same: sums in another order differ by more.
+# Numbers that agree to so many digits count as equal: sums in another order differ by more.
 DIGITS = 12
 # Trajectories whose shape depends on the effective gauge.
 WITH_GAUGE = ("figure-eight", "arcs")
-# No reading of a track speed is further from the true speed, in standard deviations.
+# Largest deviation of a track speed reading from the true speed, in standard deviations.
 FARTHEST = 50.0
 
 Inputs = dict[str, Any]
 
 
 def digest_of(inputs: Any) -> str:
-    """A digest that equal inputs share; numbers count to `DIGITS` digits."""
+    """Digest of inputs; numbers count to `DIGITS` digits."""
     text = json.dumps(_rounded(inputs), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def cell_inputs(cell: Cell) -> Inputs:
-    """Inputs of a cell: of its true motion, of its sensors, and of each filter."""
+    """Inputs of a cell: those of its true motion, its sensors, and each filter."""
     filters = {one.label: filter_inputs(cell, one) for one in cell.filters}
     sensors = _sensors(cell.scenario, cell.robot)
     if not any(found["gyro"][0] or found["gyro"][1] for found in filters.values()):
-        # Nobody reads the gyros that are logged or not.
+        # No filter reads the gyro, so its axes do not matter.
         sensors["gyro_axes"] = None
         up = cell.robot.imu_rotation[2].tolist()
         if not (up[0] or up[1] or cell.scenario.patches):
@@ -110,7 +110,7 @@ def filter_inputs(cell: Cell, one: Filter) -> Inputs:
 
 
 def _motion(one: Filter, state: Any, sigmas: Any) -> Inputs:
-    """Inputs of the motion model of a filter, and the state that it starts from."""
+    """Inputs of a filter's motion model, and the initial state."""
     robot, settings = one.robot, one.settings
     parameters, spread = state[s.PARAMETERS], sigmas[s.PARAMETERS]
     gauge = robot.vehicle.track_gauge
@@ -137,7 +137,7 @@ def _motion(one: Filter, state: Any, sigmas: Any) -> Inputs:
 
 
 def _has_gaps(cell: Cell, one: Filter) -> bool:
-    """Whether track speeds can become old, or be refused as absurd, before the next ones come."""
+    """Return True if track speeds can become stale, or be rejected as implausible."""
     scenario, settings = cell.scenario, one.settings
     errors = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
     slowest = 1.0 / min(scenario.track_rate, scenario.imu_rate)
@@ -192,7 +192,7 @@ def _truth(scenario: Scenario, robot: Robot) -> Inputs:
 
 
 def _contact(contact: Any, least: float = 0.0) -> Inputs:
-    """Inputs of a contact, but for the mass; `least` regularising speed that the model has."""
+    """Inputs of a contact, except the mass; `least` is the model's regularising speed."""
     soil, body = msgspec.to_builtins(contact.soil), contact.body
     soil["regularising_speed"] = max(least, contact.soil.regularising_speed)
     soil["longitudinal_friction"] = list(contact.soil.coefficients)

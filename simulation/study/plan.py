@@ -1,7 +1,7 @@
-"""A study as plain data: what is driven, by which filters it is reckoned, and what is swept.
+"""Configuration of a study as plain data: scenario, filters, and sweep.
 
-`simulation.study.cells` makes the cells of it, `simulation.running.run_study` runs it; docs/study.md
-shows every key.
+`simulation.study.cells` makes its cells, `simulation.running.run_study` runs it; docs/study.md lists
+every key.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from icreckon.simulation.base.random_streams import LARGEST_SEED
 from icreckon.simulation.scenario import Scenario
 
 STUDIES_FOLDER = Path(__file__).parent / "studies"
-# Distinct true motions of a cell where a study says nothing: the dearest part of a run.
+# Default number of distinct true motions of a cell; they are the most expensive part of a run.
 DEFAULT_TRUTHS = 20
-# More than these take a year, and gigabytes for their results.
+# More runs take a year, and gigabytes for their results.
 MOST_RUNS = 10_000_000
 DEFAULT_VARIANTS = ("constant-online", "inertia-online", "friction-online")
 SCALES = ("linear", "log")
@@ -38,8 +38,8 @@ class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Points spread evenly over ranges of several keys at once.
 
     Attributes:
-        points: how many.
-        ranges: dotted key -> (lowest, highest, "linear" or "log"); linear where it is left out.
+        points: number of points.
+        ranges: dotted key -> (lowest, highest, "linear" or "log"); the scale is linear by default.
     """
 
     points: int
@@ -57,7 +57,7 @@ class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class Sweep(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What changes from cell to cell; each part goes with all of the others.
+    """Changes from cell to cell, in all combinations of the parts.
 
     Attributes:
         grid: dotted key -> its values.
@@ -92,13 +92,13 @@ class Sweep(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A filter of a study.
+    """Filter of a study.
 
     Attributes:
         variant: name of the filter variant.
-        label: what to call it; the variant's name where left out.
+        label: label of the filter; the variant's name by default.
         settings: keys of `estimator.robot.settings.Settings`.
-        robot: keys of the robot file that this filter alone believes.
+        robot: changes of the robot file for this filter alone.
     """
 
     variant: str
@@ -115,7 +115,7 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         self.made_settings()
 
     def made_settings(self) -> Settings:
-        """The settings, checked.
+        """Make the settings, checked.
 
         Raises:
             SimulationError: a misspelt key, a wrong type or a bad value.
@@ -124,27 +124,27 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A study.
+    """Configuration of a study.
 
     Attributes:
-        name: what to call it, and its folder.
-        description: what it is to show, for people.
+        name: name of the study, and of its folder.
+        description: purpose of the study, for people.
         robot: name of a robot that ships with icreckon, or the path of a robot file.
-        robot_changes: keys of the robot file that are to be others, for truth and filters alike.
-        scenario: what is driven; its seed is the study's.
+        robot_changes: changes of the robot file, for truth and filters alike.
+        scenario: scenario of the runs; its seed is the study's.
         variants: the filters, as names of variants or in full.
-        sweep: what changes from cell to cell; None for a single cell.
-        runs: runs of each cell.
-        truths: distinct true motions of each cell: run r drives that of number r modulo this. 20, or
-            as many as there are runs, where left out.
-        seed: of all random numbers.
-        baseline: label of the filter that the others are compared with, run by run; the first where
-            left out.
-        horizons: lengths of the segments that drift is scored over [s].
-        engine: what works out the runs, see `simulation.running.engines`.
+        sweep: changes from cell to cell; None for a single cell.
+        runs: number of runs per cell.
+        truths: number of distinct true motions per cell; run r drives true motion r modulo this. By
+            default 20, but at most the number of runs.
+        seed: seed of all random numbers.
+        baseline: label of the filter with which the others are compared, run by run; the first by
+            default.
+        horizons: lengths of the segments over which drift is scored [s].
+        engine: engine of the runs, see `simulation.running.engines`.
 
     Raises:
-        SimulationError: a wrong type, an unknown name, or a number that makes no sense.
+        SimulationError: a wrong type, an unknown name, or a number out of range.
     """
 
     name: str
@@ -196,14 +196,14 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
                 raise SimulationError(f"a horizon must be at least 1 s, found {horizon!r}")
 
     def filters(self) -> tuple[FilterSpec, ...]:
-        """The filters in full."""
+        """Filters in full."""
         return tuple(
             FilterSpec(variant=one) if isinstance(one, str) else one for one in self.variants
         )
 
     @property
     def true_motions(self) -> int:
-        """Distinct true motions of each cell."""
+        """Number of distinct true motions per cell."""
         return min(self.runs, self.truths or DEFAULT_TRUTHS)
 
     @property
@@ -218,7 +218,7 @@ def study_names() -> list[str]:
 
 
 def load_study(name_or_path: str | Path) -> Study:
-    """A study by the name of a shipped one, or from a TOML file of one's own.
+    """Load a study by the name of a shipped one, or from a TOML file.
 
     Args:
         name_or_path: a name from `study_names()`, or the path of a `.toml` file. Paths of a robot file
@@ -248,7 +248,7 @@ def load_study(name_or_path: str | Path) -> Study:
 
 
 def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:
-    """Nested tables as dotted keys, in their order."""
+    """Flatten nested tables to dotted keys, in their order."""
     flat: dict[str, Any] = {}
     for key, value in data.items():
         path = f"{table}.{key}" if table else key
@@ -257,10 +257,10 @@ def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:
 
 
 def nest(flat: dict[str, Any]) -> dict[str, Any]:
-    """Dotted keys as nested tables.
+    """Nest dotted keys into tables.
 
     Raises:
-        SimulationError: a key is a table in another.
+        SimulationError: a dotted key is both a value and a table.
     """
     data: dict[str, Any] = {}
     for path, value in flat.items():

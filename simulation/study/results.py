@@ -1,4 +1,7 @@
-"""The results of a study as plain data: what `results.json` holds, and all else is made from."""
+"""Results of a study as plain data: the content of `results.json`.
+
+Pages, figures and tables are made from it.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,14 @@ from icreckon.simulation.study.summary import GROUPS, Summary, over_cells, summa
 Results = dict[str, Any]
 
 COMMAND = "study"
-# Drift is told at this horizon where it can be [s].
+# Preferred horizon at which drift is reported [s].
 USUAL_HORIZON = 30.0
 FINAL_ERROR = "final_position_error_m"
-# Percentiles by which the distribution of the final error is kept.
+# Percentiles that represent the distribution of the final error.
 PERCENTILES = tuple(range(101))
-# So many distributions are kept, of cells that lie far apart.
+# Number of stored distributions, of cells that lie far apart.
 MOST_DISTRIBUTIONS = 4
-# Digits of the numbers that only figures show.
+# Digits of numbers used only in figures.
 SHOWN_DIGITS = 5
 
 
@@ -36,7 +39,7 @@ class Runs:
     Attributes:
         plan: the study.
         values: (filters, cells, runs, statistics); NaN for failed runs.
-        reasons: (filters, cells, runs) why runs failed, empty for others; None where none failed.
+        reasons: (filters, cells, runs) reasons of failed runs, empty for others; None if none failed.
     """
 
     plan: Plan
@@ -45,7 +48,7 @@ class Runs:
 
     @property
     def motions(self) -> Any:
-        """(runs,) number of the true motion of each run."""
+        """Index (runs,) of the true motion of each run."""
         return np.arange(self.values.shape[2]) % self.plan.study.true_motions
 
     @property
@@ -55,13 +58,13 @@ class Runs:
 
     @property
     def statistics(self) -> tuple[Statistic, ...]:
-        """What the last axis of the values is."""
+        """Statistics along the last axis of the values."""
         return statistics(self.plan.study.horizons)
 
 
 @dataclass(frozen=True)
 class Group:
-    """Cells that a figure or a table takes together: its name, its place on the axis, the cells."""
+    """Cells combined in a figure or a table: name, place on the axis, cells."""
 
     name: str
     value: Value
@@ -74,7 +77,7 @@ def cell_summaries(runs: Runs) -> list[list[list[Summary]]]:
 
 
 def groups_of(plan: Plan, axis: Axis) -> list[Group]:
-    """The cells by their value of an axis; those of a Latin hypercube by `GROUPS` of neighbours."""
+    """Cells by their value of an axis; of a Latin hypercube, `GROUPS` of neighbours."""
     if not axis.sampled:
         return [
             Group(
@@ -96,19 +99,19 @@ def groups_of(plan: Plan, axis: Axis) -> list[Group]:
 
 
 def shown(value: Value) -> str:
-    """A value of an axis as people read it."""
+    """Format a value of an axis for people."""
     return f"{value:g}" if isinstance(value, int | float) and value is not True else str(value)
 
 
 def study_results(
     runs: Runs, manifest: dict[str, Any], cells: Sequence[list[list[Summary]]]
 ) -> Results:
-    """The results of a study, ready for JSON.
+    """Results of a study, ready for JSON.
 
     Args:
         runs: all statistics.
-        manifest: of the study.
-        cells: `cell_summaries` of them.
+        manifest: manifest of the study.
+        cells: `cell_summaries` of the runs.
     """
     plan = runs.plan
     everything = tuple(cell.index for cell in plan.cells)
@@ -133,7 +136,7 @@ def study_results(
             ],
             "cells": alike(runs.values, 1),
         },
-        "drift": _told_drift(runs),
+        "drift": _reported_drift(runs),
         "axes": manifest["axes"],
         "overall": _by_variant(runs, _summaries(runs, everything)),
         "cells": [
@@ -169,7 +172,7 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
     baseline = picked[list(runs.plan.labels).index(runs.plan.study.compared_with)]
     motions, found = runs.motions, []
     for one in picked:
-        # A cell where either has failed would compare easy cells with hard ones.
+        # Only cells where neither failed: otherwise easy cells are compared with hard ones.
         both = np.isfinite(one) & np.isfinite(baseline)
         means, paired, others = (
             over_cells(values)
@@ -185,7 +188,7 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
 
 
 def _failed(runs: Runs) -> dict[str, Any]:
-    """Failed runs: how many of how many, and where and why."""
+    """Failed runs: their number of all runs, with cells and reasons."""
     failures, cells = runs.failures, runs.plan.cells
     filters, count, of_each = runs.values.shape[:3]
     return {
@@ -206,8 +209,8 @@ def _by_variant(runs: Runs, found: list[list[Summary]]) -> dict[str, Any]:
     }
 
 
-def _told_drift(runs: Runs) -> str:
-    """The drift that headline and figures tell: of 30 s, or of the horizon that most cells have."""
+def _reported_drift(runs: Runs) -> str:
+    """Drift statistic of headline and figures: of 30 s, or of the most common horizon."""
     names = [one.name for one in runs.statistics]
     horizons = sorted(runs.plan.study.horizons, key=lambda one: (abs(one - USUAL_HORIZON), one))
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
@@ -216,7 +219,7 @@ def _told_drift(runs: Runs) -> str:
 
 
 def _final_errors(runs: Runs) -> list[dict[str, Any]]:
-    """Percentiles of the final position error, by groups of the first axis that lie far apart."""
+    """Percentiles of the final position error, for distant groups of the first axis."""
     plan = runs.plan
     column = [one.name for one in runs.statistics].index(FINAL_ERROR)
     groups = [Group("all runs", "", tuple(cell.index for cell in plan.cells))]

@@ -1,6 +1,6 @@
-"""What a study keeps of each run: one number for each statistic, NaN where the run has no such.
+"""Statistics of a run: one number each, NaN if the run does not have it.
 
-An engine gives them in this order, see `simulation.running.engines`; definitions are those of
+An engine returns them in this order, see `simulation.running.engines`; definitions are those of
 `estimator.log.scores`.
 """
 
@@ -31,16 +31,16 @@ from icreckon.simulation.scenario import Scenario
 
 # Yaw drift is scored over segments of this length [s].
 YAW_HORIZON = 30.0
-# A covariance with a smaller eigenvalue is taken for singular, as `pose_nees` does.
+# A covariance with a smaller eigenvalue counts as singular, as in `pose_nees`.
 LEAST_EIGENVALUE = 1e-12
 SENSORS = ("gyro", "accelerometer", "position")
 DRIFT = "drift_percent_{:g}s"
 
 
 def score_times(scenario: Scenario) -> Floats:
-    """When (n,) a run is scored [s]: at the IMU samples that come next to the stamps of its truth.
+    """Times (n,) at which a run is scored [s]: IMU samples next to the truth's stamps.
 
-    There the estimate of a filter stands, whatever the rates are.
+    A filter has an estimate there at any combination of rates.
     """
     samples = sample_times(scenario.duration, scenario.imu_rate)
     wanted = sample_times(scenario.duration, scenario.truth_rate)
@@ -49,7 +49,7 @@ def score_times(scenario: Scenario) -> Floats:
 
 
 class Statistic(NamedTuple):
-    """A statistic: its name in files, what people read, its unit, and what it ideally is, if that."""
+    """Statistic: its name in files, title for people, unit, and ideal value, if any."""
 
     name: str
     title: str
@@ -58,10 +58,10 @@ class Statistic(NamedTuple):
 
 
 def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
-    """The statistics of a run, in their order.
+    """Statistics of a run, in their order.
 
     Args:
-        horizons: lengths of the segments that drift is scored over [s].
+        horizons: lengths of the segments over which drift is scored [s].
     """
     return (
         *(
@@ -92,15 +92,15 @@ def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
 
 
 def run_statistics(one: Run, log: Log, horizons: Sequence[float]) -> Floats:
-    """The statistics (n,) of a run, in the order of `statistics`.
+    """Statistics (n,) of a run, in the order of `statistics`.
 
-    Drift is of the times without fixes that are at least as long as a segment; of all of the run where
-    it has no fixes at all.
+    Drift is scored in the spans without fixes that are at least as long as a segment; over the whole
+    run if it has no fixes.
 
     Args:
         one: the run; it starts at the true pose.
-        log: what was run, with its truth.
-        horizons: lengths of the segments that drift is scored over [s].
+        log: log of the run, with its truth.
+        horizons: lengths of the segments over which drift is scored [s].
 
     Raises:
         ValueError: the log has no truth with twists.
@@ -146,7 +146,7 @@ def _drift(estimate: Trajectory, log: Log, truth: Truth, horizon: float) -> tupl
 
 
 def _velocity_nees(estimate: Trajectory, truth: Truth, errors: Floats) -> Floats:
-    """NEES (n,) of the twist at the truth's stamps, where its covariance is regular."""
+    """NEES (n,) of the twist at the truth's stamps with a regular covariance."""
     stamps = truth.poses.stamps
     stamps = stamps[(stamps >= estimate.stamps[0]) & (stamps <= estimate.stamps[-1])]
     covariances = estimate.twist_covariances[np.searchsorted(estimate.stamps, stamps)]
@@ -156,7 +156,7 @@ def _velocity_nees(estimate: Trajectory, truth: Truth, errors: Floats) -> Floats
 
 
 def _consistency(health: Health) -> list[float]:
-    """NIS and rejections, sensor by sensor, and all rejections."""
+    """NIS and rejections of each sensor, and all rejections."""
     sensors = [health.sensors.get(name) for name in SENSORS]
     nis = [math.nan if one is None else one.nis_per_degree for one in sensors]
     gated = [0.0 if one is None else float(one.rejected.get("gate", 0)) for one in sensors]

@@ -1,10 +1,10 @@
-"""Statistics over the runs of a study, with intervals that allow for runs that share a true motion.
+"""Statistics over the runs of a study, with cluster-robust intervals.
 
-Runs of the same true motion are no independent runs. So the standard error of a mean is that of sums
-over true motions (cluster-robust; Cameron and Miller, A practitioner's guide to cluster-robust
-inference, 2015), and the interval that of Student's t with one degree less than there are true motions.
-Where each run has a true motion of its own, that is the usual t interval. Ratios are those of two means
-over the same runs, their intervals by the delta method. Nothing here is drawn at random.
+Runs of the same true motion are not independent. So the standard error of a mean is that of sums over
+true motions (cluster-robust; Cameron and Miller, A practitioner's guide to cluster-robust inference,
+2015). The interval is that of Student's t, with one degree of freedom less than there are true motions.
+If each run has its own true motion, that is the usual t interval. Ratios are those of two means over the
+same runs, their intervals by the delta method. Nothing here is drawn at random.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 
 CONFIDENCE = 0.95
-# Sampled axes are summed up over so many groups of neighbouring cells.
+# Number of groups of neighbouring cells that summarise a sampled axis.
 GROUPS = 5
 
 Ints = NDArray[np.int64]
@@ -27,18 +27,18 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Summary:
-    """One statistic of one filter, over runs; NaN where it cannot be told.
+    """Summary of one statistic of one filter over runs; NaN if undefined.
 
     Attributes:
-        n: runs that have the statistic.
-        true_motions: distinct ones among them.
-        mean: with its interval.
-        median: of the runs.
+        n: number of runs that have the statistic.
+        true_motions: number of distinct true motions among them.
+        mean: mean, with its interval.
+        median: median of the runs.
         p05: fifth percentile of the runs.
-        p95: 95th.
-        pairs: runs that have it of the baseline, too.
+        p95: 95th percentile of the runs.
+        pairs: number of runs for which filter and baseline have it.
         difference: mean over those runs, less that of the baseline, with its interval.
-        ratio: mean over those runs, over that of the baseline, with its interval.
+        ratio: mean over those runs, divided by that of the baseline, with its interval.
     """
 
     n: int
@@ -64,13 +64,13 @@ COLUMNS = tuple(field.name for field in fields(Summary))
 def summarise(
     values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
 ) -> Summary:
-    """The summary of a statistic.
+    """Summarise a statistic.
 
     Args:
-        values: (n,) of the runs; NaN where a run has none.
-        baseline: (n,) of the same runs by the baseline.
-        motions: (n,) number of the true motion of each run.
-        paired: (n,) of the runs over the cells that the baseline has too; `values` where left out.
+        values: (n,) values of the runs; NaN if a run has none.
+        baseline: (n,) values of the same runs by the baseline.
+        motions: (n,) index of the true motion of each run.
+        paired: (n,) values of the runs over the cells that the baseline has too; `values` by default.
     """
     paired = values if paired is None else paired
     known = np.isfinite(values)
@@ -94,7 +94,7 @@ def summarise(
 
 
 def mean_interval(values: Floats, motions: Ints) -> tuple[float, float, float]:
-    """Mean of runs (n,) and its 95 % interval; `motions` (n,) says which share their true motion."""
+    """Mean of runs (n,) and its 95 % interval; `motions` (n,) are their true motions."""
     if not len(values):
         return math.nan, math.nan, math.nan
     mean = float(values.mean())
@@ -113,7 +113,7 @@ def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[flo
 
 
 def over_cells(values: Floats) -> Floats:
-    """Means (..., runs, statistics) over cells (..., cells, runs, statistics) that have a number."""
+    """Means (..., runs, statistics) over finite cells (..., cells, runs, statistics)."""
     known = np.isfinite(values)
     count = known.sum(axis=-3)
     total = np.where(known, values, 0.0).sum(axis=-3)
@@ -121,7 +121,7 @@ def over_cells(values: Floats) -> Floats:
 
 
 def _half_width(residuals: Floats, motions: Ints) -> float:
-    """Half of the interval of a mean, of residuals (n,) about it."""
+    """Half-width of the interval of a mean, from residuals (n,) about it."""
     sums = np.bincount(np.unique(motions, return_inverse=True)[1], weights=residuals)
     clusters = len(sums)
     if clusters < 2:

@@ -1,4 +1,4 @@
-"""The tables of a study as Parquet: one row for each summary, one for each run."""
+"""Tables of a study as Parquet: one row for each summary, one for each run."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from icreckon.simulation.study.cells import Axis, Plan
 from icreckon.simulation.study.results import Runs
 from icreckon.simulation.study.summary import COLUMNS, Summary
 
-# Columns of an axis are called after it; this keeps them apart from the others.
+# Names of axis columns; the prefix keeps them apart from the others.
 AXIS = "axis:{}"
 
 
 def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
-    """One row for each cell, variant and statistic.
+    """Table of summaries: one row for each cell, variant and statistic.
 
     Args:
         runs: all statistics.
-        cells: `simulation.study.results.cell_summaries` of them.
+        cells: `simulation.study.results.cell_summaries` of the runs.
     """
     plan, kinds = runs.plan, runs.statistics
     filters, count = len(plan.labels), len(kinds)
@@ -32,9 +32,9 @@ def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
     labels = np.repeat(np.array(plan.labels, dtype=object), count)
     columns["variant"] = np.tile(labels, len(plan.cells))
     for name in ("name", "unit"):
-        told = np.array([getattr(one, name) for one in kinds], dtype=object)
+        column = np.array([getattr(one, name) for one in kinds], dtype=object)
         key = "statistic" if name == "name" else name
-        columns[key] = np.tile(told, len(plan.cells) * filters)
+        columns[key] = np.tile(column, len(plan.cells) * filters)
     for name, values in zip(COLUMNS, rows.T, strict=True):
         whole = Summary.__dataclass_fields__[name].type == "int"
         columns[name] = values.astype(np.int64) if whole else values.astype(np.float64)
@@ -42,7 +42,7 @@ def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
 
 
 def runs_parquet(runs: Runs) -> bytes:
-    """One row for each cell, variant and run, one column for each statistic."""
+    """Table of runs: one row for each cell, variant and run, one column per statistic."""
     plan = runs.plan
     filters, cells, count, _ = runs.values.shape
     at = np.repeat(np.arange(cells), filters * count)
@@ -61,7 +61,7 @@ def runs_parquet(runs: Runs) -> bytes:
 
 
 def _axis_columns(plan: Plan, at: Any) -> dict[str, Any]:
-    """The value of each axis in the cells of some rows."""
+    """Value of each axis in the cells of given rows."""
     return {AXIS.format(axis.name): _axis_values(plan, axis)[at] for axis in plan.axes}
 
 
@@ -73,7 +73,10 @@ def _axis_values(plan: Plan, axis: Axis) -> Any:
 
 
 def _parquet(columns: dict[str, Any]) -> bytes:
-    """A Parquet file; NaN becomes null. The options are fixed, so that equal tables are equal bytes."""
+    """Encode a Parquet file; NaN becomes null.
+
+    The options are fixed, so that equal tables give equal bytes.
+    """
     import pyarrow as pa
     from pyarrow import parquet
 

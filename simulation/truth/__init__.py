@@ -1,4 +1,4 @@
-"""True motion of a robot that follows a command: by friction at its contact points, or kinematic.
+"""True motion of a robot that follows a command, from friction or kinematics.
 
 In: a command, the robot, terrain and loads. Out: `TrueMotion`. Below: `drives`, `base`.
 """

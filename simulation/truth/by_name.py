@@ -1,4 +1,4 @@
-"""The truths by name: what really moves a simulated robot."""
+"""Truth models by name; each moves a simulated robot."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ def make_truth(
     patches: tuple[Patch, ...] = (),
     payloads: tuple[Payload, ...] = (),
 ) -> TruthModel:
-    """A truth by name; what is left out (None) is its own default.
+    """Make a truth model by name; None stands for the model's default.
 
     Args:
         name: one of `TRUTHS`.
         spread: relative spread of the true robot about its file.
-        slip_noise: factor on `simulation.truth.true_motion.TRUE_SLIP`, what no model explains [-].
+        slip_noise: factor on the slip residual `simulation.truth.true_motion.TRUE_SLIP` [-].
         track_lag: time constant of the tracks behind their commands [s].
         patches: terrain along the way.
         payloads: loads along the way.
 
     Raises:
-        SimulationError: no truth has that name (says which is nearest), or it does not know the lag,
-            the terrain or the payload that was asked for.
+        SimulationError: an unknown truth (the message names the nearest), or one that does not support
+            the given lag, terrain or payload.
     """
     if name not in TRUTHS:
         raise SimulationError(f"no truth named {name!r}{nearest_hint(name, list(TRUTHS))}")
@@ -52,6 +52,6 @@ def make_truth(
     unknown = [key for key in given if key not in TRUTHS[name].__dataclass_fields__]
     if unknown:
         raise SimulationError(
-            f"the {name} truth knows no {' or '.join(unknown)}; use truth = 'friction'"
+            f"the {name} truth does not support {' or '.join(unknown)}; use truth = 'friction'"
         )
     return TRUTHS[name](spread=spread, **given)

@@ -1,9 +1,8 @@
-"""The truth from friction: a planar rigid body on two tracks, its forces integrated in time.
+"""Friction truth: a planar rigid body on two tracks, integrated in time.
 
-The tracks follow their commands with a first-order lag; the body follows the tracks by friction and
-rolling resistance at the contact points (`estimator.motion.contact`), with the robot's inertia, on the
-terrain and with the payload of the scenario. In steady motion it is where
-`estimator.motion.steady_state` says.
+The tracks follow their commands with a first-order lag. Friction and rolling resistance at the contact
+points (`estimator.motion.contact`) move the body, with the robot's inertia and the scenario's terrain
+and payload. Its steady motion is that of `estimator.motion.steady_state`.
 """
 
 from __future__ import annotations
@@ -38,8 +37,7 @@ from icreckon.simulation.truth.true_motion import (
 TRACK_LAG = 0.1
 # Error allowed per step; docs/truth.md shows what it costs and brings.
 TOLERANCE = 1e-5
-# The state whose error counts as much as the tolerance times its own size: velocities [m/s, rad/s], loads
-# as a share of the weight, yaw [rad].
+# Scales of the absolute tolerance: velocities [m/s, rad/s], loads as a share of the weight, yaw [rad].
 SMALL_VELOCITY = 0.1
 SMALL_LOAD = 0.1
 SMALL_YAW = 0.1
@@ -51,13 +49,14 @@ CENTRE_SHARE = 0.2
 
 
 class Drive(NamedTuple):
-    """An integrated motion at grid points.
+    """Integrated motion at grid points.
 
     Attributes:
         twists: (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes.
-        transfer: (n, 2) force at the centre of mass that the loads answer to, right and forward [N].
+        transfer: (n, 2) force at the centre of mass that transfers load, right and forward [N].
         slopes: (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²].
-        tipping: (n,) where what presses and that force point outside the contact; not told of the last.
+        tipping: (n,) True if the weight and that force point outside the contact; not set at the last
+            point.
         steps: integration steps taken, rejected ones included.
     """
 
@@ -74,11 +73,10 @@ class FrictionTruth:
 
     Attributes:
         spread: standard deviation of the logarithm of the factors on friction and rolling resistance;
-            `LENGTH_SHARE` of it for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the
+            times `LENGTH_SHARE` for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the
             centre of mass.
         track_lag: time constant of the tracks behind their commands [s].
-        slip_noise: factor on the slip residual of `simulation.truth.true_motion.TRUE_SLIP` that is added
-            [-].
+        slip_noise: factor on the slip residual `simulation.truth.true_motion.TRUE_SLIP` [-].
         patches: terrain along the way.
         payloads: loads along the way.
         tolerance: relative error allowed per integration step.
@@ -99,7 +97,7 @@ class FrictionTruth:
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """The motion; see `TruthModel.run`.
+        """Simulate the motion; see `TruthModel.run`.
 
         Raises:
             SimulationError: the vehicle cannot stand on its contact (with its payload), tips over,
@@ -154,12 +152,12 @@ def drive(
         yaw_inertia: about the vertical through the centre of mass [kg m²].
         speeds: (n, 2) left, right at an even step [m/s]; cubic in between.
         speed_rates: (n, 2) their derivatives [m/s²].
-        step: between them [s].
+        step: time between grid points [s].
         patches: terrain along the way; looked up at each grid point.
         payloads: loads along the way; put on and taken off at the nearest grid points.
         load_lag: time constant of the load transfer [s].
         tolerance: relative error allowed per step.
-        start: where to start; at rest where left out.
+        start: initial state; None for rest.
 
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
@@ -218,12 +216,12 @@ PaperState = tuple[float, float, float, float, float, float]
 
 
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:
-    """Track speeds (n, 2) [m/s] that follow commands (n, 2) with a first-order lag, and their rates.
+    """Track speeds (n, 2) [m/s] with a first-order lag behind commands, and rates.
 
     Args:
-        commands: at an even step [m/s]; linear in between.
-        step: between them [s].
-        time_constant: of the lag [s]; 0 for none.
+        commands: (n, 2) at an even step [m/s]; linear in between.
+        step: time between commands [s].
+        time_constant: time constant of the lag [s]; 0 for none.
     """
     if time_constant <= 0.0:
         return commands, np.gradient(commands, step, axis=0)
@@ -236,10 +234,10 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
 
 
 def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
-    """The true contact of a robot: what its file says, changed at random.
+    """Draw the true contact of a robot: that of its file with random changes.
 
     Args:
-        robot: the robot as its file describes it.
+        robot: the robot as described by its file.
         spread: see `FrictionTruth`.
         rng: draws the changes, seven numbers whatever the spread.
     """
@@ -271,7 +269,7 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
 
 
 def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
-    """Acceleration of gravity (n, 3) in base_link's axes on planes that slope.
+    """Acceleration of gravity (n, 3) in base_link's axes on slopes.
 
     Args:
         slopes: (n, 2) its part along the plane in x and y of odom [m/s²].
@@ -285,12 +283,12 @@ def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
 
 
 def _within(value: float, width: float) -> float:
-    """A centre of mass kept well inside the contact."""
+    """Clip a coordinate of the centre of mass to stay well inside the contact."""
     return float(np.clip(value, -0.4 * width, 0.4 * width))
 
 
 def _spans(payloads: tuple[Payload, ...], count: int, step: float) -> list[tuple[int, int]]:
-    """First and last grid point of each span in which the load does not change."""
+    """First and last grid point of each span of constant load."""
     changes = {0, count - 1}
     for payload in payloads:
         changes |= {

@@ -1,18 +1,18 @@
-"""The equations of motion of a vehicle on its tracks, and their integration, compiled.
+"""Equations of motion of a vehicle on its tracks, and their integration, compiled.
 
-The state is v_x, v_y, w of the origin in the paper's axes, the force at the centre of mass that the
-loads answer to (right, forward), and yaw:
+The state is v_x, v_y, w of the origin in the paper's axes, the force q at the centre of mass that
+transfers load (right, forward), and yaw:
 
     A d(v_x, v_y, w)/dt = forces of the ground + force of inertia in steady motion + pull of the slope
     T dq/dt = -(forces of the ground) - q        d(yaw)/dt = w
 
 A is the mass matrix about the origin. Loads are transferred with a short lag T, as a vehicle on its
-suspension rolls and pitches; at rest of q they are those of d'Alembert's force. Friction that grows from
-nothing to its full size within the regularising speed (0.1 mm/s) makes this very stiff: near zero slip
-velocities follow within microseconds what elsewhere takes tens of milliseconds.
+suspension rolls and pitches. In the steady state of q they are those of d'Alembert's force. Friction
+grows from nothing to its full size within the regularising speed (0.1 mm/s), which makes this very stiff:
+near zero slip, velocities settle within microseconds, elsewhere within tens of milliseconds.
 
-The integrator is RODAS, a Rosenbrock method of order 4(3) with six stages, L-stable and stiffly accurate,
-of full order for the differential-algebraic equations that very stiff friction amounts to (Hairer and
+The integrator is RODAS, a Rosenbrock method of order 4(3) with six stages, L-stable and stiffly accurate.
+It has full order for differential-algebraic equations, which very stiff friction approaches (Hairer and
 Wanner, Solving Ordinary Differential Equations II, section IV.7 and VI.4). It uses the analytic Jacobian,
 needs no inner iteration, and controls its step by the embedded third-order solution.
 
@@ -34,7 +34,7 @@ from icreckon.simulation.truth.terrain_kernel import WIDTH, look_up
 
 SIZE = 6
 STAGES = 6
-# Coefficients of RODAS, in the form that needs no products with the Jacobian.
+# Coefficients of RODAS, in the form without products with the Jacobian.
 GAMMA = 0.25
 A = np.array(
     [
@@ -70,7 +70,7 @@ SMALLEST_STEP = 1e-10
 
 
 class Vehicle(NamedTuple):
-    """What moves.
+    """Constants of the moving vehicle.
 
     Attributes:
         ground: the contact; its friction and rolling resistance (arrays) are overwritten on the way.
@@ -84,7 +84,7 @@ class Vehicle(NamedTuple):
 
 
 class Tolerance(NamedTuple):
-    """Error allowed per step: relative, and (6,) absolute in the units of the state."""
+    """Tolerance per step: relative, and (6,) absolute in the units of the state."""
 
     relative: float
     absolute: Floats
@@ -92,9 +92,9 @@ class Tolerance(NamedTuple):
 
 @compiled
 def lag(commands: Floats, step: float, time_constant: float, speeds: Floats) -> None:
-    """Speeds (n, 2) that follow commands (n, 2), linear between samples, with a first-order lag.
+    """Compute speeds (n, 2) behind commands (n, 2) with a first-order lag, in place.
 
-    The first row of the speeds is where they start.
+    Commands are linear between samples. The first row of the speeds is the initial value.
     """
     if speeds.shape != commands.shape or commands.shape[1] != 2:
         raise ValueError(WRONG_SIZE)
@@ -122,24 +122,24 @@ def integrate(
     slopes: Floats,
     tipping: NDArray[np.bool_],
 ) -> int:
-    """March from grid point to grid point; the ground is looked up at each of them.
+    """Integrate from grid point to grid point; the ground is looked up at each one.
 
     Args:
-        vehicle: what moves.
+        vehicle: constants of the vehicle.
         patches: (k, width) terrain, see `simulation.truth.terrain_kernel`.
         start: time of the first grid point [s].
-        step: between grid points [s].
+        step: time between grid points [s].
         speeds: (n, 2) track speeds at the grid points [m/s]; cubic between them.
         speed_rates: (n, 2) their derivatives [m/s²].
         tolerance: error allowed per step.
         position: (2,) x, y in odom at the first grid point [m], for looking up the ground; overwritten.
         states: (n, 6), the first row given, the others overwritten.
         slopes: (n, 2) overwritten with the acceleration of gravity along the slope in odom [m/s²].
-        tipping: (n,) overwritten, but for the last, with whether the vehicle tips there.
+        tipping: (n,) overwritten, except the last, with True if the vehicle tips there.
 
     Returns:
-        Number of steps taken, rejected ones included; or minus the index of the grid point that was
-        not reached because the step became too small.
+        Number of steps, rejected ones included; or, if the step became too small, minus the index of
+        the grid point that was not reached.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -270,9 +270,9 @@ def _rates(
     jacobian: Floats,
     rate: Floats,
 ) -> bool:
-    """Rates (6,) of the state; leaves the derivatives of the ground's forces in `jacobian`.
+    """Compute the rates (6,) of the state, in place; return True if the vehicle tips.
 
-    Returns whether the vehicle tips.
+    `jacobian` is overwritten with the derivatives of the ground's forces.
     """
     v_x, v_y, w = y[0], y[1], y[2]
     values[:] = 0.0
@@ -346,14 +346,14 @@ def _slopes(
 
 @compiled
 def _in_body(slope: Floats, yaw: float) -> tuple[float, float]:
-    """A vector of the plane, from odom to the paper's axes: right, forward."""
+    """Rotate a vector of the plane from odom to the paper's axes: right, forward."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     return slope[0] * sin - slope[1] * cos, slope[0] * cos + slope[1] * sin
 
 
 @compiled
 def _pressing(ground: Ground, slope: Floats) -> Ground:
-    """The contact with the weight that is left to press where gravity has a part along the slope."""
+    """Contact whose weight is reduced by gravity's part along the slope."""
     flat = ground.weight / ground.mass
     down = np.sqrt(max(flat * flat - slope[0] * slope[0] - slope[1] * slope[1], 0.0))
     return Ground(
@@ -378,7 +378,7 @@ def _pressing(ground: Ground, slope: Floats) -> Ground:
 def _speeds_at(
     speeds: Floats, rates: Floats, k: int, step: float, share: float
 ) -> tuple[float, float, float, float]:
-    """Left and right track speed and their rates, on the cubic from grid point k to the next."""
+    """Track speeds V_l, V_r and their rates, on the cubic after grid point k."""
     s = share
     from_value, to_value = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
     from_rate, to_rate = step * s * (1.0 - s) ** 2, step * s * s * (s - 1.0)
@@ -411,7 +411,7 @@ def _speeds_at(
 
 @compiled
 def _advance(position: Floats, before: Floats, after: Floats, step: float) -> None:
-    """Move the position (2,) in odom by the mean of the velocities at both ends of a step."""
+    """Move the position (2,) in odom by the mean velocity of both ends of a step."""
     for state in (before, after):
         cos, sin = np.cos(state[5]), np.sin(state[5])
         position[0] += 0.5 * step * (cos * state[1] + sin * state[0])
@@ -420,7 +420,7 @@ def _advance(position: Floats, before: Floats, after: Floats, step: float) -> No
 
 @compiled
 def _factor(matrix: Floats, pivots: NDArray[np.int64]) -> None:
-    """LU factors in place, with partial pivoting."""
+    """LU factorisation in place, with partial pivoting."""
     size = len(pivots)
     for k in range(size):
         best = k

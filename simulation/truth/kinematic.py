@@ -1,7 +1,7 @@
-"""The truth that has the filter's own form: inertia-based kinematics with a slip residual.
+"""Kinematic truth, in the filter's own form: inertia-based, with a slip residual.
 
-The robot is not quite the one of its file. It serves to test the filter where its model is right; nothing
-that friction does beyond that model is in it.
+The robot differs from its file. This truth tests the filter under a correct model; it has no friction
+effects beyond that model.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from icreckon.simulation.truth.true_motion import (
     true_motion,
 )
 
-# How often to draw parameters, and how finely to look for a second motion.
+# Number of draws of the parameters, and resolution of the search for a second motion.
 DRAWS = 100
 SPEED_GRID = 31
 FORCE_GRID = 150
@@ -35,9 +35,9 @@ FORCE_GRID = 150
 
 @dataclass(frozen=True)
 class KinematicTruth:
-    """Inertia-based kinematics of a robot that differs from its file, plus a slip residual.
+    """Inertia-based kinematics, plus a slip residual, of a robot unlike its file.
 
-    The tracks follow their commands.
+    The tracks follow their commands without lag.
 
     Attributes:
         spread: relative spread of the true parameters; see `draw_parameters`.
@@ -57,7 +57,7 @@ class KinematicTruth:
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """The motion; see `TruthModel.run`, and `draw_parameters` for what is raised."""
+        """Simulate the motion; see `TruthModel.run`, and `draw_parameters` for errors."""
         parameters = draw_parameters(robot, self.spread, rng)
         speeds = command(grid_times(duration, rate))
         vehicle = robot.constants
@@ -70,18 +70,18 @@ class KinematicTruth:
 
 
 def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
-    """The robot's index parameters, each times its own log-normal factor; H stays, and eta0 >= 1.
+    """Draw the robot's index parameters, each times its own log-normal factor.
 
-    Parameters for which some track speeds have more than one steady motion are drawn again: with
-    them the vehicle would jump from one motion to the other.
+    H is not changed, and eta0 >= 1. Parameters are drawn again if some track speeds have more than one
+    steady motion: with them the vehicle would jump from one motion to the other.
 
     Args:
-        robot: gives the parameters about which to draw, mass, geometry and speed range.
+        robot: gives the nominal parameters, mass, geometry and speed range.
         spread: standard deviation of the logarithm of each factor [-].
         rng: draws the factors.
 
     Raises:
-        SimulationError: `DRAWS` draws brought none with a single motion.
+        SimulationError: none of `DRAWS` draws has a single motion.
     """
     for _ in range(DRAWS):
         factors = np.exp(spread * rng.standard_normal(7))
@@ -100,7 +100,9 @@ def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
 
 
 def has_single_motion(indices: Indices, robot: Robot) -> bool:
-    """Whether the implicit model has one solution for all track speeds within max_track_speed.
+    """Return True if the implicit model has one solution for all allowed track speeds.
+
+    Allowed are track speeds within max_track_speed.
 
     Args:
         indices: the parameters.

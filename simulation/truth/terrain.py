@@ -1,8 +1,8 @@
-"""Terrain along the way, and payload: what changes while a simulated vehicle drives.
+"""Terrain and payload along the way of a simulated vehicle.
 
-A `Patch` covers a rectangle of odom, a span of time, or both, and says what is different there. A
-`Payload` is put on the vehicle and taken off again. Slopes are planes: the vehicle stays planar, and
-gravity gets a part along the ground.
+A `Patch` covers a rectangle of odom, a span of time, or both, and changes friction, rolling resistance or
+slope there. A `Payload` is put on the vehicle and taken off again. Slopes are planes: the vehicle stays
+planar, and gravity gets a part along the ground.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ STEEPEST = 60.0
 
 
 class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Ground that differs from the robot's usual one; what is left out (None) stays as it is around it.
+    """Ground unlike the robot's nominal one; None leaves a property unchanged.
 
     Attributes:
         x: from, to in odom [m]; the track's middle (for the slope, the vehicle's origin) counts.
-        y: the same.
+        y: from, to in odom [m], as for x.
         time: from, to since the start of the run [s].
         edge: width over which the patch begins and ends [m].
         onset: time over which it begins and ends [s].
         friction: coefficient of friction, across and along the track [-].
-        rolling_resistance: [-].
-        slope_deg: steepness of the plane [deg]; with it comes its direction.
+        rolling_resistance: coefficient of rolling resistance [-].
+        slope_deg: steepness of the plane [deg].
         uphill_deg: direction in which it rises, in odom, 0 for x and 90 for y [deg]; only with
-            slope_deg, and 0 where left out.
+            slope_deg, and 0 by default.
 
     Raises:
-        SimulationError: a wrong type, a number that makes no sense, uphill_deg without slope_deg, or
-            nothing that differs.
+        SimulationError: a wrong type, a number out of range, uphill_deg without slope_deg, or a patch
+            that changes nothing.
     """
 
     x: tuple[float, float] = EVERYWHERE
@@ -73,7 +73,7 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         if self.slope_deg is not None and not 0.0 <= self.slope_deg <= STEEPEST:
             raise SimulationError(
                 f"slope_deg of a patch must lie between 0 and {STEEPEST:g} degrees, found "
-                f"{self.slope_deg!r}; uphill_deg says in which direction it rises"
+                f"{self.slope_deg!r}; uphill_deg is the direction in which it rises"
             )
         if self.uphill_deg is not None:
             if not np.isfinite(self.uphill_deg):
@@ -91,15 +91,15 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A load on the vehicle for a span of time.
+    """Load on the vehicle for a span of time.
 
     Attributes:
         time: put on, taken off, since the start of the run [s].
-        mass: [kg].
+        mass: mass of the load [kg].
         position: x forward, y left, z up of its centre of mass in base_link [m].
 
     Raises:
-        SimulationError: a wrong type, or a number that makes no sense.
+        SimulationError: a wrong type, or a number out of range.
     """
 
     time: tuple[float, float]
@@ -125,7 +125,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def patch_rows(patches: tuple[Patch, ...]) -> Floats:
-    """Patches as `simulation.truth.terrain_kernel` takes them, (k, WIDTH)."""
+    """Convert patches to the rows (k, WIDTH) of `simulation.truth.terrain_kernel`."""
     nothing = float("nan")
     rows = []
     for patch in patches:
@@ -155,15 +155,15 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
 
 
 def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Body, float]:
-    """The vehicle with payloads on it; each of them is a point mass.
+    """Body and yaw inertia of a vehicle with payloads; each payload is a point mass.
 
     Args:
         body: the bare vehicle.
         yaw_inertia: its moment of inertia about the vertical through its centre of mass [kg m²].
-        payloads: what is on it.
+        payloads: loads on the vehicle.
 
     Returns:
-        Mass and centre of mass of all, and the moment of inertia about the vertical through that.
+        Total mass and centre of mass, and the moment of inertia about the vertical through it.
     """
     masses = np.array([body.mass, *(payload.mass for payload in payloads)])
     centres = np.array(

@@ -1,8 +1,8 @@
-"""Looking up the ground under the tracks, compiled; `simulation.truth.terrain` describes it.
+"""Lookup of the ground under the tracks, compiled; see `simulation.truth.terrain`.
 
 A patch is a row: x from, x to, y from, y to [m], time from, to [s], width of its soft edge [m], length
 of its soft beginning and end [s], coefficient of friction across and along [-], rolling resistance [-],
-acceleration of gravity along the slope in x and y of odom [m/s²]. A property that is NaN stays as it is.
+acceleration of gravity along the slope in x and y of odom [m/s²]. NaN leaves a property unchanged.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ def look_up(
     rolling: Floats,
     slope: Floats,
 ) -> None:
-    """Friction (2, 2), rolling resistance (2,) under each track's middle, slope (2,) at the origin.
+    """Look up friction, rolling resistance under each track, and slope at the origin.
 
     Args:
         patches: (k, WIDTH), later ones lie on top of earlier ones.
-        time: since the start of the run [s].
+        time: time since the start of the run [s].
         position: (2,) of the origin in odom [m].
-        yaw: of the vehicle [rad].
+        yaw: yaw of the vehicle [rad].
         half_gauge: L / 2 [m].
-        base_friction: (2, 2) where there is no patch.
-        base_rolling: (2,) where there is no patch.
-        friction: overwritten.
-        rolling: overwritten.
-        slope: overwritten [m/s²].
+        base_friction: (2, 2) outside all patches.
+        base_rolling: (2,) outside all patches.
+        friction: (2, 2) overwritten, under each track's middle.
+        rolling: (2,) overwritten, under each track's middle.
+        slope: (2,) overwritten, at the origin [m/s²].
     """
     friction[:] = base_friction
     rolling[:] = base_rolling
@@ -65,7 +65,7 @@ def look_up(
 
 @compiled
 def _cover(patch: Floats, time: float, x: float, y: float) -> float:
-    """How much of a patch there is at a place and time, from 0 to 1 across its soft edges."""
+    """Weight of a patch at a position and time, from 0 to 1 across its soft edges."""
     return (
         _inside(x, patch[X], patch[X + 1], patch[EDGE])
         * _inside(y, patch[Y], patch[Y + 1], patch[EDGE])
@@ -75,7 +75,7 @@ def _cover(patch: Floats, time: float, x: float, y: float) -> float:
 
 @compiled
 def _inside(value: float, low: float, high: float, soft: float) -> float:
-    """1 within [low, high], 0 outside, changing over the length `soft` centred on each end."""
+    """Weight 1 within [low, high], 0 outside; `soft` is the width of each edge."""
     inner = min(value - low, high - value)
     if soft <= 0.0:
         return 1.0 if inner >= 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""A true motion, and what a truth is: it turns commanded track speeds into one.
+"""True motion, and the interface of truth models that make it from commands.
 
 All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
 `simulation.truth.friction` (friction, the default) and `simulation.truth.kinematic`;
@@ -21,7 +21,7 @@ from icreckon.estimator.robot.slip import slip_sigma
 from icreckon.simulation.drives.trajectories import Command
 
 DEFAULT_SPREAD = 0.15
-# What no index model explains; it vanishes in straight driving.
+# Slip residual that no index model explains; it vanishes in straight driving.
 TRUE_SLIP = Slip(
     turning_x=0.01,
     turning_y=0.005,
@@ -31,21 +31,21 @@ TRUE_SLIP = Slip(
     driving_w=0.0,
     time_constant=1.0,
 )
-# A time that lies closer than this to a grid point is that grid point [s].
+# Times closer than this to a grid point are rounded to it [s].
 SAME_TIME = 1e-9
 
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """The true motion on an even grid of times, and between.
+    """True motion on an even grid of times, interpolated between.
 
     Attributes:
         rate: grid points per second [Hz]; the first is at time zero.
         poses: (m, 3) x, y [m], yaw [rad], not wrapped.
         twists: (m, 3) v_x, v_y [m/s], w [rad/s] of base_link in its own axes.
         track_speeds: (m, 2) left, right [m/s].
-        distances: (m, 2) their integrals since the start [m].
-        parameters: the true parameters, or None where the truth has no index parameters.
+        distances: (m, 2) integrals of the track speeds since the start [m].
+        parameters: the true index parameters, or None if the truth has none.
         source: name of the truth.
         gravity: (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground.
     """
@@ -65,7 +65,7 @@ class TrueMotion:
         return (len(self.poses) - 1) / self.rate
 
     def poses_at(self, times: Floats) -> Floats:
-        """Poses (n, 3) at times (n,) [s]: the arc of the mean twist since the grid point before."""
+        """Poses (n, 3) at times (n,) [s]: arcs of the mean twist since a grid point."""
         at, rest = self._locate(times)
         mean = 0.5 * (self.twists[at] + self.twists_at(times))
         return compose(self.poses[at], exponential(mean * rest[:, None]))
@@ -79,7 +79,7 @@ class TrueMotion:
         return self._linear(self.track_speeds, times)
 
     def mean_track_speeds(self, times: Floats) -> Floats:
-        """Track speeds (n, 2) [m/s]: averages since the time before, the first one momentary."""
+        """Mean track speeds (n, 2) [m/s] since the previous time; the first is momentary."""
         at, rest = self._locate(times)
         mean = 0.5 * (self.track_speeds[at] + self.track_speeds_at(times))
         distances = self.distances[at] + mean * rest[:, None]
@@ -89,12 +89,12 @@ class TrueMotion:
     def twist_rates_at(self, times: Floats, window: float) -> Floats:
         """Time derivative (n, 3) of the twist, averaged over a window around each time.
 
-        The slip residual has no derivative at a point in time, and no sensor has endless bandwidth;
-        the average over a window does not depend on the grid.
+        The slip residual has no derivative at a point in time, and no sensor has infinite bandwidth.
+        The average over a window does not depend on the grid.
 
         Args:
             times: (n,) [s].
-            window: its length [s]; cut off at the start and the end of the motion.
+            window: length of the window [s]; cut off at the start and the end of the motion.
 
         Returns:
             dv_x/dt, dv_y/dt [m/s²], dw/dt [rad/s²].
@@ -105,7 +105,7 @@ class TrueMotion:
         return np.asarray(change / (after - before)[:, None])
 
     def accelerations_at(self, times: Floats, window: float) -> Floats:
-        """Acceleration (n, 3) of base_link in its own axes, and of its yaw.
+        """Acceleration (n, 3) of base_link in its own axes, and yaw acceleration.
 
         Args:
             times: (n,) [s].
@@ -121,7 +121,7 @@ class TrueMotion:
         return rates
 
     def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Index of the grid point at or before each time, and the seconds since."""
+        """Index of the grid point at or before each time, and the time since [s]."""
         at = np.floor((times + SAME_TIME) * self.rate).astype(np.int64)
         at = np.clip(at, 0, len(self.poses) - 1)
         rest = times - at / self.rate
@@ -135,7 +135,7 @@ class TrueMotion:
 
 
 class TruthModel(Protocol):
-    """A truth: it turns commanded track speeds into the motion of a robot."""
+    """Truth model: commanded track speeds in, motion of a robot out."""
 
     @property
     def name(self) -> str:
@@ -144,13 +144,13 @@ class TruthModel(Protocol):
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """The motion.
+        """Simulate the motion.
 
         Args:
             command: commanded track speeds.
-            duration: seconds that the motion must cover.
-            robot: the robot as its file describes it.
-            rng: draws what the robot file does not know, and slip.
+            duration: duration that the motion must cover [s].
+            robot: the robot as described by its file.
+            rng: draws the differences from the robot file, and slip.
             rate: grid points per second [Hz].
         """
 
@@ -167,7 +167,7 @@ def true_motion(
     source: str,
     parameters: Indices | None = None,
 ) -> TrueMotion:
-    """The motion of twists (m, 3) and track speeds (m, 2) at an even rate [Hz], from the origin."""
+    """Make a motion from the origin of twists (m, 3), speeds (m, 2) at a rate [Hz]."""
     step = 1.0 / rate
     distances = np.zeros_like(speeds)
     distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
@@ -178,24 +178,24 @@ def true_motion(
 def slip_residual(
     speeds: Floats, slip: Slip, effective_gauge: float, step: float, rng: Generator
 ) -> Floats:
-    """What no model explains of the twist (m, 3): Gauss-Markov processes as large as `Slip` says.
+    """Slip residual of the twist (m, 3): Gauss-Markov processes of the size in `slip`.
 
     Args:
         speeds: (m, 2) track speeds [m/s].
         slip: size and correlation time.
         effective_gauge: L eta0 [m].
-        step: between samples [s].
-        rng: draws it.
+        step: time between samples [s].
+        rng: draws the residual.
     """
     unit = gauss_markov(len(speeds), step, slip.time_constant, rng)
     return slip_sigma(speeds[:, 0], speeds[:, 1], slip, effective_gauge) * unit
 
 
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
-    """Three independent first-order Gauss-Markov processes of unit variance, exact at any step.
+    """Three independent first-order Gauss-Markov processes of unit variance.
 
-    x_k = a x_(k-1) + sqrt(1 - a²) n_k with a = exp(-step / time_constant), stationary from the
-    start (Gelb, Applied Optimal Estimation, section 3.6).
+    x_k = a x_(k-1) + sqrt(1 - a²) n_k with a = exp(-step / time_constant), exact at any step and
+    stationary from the start (Gelb, Applied Optimal Estimation, section 3.6).
 
     Args:
         count: number of samples.
@@ -242,7 +242,7 @@ def integrate_twists(twists: Floats, step: float) -> Floats:
 
 
 def integrals(values: Floats, step: float) -> Floats:
-    """Integral over each interval of values sampled at an even step, to fourth order inside.
+    """Integral over each interval of values at an even step, to fourth order inside.
 
     Args:
         values: (n, k).

@@ -447,11 +447,11 @@ def test_a_payload_and_a_patch_change_the_motion_from_when_they_come():
 
 
 def test_the_kinematic_truth_refuses_what_it_does_not_know():
-    with pytest.raises(SimulationError, match="kinematic truth knows no patches or payloads"):
+    with pytest.raises(SimulationError, match="truth does not support patches or payloads"):
         Scenario(
             truth="kinematic",
             patches=(Patch(friction=0.5),),
             payloads=(Payload(time=(0.0, 1.0), mass=1.0),),
         )
-    with pytest.raises(SimulationError, match="kinematic truth knows no track_lag"):
+    with pytest.raises(SimulationError, match="kinematic truth does not support track_lag"):
         Scenario(truth="kinematic", track_lag=0.1)
