@@ -388,7 +388,7 @@ def paper(
 
 @app.command()
 def prepare() -> None:
-    """Compile all filters ahead, for a container image or before a robot's first drive.
+    """Compile all filters ahead, for an image or before a robot's first drive.
 
     What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or
     the user's cache folder.

@@ -26,7 +26,7 @@ SECONDS = 5.0
 
 
 def run_prepare() -> None:
-    """See `icreckon prepare --help`."""
+    """Compile all filters; the body of `icreckon prepare`."""
     robot = load_robot(ROBOT)
     steps: list[tuple[str, Callable[[], object]]] = [
         (f"{name}, streaming", partial(PoseEstimator, robot, name)) for name in VARIANTS
@@ -58,7 +58,7 @@ def _long_log(variant: str) -> None:
 
 
 def _study(name: str) -> None:
-    """Work through the first seconds of each cell: the filters' shapes depend on what it varies."""
+    """Run the first seconds of each cell: the shapes of filters differ between cells."""
     for cell in expand(load_study(name)).cells:
         short = msgspec.structs.replace(cell.scenario, duration=SECONDS, outages=())
         filters = [one for one in cell.filters if one.variant in index_models()]
