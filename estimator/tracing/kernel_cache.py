@@ -17,6 +17,7 @@ import sys
 import warnings
 from contextlib import suppress
 from functools import cache
+from multiprocessing import parent_process
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -101,7 +102,7 @@ class KernelCache(_Cache):
         try:
             _write_whole(self._path(key), CHECKSUM(payload).digest() + payload)
         except OSError as error:
-            _warn_once(str(self._folder), str(error))
+            _warn_once(str(cache_folder()), error.strerror or "no room")
 
     def _key(self, sig: Any, codegen: Any) -> tuple[str, str, str]:
         return self._name, str(sig), str(codegen.magic_tuple())
@@ -123,6 +124,15 @@ def cache_folder() -> Path:
         case _:
             base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return base / "icreckon" / "kernels"
+
+
+def keeps_kernels() -> bool:
+    """Try to write to the folder of this version; return whether that works."""
+    try:
+        _write_whole(cache_folder() / environment_digest("estimator") / "writable", b"")
+    except OSError:
+        return False
+    return True
 
 
 @cache
@@ -168,7 +178,9 @@ def _write_whole(path: Path, content: bytes) -> None:
 
 @cache
 def _warn_once(folder: str, reason: str) -> None:
-    """Warn that compiled functions cannot be kept, once for each folder and reason."""
+    """Warn that compiled functions cannot be kept, once in a command; its workers are silent."""
+    if parent_process() is not None:
+        return
     warnings.warn(
         f"compiled functions cannot be kept in {folder} ({reason}), so they are compiled again in each "
         "process; set NUMBA_CACHE_DIR to a folder that can be written",

@@ -9,11 +9,12 @@ from functools import partial
 import msgspec
 
 from icreckon.cli.console import messages, progress
+from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS, find_variant
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.tracing.kernel_cache import cache_folder
+from icreckon.estimator.tracing.kernel_cache import cache_folder, keeps_kernels
 from icreckon.simulation.running import batch_engine
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -27,6 +28,11 @@ SECONDS = 5.0
 
 def run_prepare() -> None:
     """Compile all filters; the body of `icreckon prepare`."""
+    if not keeps_kernels():
+        raise EstimatorError(
+            f"{cache_folder()} cannot be written, so nothing that is compiled would be kept; set "
+            "NUMBA_CACHE_DIR to a folder that can"
+        )
     robot = load_robot(ROBOT)
     steps: list[tuple[str, Callable[[], object]]] = [
         (f"{name}, streaming", partial(PoseEstimator, robot, name)) for name in VARIANTS

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from command_line import fails
 from conftest import REPOSITORY
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.robot.robot_file import load_robot
@@ -201,6 +202,11 @@ def test_a_folder_that_cannot_be_written_costs_one_warning(own_cache: Path) -> N
             assert (x == 2).all()
     assert len(found) == 1
     assert "set NUMBA_CACHE_DIR" in str(found[0].message)
+
+
+def test_preparing_fails_if_nothing_can_be_kept(own_cache: Path) -> None:
+    (own_cache / "icreckon").write_text("a file in the way")
+    assert "NUMBA_CACHE_DIR" in fails("prepare", cwd=own_cache)
 
 
 def test_a_cache_can_be_emptied_and_switched_off(own_cache: Path) -> None:
