@@ -19,7 +19,6 @@ from contextlib import suppress
 from functools import cache
 from multiprocessing import parent_process
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 import llvmlite
@@ -29,6 +28,8 @@ from numba.core import config
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
+
+from icreckon.estimator.base.atomic_write import write_whole
 
 CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
@@ -100,7 +101,8 @@ class KernelCache(_Cache):
         key = self._key(sig, data.codegen)
         payload: bytes = dumps((key, data._reduce()))  # type: ignore[no-untyped-call]
         try:
-            _write_whole(self._path(key), CHECKSUM(payload).digest() + payload)
+            self._folder.mkdir(parents=True, exist_ok=True)
+            write_whole(self._path(key), CHECKSUM(payload).digest() + payload)
         except OSError as error:
             _warn_once(str(cache_folder()), error.strerror or "no room")
 
@@ -129,7 +131,8 @@ def cache_folder() -> Path:
 def keeps_kernels() -> bool:
     """Try to write to the folder of this version; return whether that works."""
     try:
-        _write_whole(cache_folder() / environment_digest("estimator") / "writable", b"")
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        write_whole(cache_folder() / "writable", b"")
     except OSError:
         return False
     return True
@@ -160,20 +163,6 @@ def environment_digest(package: str) -> str:
 
 def _short_digest(text: bytes) -> str:
     return hashlib.sha256(text).hexdigest()[:DIGITS]
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file beside its place and move it there, so that no reader sees a part of it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with NamedTemporaryFile(dir=path.parent, prefix=".", suffix=".part", delete=False) as file:
-        try:
-            file.write(content)
-            file.close()
-            os.replace(file.name, path)
-        except BaseException:
-            with suppress(OSError):
-                os.unlink(file.name)
-            raise
 
 
 @cache

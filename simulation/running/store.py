@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.atomic_write import TEMPORARY, write_whole
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.manifest import as_json, differences
 from icreckon.simulation.study.cells import Plan
@@ -24,7 +25,6 @@ from icreckon.simulation.study.cells import Plan
 BLOCKS = "blocks"
 MANIFEST = "manifest.json"
 RESULTS = "results.json"
-TEMPORARY = ".tmp"
 # A temporary file older than this is abandoned [s].
 ABANDONED = 3600.0
 # Errors of reading a file with any byte changed.
@@ -146,16 +146,6 @@ def open_store(
     except OSError as problem:
         raise SimulationError(f"{folder}: cannot be written: {problem.strerror}") from None
     return BlockStore(folder, manifest["digest"], shape)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file atomically: to a temporary file, then renamed."""
-    beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
-    with beside.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
