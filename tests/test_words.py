@@ -14,7 +14,6 @@ NOT_YET = (
     "estimator/batch",
     "estimator/engine",
     "estimator/filter",
-    "estimator/scalar_engine",
     "estimator/streaming",
     "estimator/tracing",
 )

@@ -38,7 +38,7 @@ def run_many(
     Args:
         logs: the measurements; their truth is not looked at.
         robot: the robot.
-        variant: name of a variant of an index model.
+        variant: name of a filter variant.
         settings: of the filters.
         every: time between the estimates that are kept, at the next IMU sample [s].
         start: pose at the start: x, y [m], yaw [rad].

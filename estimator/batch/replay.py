@@ -49,7 +49,7 @@ def run_side_by_side(
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
     progress: Callable[[int], None] | None = None,
 ) -> dict[str, Run]:
-    """Run variants of the index models over a log, from its first measurement to its last.
+    """Run variants over a log in one pass, from its first measurement to its last.
 
     What comes out is what `run` says of each of them, to rounding, but for the accelerometer where the
     robot comes to rest: its innovation is NaN in the row before which the robot was found standing, even
@@ -60,7 +60,7 @@ def run_side_by_side(
     Args:
         log: the measurements; its truth is not looked at.
         robot: the robot.
-        variants: names of variants of the index models.
+        variants: names of filter variants.
         settings: of the filters.
         start: pose at the start: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
@@ -85,7 +85,7 @@ def run_side_by_side(
     of_filters = settings
     if not has_force:
         of_filters = msgspec.structs.replace(settings, use_accelerometer=False)
-    filters = [BatchFilter(robot, find_variant(name), of_filters) for name in variants]
+    filters = [BatchFilter(robot, find_variant(name), of_filters, width=1) for name in variants]
     stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
     steps = steps_of_log(*stamps, headings, settings, TELLING)
     for one in filters:

@@ -84,6 +84,9 @@ class ReplayRows:
         self._pose_covariances = np.empty((count, 3, 3))
         self._twists, self._twist_covariances = np.empty((count, 3)), np.empty((count, 3, 3))
         self._indices = np.empty((count, 3))
+        # Friction models report the indices of the newest turns, index models those of the motion.
+        of_turn = [place for name, place in self._places.items() if name.startswith("memory")]
+        self._of_turn = of_turn
         self._innovations: dict[str, Singles] = {}
         self._known = np.zeros(count, np.int32)
         self._newest: dict[str, Gated] = {}
@@ -95,6 +98,7 @@ class ReplayRows:
         self._sigmas[0] = np.sqrt(np.diagonal(estimate.covariance))
         self._pose_covariances[0] = estimate.covariance[s.POSE, s.POSE]
         self._twists[0], self._twist_covariances[0] = estimate.twist, estimate.twist_covariance
+        self._indices[0] = estimate.indices
         self._known[0] = 1
 
     def take(self, begin: int, end: int, part: Steps, room: Floats) -> None:
@@ -132,6 +136,8 @@ class ReplayRows:
         self._twists[kept] = values[:, twist : twist + 3]
         spread = values[:, twist + 3 : twist + 9]
         self._twist_covariances[kept] = spread[:, SYMMETRIC].reshape(-1, 3, 3)
+        if self._of_turn:
+            self._indices[kept] = values[:, self._of_turn]
         self._write_innovations(kept, values)
 
     def _column(self, values: Floats, name: str) -> Floats:
@@ -212,7 +218,8 @@ class ReplayRows:
             lanes: at the end.
             health: of the measurements that no gate judges; it is added to.
         """
-        self._write_indices(one)
+        if not self._of_turn:
+            self._write_indices(one)
         self._innovate_first(health)
         self._count(one, lanes, health)
         names = tuple(name for name in INNOVATION_NAMES if name in self._innovations)

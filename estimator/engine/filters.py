@@ -17,6 +17,7 @@ from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_ke
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.log_steps import LogSteps
+from icreckon.estimator.engine.model import SlipConstants, traced_model
 from icreckon.estimator.engine.schedule import (
     AHEAD,
     HEADING,
@@ -26,20 +27,29 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.engine.work import ESTIMATE, LaneKernels, Places, lane_worker
+from icreckon.estimator.engine.work import (
+    ESTIMATE,
+    LaneKernels,
+    Places,
+    advance_memory,
+    keep_memory,
+    lane_worker,
+)
 from icreckon.estimator.filter.checkpoint import FilterMemory
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
-from icreckon.estimator.filter.initial_state import assumptions
-from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.filter.initial_state import assumptions, considered_states
+from icreckon.estimator.filter.process_noise import Disturbances
+from icreckon.estimator.motion.friction_model import FrictionMotion
+from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.scalar_engine.imu_kernel import SlipNumbers
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.jit_kernel import jit
 
 # Numbers of so many bits, and what NumPy calls them.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
@@ -68,9 +78,10 @@ class BatchFilter:
 
     Args:
         robot: as the filters know it.
-        variant: of one of the index models.
+        variant: filter variant.
         settings: of the filters.
         bits: of each number: 64, or 32 for twice as many lanes and seven digits.
+        width: number of filters side by side; None for as many as the machine's registers hold.
 
     Attributes:
         robot: the robot.
@@ -80,28 +91,30 @@ class BatchFilter:
         layout: what stands where in the workspace.
 
     Raises:
-        BatchError: the variant is none of an index model.
+        BatchError: the variant's motion model has no traced form.
         EstimatorError: see `PoseEstimator`.
     """
 
-    def __init__(self, robot: Robot, variant: Variant, settings: Settings, bits: int = 64) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        variant: Variant,
+        settings: Settings,
+        bits: int = 64,
+        width: int | None = None,
+    ) -> None:
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
-        if settings.considered:
-            raise BatchError(
-                f"filters side by side cannot take states as uncertain that they do not correct, found "
-                f"considered = {settings.considered!r}"
-            )
         taken = assumptions(robot, variant, settings)
-        if not isinstance(taken.model, InertiaMotion):
-            raise BatchError(
-                f"the variant {variant.name!r} cannot run side by side with others of its kind; "
-                "those of the index models can"
-            )
+        model = traced_model(taken.model)
+        if model is None:
+            raise BatchError(f"the motion model of {variant.name!r} cannot run side by side")
+        motion = taken.model
+        self._model_constants: Any = motion.constants if isinstance(motion, FrictionMotion) else ()
         self._model, self._state, self._sigmas = taken.model, taken.state, taken.sigmas
         self._disturbances = taken.disturbances
         self.robot, self.settings = robot, settings
-        self.width, self.number = lanes_of_machine(bits), PRECISIONS[bits]
+        self.width, self.number = width or lanes_of_machine(bits), PRECISIONS[bits]
         self._walks = self._disturbances.bias_walk + self._disturbances.parameter_walk
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
         uncertain[s.POSE] = uncertain[s.SLIP] = True
@@ -114,11 +127,11 @@ class BatchFilter:
         self.shape = FilterShape(
             tuple(np.flatnonzero(uncertain).tolist()),
             tuple(np.flatnonzero(absent).tolist()),
-            self._model.form == "literal",
-            self._model.slip_in_inertia,
+            model,
+            considered_states(variant, settings),
             bits,
         )
-        self.layout = Layout(self.shape.states)
+        self.layout = self.shape.layout
         self.rows = self.layout.rows
         self._prepared: tuple[Steps, Floats] | None = None
         self._work: Any = None
@@ -146,7 +159,13 @@ class BatchFilter:
         most = self.settings.gates.patience + 2
         refused = np.zeros((self.width, most, 5))
         counts = np.zeros(self.width, dtype=np.int64)
-        return Lanes(lanes, refused, counts, self._constants())
+        constants = shared_constants(
+            self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
+        )
+        memory = self._model.memory
+        for k, value in enumerate(memory):
+            lanes[self.rows[f"memory{k}"]] = value
+        return Lanes(lanes, refused, counts, constants)
 
     def take_over(self, lanes: Lanes, memory: FilterMemory, regressors: Floats) -> None:
         """Let all lanes go on from what the streaming filter knows at its first track speeds.
@@ -170,6 +189,8 @@ class BatchFilter:
         for axis in range(3):
             for i in self.layout.parameters:
                 workspace[rows[f"r{axis}_{i}"]] = regressors[axis, i - s.PARAMETERS.start]
+        for k, value in enumerate(memory.model):
+            workspace[rows[f"memory{k}"]] = value
         for gate in ("position", "heading"):
             workspace[rows[f"{gate}_row"]] = memory.rejected_in_a_row[gate]
         lanes.refused[:, : len(refused)] = np.array(refused).reshape(-1, 5)
@@ -214,6 +235,7 @@ class BatchFilter:
             estimates,
             lanes.refused,
             lanes.refused_count,
+            self._model_constants,
             _places(self.layout, all_told),
         )
 
@@ -278,7 +300,7 @@ class BatchFilter:
             # The next log may have its stamps elsewhere; what it needs is there then.
             needs = needs._replace(moves=True, ahead=False, fixes=False)
             needs = needs._replace(told=True, fixes_told=at_steps or on_the_way)
-        if self.shape.slip_in_inertia and on_the_way:
+        if self.shape.model.slip_in_inertia and on_the_way:
             raise BatchError(
                 "with inertia = 'imu', filters side by side take fixes at the stamps of IMU samples only"
             )
@@ -312,28 +334,49 @@ class BatchFilter:
         table[:, -1] = steps.intervals
         return table
 
-    def _constants(self) -> Floats:
-        """What all lanes share, with room for what belongs to a step."""
-        names = self.layout.constants
-        values: Floats = aligned(len(names), self.number)
-        slip, sensors = self._disturbances.slip, SensorModels(self.robot).constants
-        known = {
-            **self._model.vehicle._asdict(),
-            **{name: getattr(slip, name) for name in SlipNumbers._fields},
-            "gyro_density": sensors.gyro_density,
-            "accelerometer_density": sensors.accelerometer_density,
-            "imu_x": sensors.x,
-            "imu_y": sensors.y,
-            "threshold": CHI_SQUARE_1E4[1],
-            "position_threshold": CHI_SQUARE_1E4[2],
-            "patience": self.settings.gates.patience,
-            "bias_margin": self.settings.standstill.bias_margin,
-            **{f"fixed{i}": value for i, value in enumerate(self._state)},
-            **{f"walk{i}": value for i, value in enumerate(self._walks)},
-        }
-        for name, value in known.items():
-            values[names[name]] = value
-        return values
+
+def shared_constants(
+    shape: FilterShape,
+    model: MotionModel,
+    disturbances: Disturbances,
+    robot: Robot,
+    settings: Settings,
+    state: Floats,
+) -> Floats:
+    """Constants that all lanes share, with room for those of a step.
+
+    Args:
+        shape: shape of the filter.
+        model: its motion model.
+        disturbances: its process noise.
+        robot: its robot.
+        settings: its settings.
+        state: (SIZE,) values of the states that are not uncertain.
+    """
+    names = shape.layout.constants
+    values: Floats = aligned(len(names), PRECISIONS[shape.bits])
+    slip, sensors = disturbances.slip, SensorModels(robot).constants
+    walks = disturbances.bias_walk + disturbances.parameter_walk
+    known = {
+        **model.vehicle._asdict(),
+        "eta": model.eta if isinstance(model, FrictionMotion) else 0.0,
+        **{name: getattr(slip, name) for name in SlipConstants._fields},
+        "gyro_density": sensors.gyro_density,
+        "accelerometer_density": sensors.accelerometer_density,
+        "imu_x": sensors.x,
+        "imu_y": sensors.y,
+        "threshold": CHI_SQUARE_1E4[1],
+        "position_threshold": CHI_SQUARE_1E4[2],
+        "patience": settings.gates.patience,
+        "bias_margin": settings.standstill.bias_margin,
+        **{f"fixed{i}": value for i, value in enumerate(state)},
+        **{f"walk{i}": value for i, value in enumerate(walks)},
+    }
+    for row, bound in enumerate(model.bounds):
+        known |= {f"bound{row}_{k}": value for k, value in enumerate(bound)}
+    for name, value in known.items():
+        values[names[name]] = value
+    return values
 
 
 def aligned(count: int, number: Any = np.float64) -> Any:
@@ -351,6 +394,10 @@ def _places(layout: Layout, all_told: bool) -> Places:
     spread = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
     fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
     states = (*layout.states, *fast)
+
+    def place(state: int) -> int:
+        return rows[f"x{state}"] if state in layout.states else -1
+
     with_pose = [[rows[covariance_name(i, j)] for j in states] for i in range(3)]
     return Places(
         np.array([*pose, *spread, *(rows[name] for name in (*TWIST, *more))]),
@@ -360,6 +407,10 @@ def _places(layout: Layout, all_told: bool) -> Places:
         rows["believed_x"],
         rows["believed_y"],
         layout.constants["interval"],
+        np.array([rows[f"memory{k}"] for k in range(layout.model.memory)], dtype=np.int64),
+        np.array([place(i) for i in range(s.PARAMETERS.start, s.PARAMETERS.stop)]),
+        layout.constants[f"fixed{s.PARAMETERS.start}"],
+        place(s.TRACK_SCALE),
         len(rows),
         len(layout.constants),
     )
@@ -391,12 +442,13 @@ class Needs(NamedTuple):
 def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
     """The compiled function that works through steps; what is not needed does nothing in it."""
     force = needs.accelerometer
+    move = StepKind(imu=False, accelerometer=False)
     steps = {
         "usual": StepKind(accelerometer=force),
-        "full": StepKind(stands=True, accelerometer=force, tells=True),
-        "update": StepKind(moves=False, stands=True, accelerometer=force, tells=True),
-        "move": StepKind(imu=False, accelerometer=False) if needs.moves else None,
-        "move_told": StepKind(imu=False, accelerometer=False, tells=True) if needs.told else None,
+        "full": StepKind(stands=True, accelerometer=force).reporting(),
+        "update": StepKind(moves=False, stands=True, accelerometer=force).reporting(),
+        "move": move if needs.moves else None,
+        "move_told": move.reporting() if needs.told else None,
     }
     fixes = {
         "": FixKind() if needs.fixes else None,
@@ -416,7 +468,8 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
     }
     made = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    return lane_worker(LaneKernels(**compiled), made)
+    advance = jit(advance_memory if shape.model.memory else keep_memory)
+    return lane_worker(LaneKernels(**compiled), advance, made)
 
 
 def _step_or_nothing(name: str, shape: FilterShape, kind: StepKind | None) -> Kernel:

@@ -68,7 +68,7 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     for axis in (s.X, s.Y):
         left = residual[axis] - shift_of(rows[axis], x, before)
         spread = variance + more_spread[axis][axis]
-        lane.update(left, rows[axis], spread, only=used)
+        lane.update(left, rows[axis], spread, kept=shape.considered, only=used)
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, asked)
     lane.stores.update(believed_x=values[s.X], believed_y=values[s.Y])
@@ -86,7 +86,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         shape: of the filter.
         kind: what goes with it.
     """
-    lane = Lane(shape, with_fast_slip=kind.tells, tells=True)
+    lane = Lane(shape, with_fast_slip=kind.tells, judged=True)
     values, rows, more_spread = _foretold(lane, kind)
     turned = lane.told("fix_yaw") - values[s.YAW]
     lane.gated(
@@ -95,6 +95,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         rows[s.YAW],
         lane.told("yaw_variance") + more_spread[s.YAW][s.YAW],
         reopen=s.YAW,
+        kept=shape.considered,
         only=lane.told("how") > 0.5,
     )
     lane.keep_inside_bounds()
@@ -117,5 +118,5 @@ def _finished(lane: Lane, name: str, flags: Sequence[Traced], kind: FixKind) -> 
     if kind.tells:
         speeds = lane.told("now_left"), lane.told("now_right")
         now = lane.twist_model(1.0, *speeds, lane.row("u"))
-        lane.tell_twist(lane.with_kept_derivatives(now))
+        lane.store_twist(lane.with_kept_derivatives(now))
     return lane.kernel(name, flags, with_fast_slip=kind.tells)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
-from icreckon.estimator.engine.layout import INPUTS, TWIST, Layout, covariance_name
+from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
+from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
 from icreckon.estimator.filter.ekf import IMU_KEPT
 from icreckon.estimator.filter.gate import LARGEST_REOPENING
-from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING, bound_rows
+from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
+from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel, Store
 from icreckon.estimator.tracing.trace import Traced, minimum, select
@@ -31,16 +33,21 @@ class FilterShape(NamedTuple):
     Attributes:
         states: indices of the uncertain ones, without the fast slip, ascending.
         absent: indices of parameters that are zero and stay so.
-        is_literal: whether the inertia is taken in the paper's literal form.
-        slip_in_inertia: whether it is that with the slip.
+        model: the motion model.
+        considered: consider states, which no measurement moves.
         bits: of each number, 64 or 32.
     """
 
     states: tuple[int, ...]
     absent: tuple[int, ...]
-    is_literal: bool
-    slip_in_inertia: bool
+    model: TracedModel
+    considered: tuple[int, ...] = ()
     bits: int = 64
+
+    @property
+    def layout(self) -> Layout:
+        """Rows of the workspace."""
+        return Layout(self.states, self.model)
 
 
 class Lane:
@@ -49,22 +56,22 @@ class Lane:
     Args:
         shape: of the filter.
         with_fast_slip: whether the fast slip of the step that has just ended still counts.
-        tells: whether what gates judge is written down, too.
+        judged: whether innovations and their covariances are stored, too.
     """
 
     def __init__(
-        self, shape: FilterShape, *, with_fast_slip: bool = False, tells: bool = False
+        self, shape: FilterShape, *, with_fast_slip: bool = False, judged: bool = False
     ) -> None:
         trace.start(shape.bits)
-        self.shape, self._tells = shape, tells
-        self.layout = Layout(shape.states)
+        self.shape, self._judged = shape, judged
+        self.layout = shape.layout
         self.rows, self._places = self.layout.rows, self.layout.constants
         self._states = states = (*shape.states, *FAST) if with_fast_slip else shape.states
-        self.model_constants = (
-            *(self.constant(name) for name in ("gauge", "mass", "x_CM", "y_CM")),
-            float(shape.is_literal),
-            float(shape.slip_in_inertia),
-        )
+        names: Any = VehicleConstants._fields
+        vehicle = VehicleConstants(*(cast(Any, self.constant(name)) for name in names))
+        memory = [self.row(f"memory{k}") for k in range(shape.model.memory)]
+        self.model_inputs = ModelInputs(shape.model, vehicle, memory)
+        self.fixed_for_imu = (*IMU_KEPT, *shape.considered)
         self.x = np.array([self._start(i) for i in range(s.SIZE)], dtype=object)
         pairs = [(i, j) for n, i in enumerate(states) for j in states[n:]]
         self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
@@ -90,20 +97,36 @@ class Lane:
         """A number that all lanes share."""
         return trace.uniform_input("constants", self._places[name])
 
-    def twist_model(self, slip_share: Any, left: Any, right: Any, guess: Any) -> model.TracedTwist:
-        """The body velocity at track speeds [m/s]; see `estimator.engine.model.twist_model`."""
-        constants, states = self.model_constants, self.shape.states
-        return model.twist_model(self.x, constants, left, right, slip_share, states, guess)
+    @property
+    def eta(self) -> Any:
+        """Typical steering efficiency index, see `MotionModel.steering_efficiency`."""
+        return self.constant("eta") if self.shape.model.kind == "friction" else self.x[s.ETA0]
 
-    def tell_twist(self, now: model.TracedTwist) -> None:
-        """Write down a body velocity and its covariance."""
+    def twist_model(self, slip_share: Any, left: Any, right: Any, guess: Any) -> TracedTwist:
+        """Evaluate the body velocity at track speeds [m/s], see `model.twist_model`."""
+        states = self.shape.states
+        return model.twist_model(self.x, self.model_inputs, left, right, slip_share, states, guess)
+
+    def store_twist(self, now: TracedTwist) -> None:
+        """Store a body velocity and its covariance."""
         with_rows = [self.P.times(row) for row in now.rows]
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
         values = [*now.twist, *(dot(with_rows[i], now.rows[j]) for i, j in pairs)]
         self.stores.update(zip(TWIST, values, strict=True))
 
-    def with_kept_derivatives(self, now: model.TracedTwist) -> model.TracedTwist:
-        """A twist whose derivatives by the parameters are the smoothed ones of the newest step."""
+    def store_motion(self, now: TracedTwist) -> None:
+        """Store a twist with all its derivatives, and the motion in the paper's axes."""
+        motion = now.motion
+        by_speeds = [by for row in now.by_speeds for by in row]
+        values = [*motion.indices, motion.u, motion.force, *by_speeds]
+        self.stores.update(zip(TWIST[:3], now.twist, strict=True))
+        self.stores.update(zip(MOTION, values, strict=True))
+        for axis, row in zip(TWIST[:3], now.rows, strict=True):
+            for i in (*self.shape.states, *FAST):
+                self.stores[f"{axis}_by_{i}"] = row.get(i, 0.0)
+
+    def with_kept_derivatives(self, now: TracedTwist) -> TracedTwist:
+        """Replace derivatives by the parameters with the smoothed ones of the newest step."""
         for axis, row in enumerate(now.rows):
             row.update({i: self.row(f"r{axis}_{i}") for i in self.layout.parameters if i in row})
         return now
@@ -180,7 +203,7 @@ class Lane:
         per_expected = 1.0 / expected
         square = residual * residual
         nis = square * per_expected
-        if self._tells:
+        if self._judged:
             asked = trace.truth_as_number(trace.lift_truth(only))
             self.stores[f"{sensor}_r"], self.stores[f"{sensor}_rr"] = residual, asked * expected
         in_a_row = self.row(f"{sensor}_row")
@@ -194,8 +217,10 @@ class Lane:
             [0.0, per_expected],
             lambda: [more, 1.0 / (expected + more * along * along)],
         )
-        self.P.add(reopen, reopen, added)
-        cross[reopen] = cross[reopen] + added * along
+        if reopen not in self.shape.considered:
+            # The variance of a consider state stays; the measurement is less certain instead.
+            self.P.add(reopen, reopen, added)
+            cross[reopen] = cross[reopen] + added * along
         used = admitted | reacquired
         self._apply(residual, cross, select(trace.lift_truth(only) & used, per_expected, 0.0), kept)
         self.count(sensor, nis, admitted, used, only)
@@ -217,10 +242,11 @@ class Lane:
     def keep_inside_bounds(self) -> None:
         """See `IcrEkf.keep_inside_bounds`; what it costs is paid only where a lane is outside."""
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
-        bounds = [bound for bound in self._bounds() if bound[0]]
+        considered = self.shape.considered
+        bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*considered}]
         if not bounds:
             return
-        x, moving = self.x, [i for i in states if i not in IMU_KEPT]
+        x, moving = self.x, [i for i in states if i not in self.fixed_for_imu]
         outside = trace.lift_truth(False)
         for direction, rest, least in bounds:
             outside = outside | (least - rest - dot(x_of(x, direction), direction) > least_short)
@@ -228,8 +254,9 @@ class Lane:
         def a_round(*values: Any) -> Any:
             now, moved = dict(zip(states, values, strict=True)), trace.lift_truth(False)
             for direction, rest, least in bounds:
-                cross = self.P.times(direction)
-                spread = dot(cross, direction)
+                free = {i: by for i, by in direction.items() if i not in considered}
+                cross = self.P.times(free)
+                spread = dot(cross, free)
                 short = least - rest - dot(now, direction)
                 moves = (short > least_short) & (spread > 0.0)
                 share = select(moves, short / spread, 0.0)
@@ -243,12 +270,12 @@ class Lane:
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
         """Each bound by the uncertain states, what the others come to, and what it must reach."""
-        for bound in bound_rows(self.constant("gauge")):
-            of = {s.PARAMETERS.start + k: share for k, share in enumerate(bound[:8])}
-            of = {i: share for i, share in of.items() if not model.is_zero(share)}
+        for number, places in enumerate(self.shape.model.bounds):
+            of = {s.PARAMETERS.start + k: self.constant(f"bound{number}_{k}") for k in places}
             known = {i: self.x[i] for i in of if i not in self.shape.states}
             mine = {i: share for i, share in of.items() if i in self.shape.states}
-            yield mine, dot(known, {i: of[i] for i in known}), bound[8]
+            least = self.constant(f"bound{number}_8")
+            yield mine, dot(known, {i: of[i] for i in known}), least
 
 
 def array_rows(layout: Layout) -> tuple[int, int, int]:
@@ -258,7 +285,7 @@ def array_rows(layout: Layout) -> tuple[int, int, int]:
 
 def idle_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make a kernel that does nothing."""
-    return Kernel(name, array_rows(Layout(shape.states)), ())
+    return Kernel(name, array_rows(shape.layout), ())
 
 
 def _rest(row: Vector, parts: Iterable[Part]) -> Vector:

@@ -6,8 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.engine.model import TracedModel
+from icreckon.estimator.motion.friction_layout import TURN
 
-# What a step is told: of each lane, and of all lanes alike.
+# Inputs of a step: those of each lane, and those that all lanes share.
 STEP_INPUTS = (
     "smooth_left",
     "smooth_right",
@@ -37,6 +39,7 @@ CONSTANTS = (
     "mass",
     "x_CM",
     "y_CM",
+    "eta",
     "turning_x",
     "turning_y",
     "turning_w",
@@ -77,6 +80,13 @@ JUDGED = (
     *(f"position_{part}" for part in ("x", "y", "xx", "xy", "yy")),
 )
 
+# Motion at some track speeds: indices, force of inertia and its limited value, and the derivatives of the
+# twist by the track speeds.
+MOTION = (
+    *("zeta", "epsilon", "eta", "inertia", "force"),
+    *(f"{axis}_by_{side}" for axis in ("v_x", "v_y", "w") for side in ("left", "right")),
+)
+
 
 class Names:
     """Names in an order, each with its place."""
@@ -100,10 +110,12 @@ class Layout:
     """The rows of the workspace for a filter with some of the states.
 
     Attributes:
-        states: indices of the states that are uncertain, ascending, without the fast slip.
+        states: indices of the uncertain states, ascending, without the fast slip.
+        model: the motion model.
     """
 
     states: tuple[int, ...]
+    model: TracedModel
 
     @property
     def parameters(self) -> tuple[int, ...]:
@@ -123,9 +135,12 @@ class Layout:
                 *COUNTS,
                 *TWIST,
                 *BEFORE,
+                *(f"memory{k}" for k in range(self.model.memory)),
                 *(f"x{i}" for i in fast),
                 *(covariance_name(i, j) for j in fast for i in all_states if i <= j),
                 *JUDGED,
+                *MOTION,
+                *(f"{axis}_by_{i}" for axis in TWIST[:3] for i in all_states),
             )
         )
 
@@ -138,6 +153,7 @@ class Layout:
                 *CONSTANTS,
                 *(f"fixed{i}" for i in range(s.SIZE)),
                 *(f"walk{i}" for i in range(s.SIZE)),
+                *(f"bound{row}_{k}" for row in range(len(self.model.bounds)) for k in range(9)),
             )
         )
 
@@ -147,7 +163,8 @@ class Layout:
         fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
         states = [i for i in (*self.states, *fast) if i >= s.POSE.stop]
         values = (*(f"x{i}" for i in states), *(covariance_name(i, i) for i in states))
-        return (*values, *JUDGED)
+        turn = range(TURN.start, TURN.stop) if self.model.kind == "friction" else ()
+        return (*values, *JUDGED, *(f"memory{k}" for k in turn))
 
 
 def covariance_name(a: int, b: int) -> str:

@@ -1,108 +1,210 @@
-"""The motion model and the filter's noise, in traced numbers: what `estimator` says of one, for many.
+"""Motion models and noise models in traced numbers.
 
-Equations and derivatives are those of `estimator.motion.index_model`, `estimator.filter.process_noise`
-and `estimator.sensors.sensor_models`. Only how the force of inertia is searched for is done otherwise:
-all lanes take part in each round until the last has found it.
+Equations and derivatives are those of `estimator.motion`, `estimator.filter.process_noise` and
+`estimator.sensors.sensor_models`. Only the search for the force of inertia differs: all lanes take part
+in each round until the last has found it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector
 from icreckon.estimator.filter import process_noise
-from icreckon.estimator.motion import index_model as motion
-from icreckon.estimator.motion import motion_model, propagation
-from icreckon.estimator.scalar_engine import ekf_kernel
-from icreckon.estimator.scalar_engine.motion_kernel import INERTIA
+from icreckon.estimator.motion import friction_model, index_model, motion_model, propagation
+from icreckon.estimator.motion.friction_layout import PARAMETERS as FRICTION_PARAMETERS
+from icreckon.estimator.motion.friction_model import FrictionMotion
+from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
 from icreckon.estimator.sensors import sensor_models
 from icreckon.estimator.tracing import trace
 
 # Newton's error is squared in each round: after a change of this share none that matters is left.
 LAST_CHANGE = {64: 1e-6, 32: 1e-4}
+SMALLEST_CHANGE = {64: index_model.TOLERANCE, 32: 1e-6}
 # Up to this angle [rad] so many terms of a series are right to the last digit.
 SERIES_TO, TERMS = 0.5, 8
+# From the paper's axes: forward is its second, left minus its first.
+PAPER_AXIS = (1, 0, 2)
+PAPER_SIGN = (1.0, -1.0, 1.0)
+
+Kind = Literal["smooth", "literal", "friction"]
+
+
+class TracedModel(NamedTuple):
+    """Motion model as the code of a filter depends on it.
+
+    Attributes:
+        kind: form of the index model, or friction.
+        slip_in_inertia: True if the inertia is that of the twist with slip.
+        parameters: places of the parameters that the model uses among the eight.
+        bounds: places of the parameters in each bound.
+        memory: number of values in the model's memory.
+    """
+
+    kind: Kind
+    slip_in_inertia: bool
+    parameters: tuple[int, ...]
+    bounds: tuple[tuple[int, ...], ...]
+    memory: int
+
+
+def traced_model(model: MotionModel) -> TracedModel | None:
+    """Describe a motion model; None if it has no traced form."""
+    kind: Kind
+    slip_in_inertia = False
+    match model:
+        case InertiaMotion():
+            kind, slip_in_inertia = model.form, model.slip_in_inertia
+            # H counts by its sign alone, and no derivative by it is known.
+            used = range(1, 8)
+        case FrictionMotion():
+            kind, used = "friction", range(FRICTION_PARAMETERS)
+        case _:
+            return None
+    bounds = tuple(tuple(np.flatnonzero(bound[:8]).tolist()) for bound in model.bounds)
+    return TracedModel(kind, slip_in_inertia, tuple(used), bounds, len(model.memory))
 
 
 class TracedTwist(NamedTuple):
-    """The body velocity and what it depends on.
+    """Body velocity and its derivatives.
 
     Attributes:
-        twist: (3,) of base_link.
-        rows: (3,) its derivatives by the states, those that are not zero.
+        twist: (3,) twist of base_link.
+        rows: (3,) its derivatives by the states, where they are not zero.
         by_speeds: (3, 2) its derivatives by the track speeds.
-        u: the force of inertia, see `estimator.motion.index_model`; None where nothing depends on it.
+        u: force of inertia, see `estimator.motion.index_model`; None if nothing depends on it.
+        motion: motion in the paper's axes.
     """
 
     twist: Any
     rows: tuple[Vector, Vector, Vector]
     by_speeds: Any
     u: Any
+    motion: motion_model.Motion
+
+
+class ModelInputs(NamedTuple):
+    """Inputs of a motion model besides state and track speeds.
+
+    Attributes:
+        model: the model.
+        vehicle: L, M, x_CM, y_CM.
+        memory: (m,) its memory.
+    """
+
+    model: TracedModel
+    vehicle: VehicleConstants
+    memory: Any
+
+
+class SlipConstants(NamedTuple):
+    """Values of `estimator.robot.robot_file.Slip`."""
+
+    turning_x: Any
+    turning_y: Any
+    turning_w: Any
+    driving_x: Any
+    driving_y: Any
+    driving_w: Any
+    time_constant: Any
+    white_time: Any
 
 
 def twist_model(
     x: Any,
-    constants: Any,
+    inputs: ModelInputs,
     left: Any,
     right: Any,
     slip_share: Any,
     states: tuple[int, ...],
     guess: Any,
 ) -> TracedTwist:
-    """See `estimator.scalar_engine.ekf_kernel.fill_twist`.
+    """Evaluate the body velocity, see `IcrEkf.twist_model`.
 
     Args:
         x: (SIZE,) the state.
-        constants: of the motion model, see `estimator.scalar_engine.motion_kernel`.
+        inputs: inputs of the motion model.
         left: speed of the left track [m/s].
-        right: of the right.
-        slip_share: how much of the slip counts.
-        states: those that are uncertain, whose derivatives are wanted.
-        guess: where the search for the force of inertia begins [N].
+        right: speed of the right track [m/s].
+        slip_share: factor on the slip.
+        states: uncertain states, by which derivatives are wanted.
+        guess: initial guess of the force of inertia [N].
     """
-    twist, by_speeds = np.empty(3, dtype=object), np.empty((3, 2), dtype=object)
-    jacobian = np.empty((3, s.SIZE), dtype=object)
-
-    matters = False
-
-    def balance(problem: Any) -> Any:
-        nonlocal matters
-        at_zero = _evaluate(trace.lift(0.0), problem)
-        matters = not is_zero(at_zero.g_u)
-        return _balance(problem, guess) if matters else at_zero.g
-
-    fill_twist = trace.traced(ekf_kernel.fill_twist, _balance=balance)
-    motion = fill_twist(
-        x, INERTIA, constants, None, left, right, slip_share, twist, jacobian, by_speeds
-    )
+    scale = 1.0 + x[s.TRACK_SCALE]
+    slip = [slip_share * slow + fast for slow, fast in zip(x[s.SLIP], x[s.FAST_SLIP], strict=True)]
+    in_paper = (-slip[1], slip[0], slip[2])
+    speeds, parameters = (left * scale, right * scale), tuple(x[s.PARAMETERS])
+    if inputs.model.kind == "friction":
+        motion, by = _linearise_friction(
+            *speeds, parameters, in_paper, inputs.vehicle, inputs.memory
+        )
+        u = None
+    else:
+        motion, by, u = _linearise_indices(speeds, parameters, in_paper, inputs, guess)
     wanted = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
-    rows = tuple({i: row[i] for i in wanted if not is_zero(row[i])} for row in jacobian)
-    return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion.u if matters else None)
+    twist, by_speeds = np.empty(3, dtype=object), np.empty((3, 2), dtype=object)
+    rows: list[Vector] = []
+    velocity = motion.twist.v_x, motion.twist.v_y, motion.twist.w
+    for i, (axis, sign) in enumerate(zip(PAPER_AXIS, PAPER_SIGN, strict=True)):
+        twist[i] = sign * velocity[axis]
+        row: Vector = {}
+        for j in range(3):
+            by_slip = sign * PAPER_SIGN[j] * by.by_slip[axis][PAPER_AXIS[j]]
+            row[s.SLIP.start + j] = slip_share * by_slip
+            row[s.FAST_SLIP.start + j] = by_slip
+        for j in range(8):
+            row[s.PARAMETERS.start + j] = sign * by.by_parameters[axis][j]
+        by_left, by_right = sign * by.by_speeds[axis][0], sign * by.by_speeds[axis][1]
+        row[s.TRACK_SCALE] = by_left * left + by_right * right
+        by_speeds[i] = scale * by_left, scale * by_right
+        rows.append({k: row[k] for k in wanted if k in row and not is_zero(row[k])})
+    return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, u, motion)
+
+
+def _linearise_indices(
+    speeds: tuple[Any, Any], parameters: Any, slip: Any, inputs: ModelInputs, guess: Any
+) -> tuple[Any, Any, Any]:
+    """Motion, derivatives, and the force of inertia if anything depends on it."""
+    model = inputs.model
+    in_inertia = slip if model.slip_in_inertia else motion_model.NO_SLIP
+    is_literal = model.kind == "literal"
+    problem = _balance_problem(*speeds, parameters, inputs.vehicle, is_literal, in_inertia)
+    at_zero = _evaluate(trace.lift(0.0), problem)
+    matters = not is_zero(at_zero.g_u)
+    u = _balance(problem, guess) if matters else at_zero.g
+    motion, by = _linearise_at(u, problem, slip, model.slip_in_inertia)
+    return motion, by, u if matters else None
 
 
 def is_zero(value: Any) -> bool:
-    """Whether a number is known to be zero in all lanes."""
+    """Return True if a number is known to be zero in all lanes."""
     return trace.lift(value).known == 0.0
 
 
 def _balance(problem: Any, guess: Any) -> Any:
-    """`estimator.motion.index_model._balance`, in rounds of all lanes, from a guess of one's own."""
+    """Solve `index_model.balance` in rounds of all lanes, each from its own guess."""
+    bits = trace.Traced.bits
 
     def newton(u: Any, goes_on: Any) -> Any:
-        # A lane that has found its own stays there, so that a filter does not depend on its neighbours.
+        # A settled lane stays where it is, so that no filter depends on its neighbours.
         step = _evaluate(u, problem)
-        change = (step.g - u) / _at_least(1.0 - step.g_u, motion.SMALLEST_SLOPE)
+        slope = 1.0 - step.g_u
+        change = (step.g - u) / _at_least(slope, index_model.SMALLEST_SLOPE)
+        # With a slope that is not Newton's, the error shrinks by a factor in each round only.
+        is_newton = slope >= index_model.SMALLEST_SLOPE
+        last = trace.select(is_newton, LAST_CHANGE[bits], SMALLEST_CHANGE[bits])
         moves = goes_on > 0.5
         u = trace.select(moves, u + change, u)
-        unsettled = moves & ~(abs(change) <= LAST_CHANGE[trace.Traced.bits] * (1.0 + abs(u)))
+        unsettled = moves & ~(abs(change) <= last * (1.0 + abs(u)))
         return [u, trace.truth_as_number(unsettled)], unsettled
 
-    u, _, unsettled = trace.repeat(True, [guess, 1.0], newton, motion.NEWTON_ITERATIONS)
+    u, _, unsettled = trace.repeat(True, [guess, 1.0], newton, index_model.NEWTON_ITERATIONS)
 
     def widen(high: Any) -> Any:
         short = (high - _evaluate(high, problem).g < 0.0) | (
@@ -110,19 +212,24 @@ def _balance(problem: Any, guess: Any) -> Any:
         )
         return [trace.select(short, 2.0 * high, high)], unsettled & short
 
-    high, _ = trace.repeat(unsettled, [1.0], widen, motion.BISECTIONS)
+    high, _ = trace.repeat(unsettled, [1.0], widen, index_model.BISECTIONS)
 
     def halve(low: Any, high: Any) -> Any:
         middle = 0.5 * (low + high)
         below = middle - _evaluate(middle, problem).g < 0.0
         return [trace.select(below, middle, low), trace.select(below, high, middle)], unsettled
 
-    low, high, _ = trace.repeat(unsettled, [-high, high], halve, motion.BISECTIONS)
+    low, high, _ = trace.repeat(unsettled, [-high, high], halve, index_model.BISECTIONS)
     return trace.select(unsettled, 0.5 * (low + high), u)
 
 
+def step_on_se2(yaw: Any, motion: Any) -> Any:
+    """Compute `propagation.step_on_se2`."""
+    return _step_along_arc(yaw, motion, _arc_with_slopes(motion[2]))
+
+
 def _arc_with_slopes(angle: Any) -> Any:
-    """`estimator.motion.propagation.arc_with_slopes` without its cancellations, by series in angle²."""
+    """Compute `propagation.arc_with_slopes` by series in angle², without cancellation."""
     square = angle * angle
 
     def series(factorial: int, factor: Callable[[int], float]) -> Any:
@@ -144,7 +251,10 @@ def _arc_with_slopes(angle: Any) -> Any:
 
 
 _arc_in_full = trace.traced(propagation.arc_with_slopes)
-_evaluate = trace.traced(motion._evaluate)
+_balance_problem = trace.traced(index_model.balance_problem)
+_evaluate = trace.traced(index_model.evaluate)
+_linearise_at = trace.traced(index_model.linearise_at)
+_linearise_friction = trace.traced(friction_model.linearise)
 _at_least = trace.traced(motion_model.at_least)
 slip_at = trace.traced(process_noise.slip_at)
 fast_slip_density = trace.traced(process_noise.fast_slip_density)
@@ -152,4 +262,4 @@ sideways_density = trace.traced(process_noise.sideways_density)
 share_of_walk = trace.traced(process_noise.share_of_walk)
 gyro_variance = trace.traced(sensor_models.gyro_variance)
 accelerometer_forecast = trace.traced(sensor_models.accelerometer_forecast)
-step_on_se2 = trace.traced(propagation.step_on_se2, arc_with_slopes=_arc_with_slopes)
+_step_along_arc = trace.traced(propagation.step_along_arc)

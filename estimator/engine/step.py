@@ -1,4 +1,4 @@
-"""The filter's step in traced numbers: `estimator.scalar_engine.imu_kernel` for many filters."""
+"""Step of the filter in traced numbers: draw fast slip, update by the IMU, propagate."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
-from icreckon.estimator.filter.ekf import IMU_KEPT
-from icreckon.estimator.scalar_engine.imu_kernel import SlipNumbers
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel
@@ -30,14 +28,24 @@ class StepKind(NamedTuple):
         stands: whether a lane may be found standing at its end.
         imu: whether there is an IMU sample at its end.
         accelerometer: whether that has a specific force which is used.
-        tells: whether the body velocity at its end is wanted.
+        may_lack_force: whether a lane may lack it; it is not a number then.
+        twist: whether the body velocity at its end is wanted.
+        judged: whether innovations and their covariances are stored.
+        fast_slip: whether the fast slip at its end is stored.
     """
 
     moves: bool = True
     stands: bool = False
     imu: bool = True
     accelerometer: bool = True
-    tells: bool = False
+    may_lack_force: bool = False
+    twist: bool = False
+    judged: bool = False
+    fast_slip: bool = False
+
+    def reporting(self) -> StepKind:
+        """Make a step that stores all that an estimate needs."""
+        return self._replace(twist=True, judged=True, fast_slip=self.moves)
 
 
 class Foretold(NamedTuple):
@@ -55,14 +63,14 @@ class Foretold(NamedTuple):
 
 
 def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
-    """The step with an IMU sample at its end; see `estimator.scalar_engine.imu_kernel.imu_step`.
+    """Make the kernel of a step.
 
     Args:
         name: of the kernel.
         shape: of the filter.
         kind: what happens in the step.
     """
-    lane = Lane(shape, tells=kind.tells)
+    lane = Lane(shape, judged=kind.judged)
     step = Step(lane, kind)
     if kind.moves:
         step.draw_fast_slip()
@@ -75,9 +83,9 @@ def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
         lane.keep_inside_bounds()
     if kind.moves:
         step.move()
-    if kind.tells:
-        step.tell_twist()
-    return lane.kernel(name, with_fast_slip=kind.tells and kind.moves)
+    if kind.twist:
+        step.store_twist()
+    return lane.kernel(name, with_fast_slip=kind.fast_slip)
 
 
 class Step:
@@ -87,7 +95,7 @@ class Step:
         self.lane, self.kind = lane, kind
         told: Any = lane.told
         constant: Any = lane.constant
-        self.slip = SlipNumbers(*(constant(name) for name in SlipNumbers._fields))
+        self.slip = model.SlipConstants(*map(constant, model.SlipConstants._fields))
         self.imu = ImuConstants(
             *(constant(n) for n in ("gyro_density", "accelerometer_density", "imu_x", "imu_y"))
         )
@@ -119,9 +127,8 @@ class Step:
 
     def _sigma(self) -> Any:
         lane = self.lane
-        eta = lane.x[s.ETA0]
         gauge = lane.constant("gauge")
-        return model.slip_at(*self.smooth, self.slip, gauge, eta, self.pushed)
+        return model.slip_at(*self.smooth, self.slip, gauge, lane.eta, self.pushed)
 
     def draw_fast_slip(self) -> None:
         """A new one, which is independent of all that was known; and smooth the derivatives."""
@@ -199,7 +206,7 @@ class Step:
             row = now.rows[axis]
             residual = -now.twist[axis] - shift_of(row, lane.x, before)
             shared = (1.0, self._shared(axis))
-            lane.update(residual, row, variance, shared, kept=IMU_KEPT, only=self.stands)
+            lane.update(residual, row, variance, shared, kept=lane.fixed_for_imu, only=self.stands)
         more = trace.truth_as_number(self.stands)
         lane.stores["standstill"] = lane.row("standstill") + more
         lane.stores["stood"] = more
@@ -220,7 +227,9 @@ class Step:
         interval = lane.constant("interval")
         variance = model.gyro_variance(self.imu, interval, now.by_speeds[2], self.change)
         shared = (scale, self._shared(2))
-        lane.gated("gyro", residual, row, variance, shared, reopen=s.SLIP_W, kept=IMU_KEPT)
+        lane.gated(
+            "gyro", residual, row, variance, shared, reopen=s.SLIP_W, kept=lane.fixed_for_imu
+        )
 
     def take_accelerometer(self) -> None:
         """Specific force to the left."""
@@ -237,7 +246,12 @@ class Step:
         if bias in lane.P.states:
             row[bias] = row.get(bias, 0.0) + 1.0
         predicted = forecast.predicted + self.linearised_at[bias]
-        residual = lane.told("force") - predicted - shift_of(row, lane.x, self.linearised_at)
+        force = lane.told("force")
+        asked: Any = ~self.stands if self.kind.stands else True
+        if self.kind.may_lack_force:
+            is_number = force == force
+            force, asked = select(is_number, force, 0.0), trace.lift_truth(asked) & is_number
+        residual = force - predicted - shift_of(row, lane.x, self.linearised_at)
         lane.gated(
             "accelerometer",
             residual,
@@ -246,12 +260,12 @@ class Step:
             (forecast.by_w, self._shared(2)),
             (forecast.by_v_x, self._shared(0)),
             reopen=bias,
-            kept=IMU_KEPT,
-            only=~self.stands if self.kind.stands else True,
+            kept=lane.fixed_for_imu,
+            only=asked,
         )
 
     def move(self) -> None:
-        """Propagate to the end of the step; see `estimator.scalar_engine.ekf_kernel.move`."""
+        """Propagate to the end of the step, see `IcrEkf.predict_motion`."""
         lane = self.lane
         x, P, constant = lane.x, lane.P, lane.constant
         dt, decay = constant("dt"), constant("decay")
@@ -308,7 +322,7 @@ class Step:
             if _is_slip(i):
                 axis = i - s.SLIP.start
                 after[i, i] = after[i, i] + sigma[axis] * sigma[axis] * constant("final")
-        if self.kind.tells:
+        if self.kind.fast_slip:
             for j in FAST:
                 for i in lane.P.states:
                     if i < s.POSE.stop:
@@ -333,7 +347,7 @@ class Step:
                 walks[i] = rate * rate
         return walks
 
-    def tell_twist(self) -> None:
+    def store_twist(self) -> None:
         """Body velocity at the end, and its covariance."""
         lane = self.lane
         speeds = lane.told("now_left"), lane.told("now_right")
@@ -344,7 +358,7 @@ class Step:
                 for i in lane.layout.parameters:
                     if i in row:
                         lane.stores[f"r{axis}_{i}"] = row[i]
-        lane.tell_twist(now)
+        lane.store_twist(now)
 
 
 def _noise_of_pose(

@@ -12,11 +12,13 @@ from icreckon.estimator.engine.fixes import AS_TRUE, NOT_AT_ALL
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
 from icreckon.estimator.filter.reacquisition import laid_over
+from icreckon.estimator.motion.friction_step import step_motion
 from icreckon.estimator.tracing.emit import FLAG_BITS
 from icreckon.estimator.tracing.jit_kernel import entry, inner
 
 # What is told at a tick.
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
+MEAN_LEFT, MEAN_RIGHT, DT = INPUTS["mean_left"], INPUTS["mean_right"], STEP_CONSTANTS.index("dt")
 QUIET, HOW = INPUTS["quiet_mean"], INPUTS["how"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 PER_STEP, ROWS = len(STEP_CONSTANTS), len(INPUTS)
@@ -36,6 +38,10 @@ class Places(NamedTuple):
         believed_x: row of where the filter thought to be at the newest fix.
         believed_y: the same.
         interval: which of the constants is the interval of the IMU.
+        memory: (m,) rows of the motion model's memory.
+        parameters: (8,) rows of the parameters; -1 for those that are constants.
+        fixed: place of the first parameter among the constants.
+        track_scale: row of the track scale; -1 if it is zero.
         row_count: how many rows the workspace has.
         constant_count: how many constants there are.
     """
@@ -47,6 +53,10 @@ class Places(NamedTuple):
     believed_x: int
     believed_y: int
     interval: int
+    memory: Any
+    parameters: Any
+    fixed: int
+    track_scale: int
     row_count: int
     constant_count: int
 
@@ -85,12 +95,13 @@ class LaneKernels(NamedTuple):
     heading_ahead_told: Any
 
 
-def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
+def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
     """Compile the loop over the steps of filters of one shape; see `BatchFilter.work_through`.
 
     Args:
-        kernels: of that shape.
-        shape_digest: tells the machine code of this shape from that of others.
+        kernels: kernels of that shape.
+        advance: compiled function that advances the motion models in time, see `advance_memory`.
+        shape_digest: digest that separates the machine code of this shape from that of others.
     """
     usual, full, update, move, move_told, *of_fixes = kernels
     position, position_told, position_ahead, position_ahead_told = of_fixes[:4]
@@ -172,6 +183,7 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         estimates: Floats,
         refused: Floats,
         refused_count: Any,
+        model_constants: Any,
         places: Places,
     ) -> None:
         """Work through steps; see `BatchFilter.work_through`.
@@ -201,6 +213,8 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
                 how = TOLD_ON_THE_WAY if tells else ON_THE_WAY
             else:
                 how = AT_TICK if tells else AT_STEP
+                if kinds[k] != UPDATE:
+                    advance(lanes, told, constants, model_constants, places)
                 if kinds[k] == MOVE:
                     if tells:
                         move_told(lanes, told, constants)
@@ -226,6 +240,40 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
                         estimates[ticks[k], row, lane] = lanes[places.estimate[row], lane]
 
     return entry(work_through, shape_digest)
+
+
+def keep_memory(
+    lanes: Floats, told: Floats, constants: Floats, model_constants: Any, places: Places
+) -> None:
+    """Advance motion models without memory in time: they do not change."""
+
+
+def advance_memory(
+    lanes: Floats, told: Floats, constants: Floats, model_constants: Any, places: Places
+) -> None:
+    """Advance the friction models of all lanes by a step, see `MotionModel.begin_step`.
+
+    Args:
+        lanes: workspace.
+        told: inputs of the step.
+        constants: constants of all lanes and of the step.
+        model_constants: constants of the friction model.
+        places: places in the workspace.
+    """
+    memory, parameters = np.empty(len(places.memory)), np.empty(len(places.parameters))
+    for lane in range(lanes.shape[1]):
+        scale = 1.0
+        if places.track_scale >= 0:
+            scale += lanes[places.track_scale, lane]
+        for k in range(len(places.parameters)):
+            row = places.parameters[k]
+            parameters[k] = lanes[row, lane] if row >= 0 else constants[places.fixed + k]
+        for k in range(len(places.memory)):
+            memory[k] = lanes[places.memory[k], lane]
+        left, right = scale * told[MEAN_LEFT, lane], scale * told[MEAN_RIGHT, lane]
+        step_motion(model_constants, parameters, left, right, constants[DT], memory)
+        for k in range(len(places.memory)):
+            lanes[places.memory[k], lane] = memory[k]
 
 
 def move_pose(lanes: Floats, lane: int, refused: Floats, count: int, places: Places) -> bool:

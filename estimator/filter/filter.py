@@ -129,7 +129,8 @@ class Reckoning:
         self._at_once = engine.make_step(
             self.ekf,
             self._disturbances,
-            self._sensors,
+            robot,
+            settings,
             self._gates["gyro"],
             self._gates["accelerometer"],
         )
@@ -315,7 +316,7 @@ class Reckoning:
         if step is None or self._step_under_way or start is None or start >= m.stamp:
             return None
         force = m.linear_acceleration if self._settings.use_accelerometer else None
-        verdicts = step.take(
+        verdicts = step.imu_step(
             self._tracks,
             start,
             m.stamp,
@@ -510,6 +511,8 @@ class Reckoning:
 
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns]; one that is not later changes nothing."""
+        if self._advance_at_once(stamp):
+            return
         self._begin_step(stamp)
         if self.stamp is None or self.stamp >= stamp:
             return
@@ -519,6 +522,17 @@ class Reckoning:
         self.ekf.predict_motion(dt, left, right, noise)
         self.stamp = stamp
         self._step_under_way = False
+
+    def _advance_at_once(self, stamp: int) -> bool:
+        """Propagate to a stamp [ns] by the compiled step; return False if it cannot."""
+        step, start = self._at_once, self.stamp
+        if step is None or self._step_under_way or start is None or start >= stamp:
+            return False
+        pushed = self._may_be_pushed()
+        if not step.time_step(self._tracks, start, stamp, pushed=pushed):
+            return False
+        self.stamp = stamp
+        return True
 
     def _begin_step(self, stamp: int) -> None:
         """Draw a new fast slip for the step to a stamp [ns], unless one is under way."""

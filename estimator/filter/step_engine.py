@@ -8,8 +8,9 @@ from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
-from icreckon.estimator.sensors.sensor_models import SensorModels
 
 # A verdict, see `estimator.filter.gate`; the residual, the variance that it should have, and its NIS.
 Judged = tuple[int, float, float, float]
@@ -28,9 +29,13 @@ class Verdicts(NamedTuple):
 
 
 class WholeStep(Protocol):
-    """A step with an IMU sample at its end, at once."""
+    """A whole step of a filter, compiled.
 
-    def take(
+    A step is refused, and nothing is done, if the motion model is not compiled, or if a stochastic clone
+    or an observer follows each part of the step.
+    """
+
+    def imu_step(
         self,
         tracks: HeldTrackSpeeds,
         start: int,
@@ -42,7 +47,7 @@ class WholeStep(Protocol):
         rate: float,
         force: float | None,
     ) -> Verdicts | None:
-        """Take an IMU sample at the end of a step.
+        """Take a step with an IMU sample at its end; None if it is refused.
 
         Args:
             tracks: the track speeds.
@@ -51,18 +56,25 @@ class WholeStep(Protocol):
             stands: whether the robot was found standing.
             pushed: whether it may be turning with its tracks at rest.
             interval: time between IMU samples [s].
-            rate: as the gyros say [rad/s].
-            force: specific force to the left [m/s²], None where it is not to be used.
+            rate: yaw rate from the gyros [rad/s].
+            force: specific force to the left [m/s²], None if it is not used.
+        """
+        ...
 
-        Returns:
-            None where nothing was done, because the model is not compiled, or somebody else (a mark, a
-            witness) is to know of each thing that is done in the step.
+    def time_step(self, tracks: HeldTrackSpeeds, start: int, end: int, *, pushed: bool) -> bool:
+        """Take a step without an IMU sample; False if it is refused.
+
+        Args:
+            tracks: the track speeds.
+            start: stamp of the start of the step [ns].
+            end: stamp of its end, later.
+            pushed: whether the robot may be turning with its tracks at rest.
         """
         ...
 
 
 class StepEngine(Protocol):
-    """Makes the filter's algebra, and a whole step."""
+    """Maker of a filter's algebra and of its whole step."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
         """Make the filter of a motion model."""
@@ -72,9 +84,10 @@ class StepEngine(Protocol):
         self,
         ekf: IcrEkf,
         disturbances: Disturbances,
-        sensors: SensorModels,
+        robot: Robot,
+        settings: Settings,
         gyro: Gate,
         accelerometer: Gate,
     ) -> WholeStep | None:
-        """Make the whole step of a filter; None where each thing is done by itself."""
+        """Make the whole step of a filter; None if its parts are taken one at a time."""
         ...

@@ -21,7 +21,7 @@ numbers for complex-step differentiation, and numba compiles it, see `estimator.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,6 +51,9 @@ from icreckon.estimator.motion.motion_model import (
     at_or_above,
     sign,
 )
+
+if TYPE_CHECKING:
+    from icreckon.estimator.motion.friction_step import FrictionConstants
 
 # Bounds of the parameters: least friction, rolling resistance and height of the centre of mass, which
 # divides [m]; range of the contact's length as shares of its nominal value; range of the centre of mass
@@ -85,7 +88,7 @@ class FrictionMotion:
     ) -> None:
         self.vehicle = vehicle
         self.eta = eta
-        self._yaw_inertia, self._load_lag = yaw_inertia, load_lag
+        self._yaw_inertia, self._load_lag = float(yaw_inertia), float(load_lag)
         at = ground(contact)
         self._ground = at._replace(small=max(REGULARISING_SPEED, at.small))
         self._estimated = np.array(estimated, dtype=float)
@@ -128,23 +131,21 @@ class FrictionMotion:
             )
         self._memory = memory
 
+    @property
+    def constants(self) -> FrictionConstants:
+        """Constants for the compiled step."""
+        from icreckon.estimator.motion.friction_step import FrictionConstants
+
+        return FrictionConstants(
+            self._ground, self.nominal, self._yaw_inertia, self._load_lag, self._estimated
+        )
+
     def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
         """Begin a step, as in `MotionModel`."""
         from icreckon.estimator.motion.friction_step import step_motion
 
         memory = self._memory.copy()
-        step_motion(
-            self._ground,
-            self.nominal,
-            self._yaw_inertia,
-            self._load_lag,
-            self._estimated,
-            np.array(parameters[:PARAMETERS]),
-            V_l,
-            V_r,
-            dt,
-            memory,
-        )
+        step_motion(self.constants, np.array(parameters[:PARAMETERS]), V_l, V_r, dt, memory)
         self._memory = memory
 
     def steering_efficiency(self, parameters: Any) -> float:  # noqa: ARG002 - it hardly depends

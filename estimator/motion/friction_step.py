@@ -22,6 +22,8 @@ load.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
@@ -72,6 +74,24 @@ TURNS, AVERAGING = 0.1, 0.5
 LARGEST_ETA = 20.0
 
 
+class FrictionConstants(NamedTuple):
+    """Constants of the friction model.
+
+    Attributes:
+        ground: the contact at the nominal parameters.
+        nominal: (PARAMETERS,) nominal parameters.
+        yaw_inertia: moment of inertia about the vertical through the centre of mass [kg m²].
+        load_lag: T [s].
+        estimated: (PARAMETERS,) not zero for parameters with derivatives.
+    """
+
+    ground: Ground
+    nominal: Floats
+    yaw_inertia: float
+    load_lag: float
+    estimated: Floats
+
+
 @compiled
 def with_parameters(ground: Ground, nominal: Floats, parameters: Floats) -> Ground:
     """Contact at given parameters instead of the nominal ones, each (PARAMETERS,)."""
@@ -101,11 +121,7 @@ def with_parameters(ground: Ground, nominal: Floats, parameters: Floats) -> Grou
 
 @compiled
 def step_motion(
-    ground: Ground,
-    nominal: Floats,
-    yaw_inertia: float,
-    load_lag: float,
-    estimated: Floats,
+    constants: FrictionConstants,
     parameters: Floats,
     V_l: float,
     V_r: float,
@@ -115,11 +131,7 @@ def step_motion(
     """Integrate one step at constant track speeds; the first one settles from rest.
 
     Args:
-        ground: the contact at the nominal parameters.
-        nominal: (PARAMETERS,) nominal parameters.
-        yaw_inertia: moment of inertia about the vertical through the centre of mass [kg m²].
-        load_lag: T [s].
-        estimated: (PARAMETERS,) not zero for parameters with derivatives.
+        constants: vehicle and contact.
         parameters: (PARAMETERS,) or more, the present estimate.
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
@@ -129,6 +141,7 @@ def step_motion(
     Raises:
         ValueError: an array has the wrong size.
     """
+    ground, nominal, yaw_inertia, load_lag, estimated = constants
     sizes_fit = memory.shape == (MEMORY,) and nominal.shape == estimated.shape == (PARAMETERS,)
     if not sizes_fit or len(parameters) < PARAMETERS:
         raise ValueError(WRONG_SIZE)

@@ -140,7 +140,7 @@ def signed_inertia(twist: PaperTwist, mass: Number, x_CM: Number) -> tuple[Numbe
     of (25) to (27), without their jumps at x_1 = 0 and x_2 = 0 and without H.
     """
     _, forward = velocity_of_centre_of_mass(twist, x_CM, 0.0)
-    return -mass * twist.w * forward, mass * np.abs(twist.w) * forward
+    return -mass * twist.w * forward, mass * abs(twist.w) * forward
 
 
 def indices_at_signed_inertia(signed: Number, directed: Number, parameters: Any) -> IndexValues:

@@ -109,9 +109,9 @@ def solve(
         The motion.
     """
     in_inertia = slip if slip_in_inertia else NO_SLIP
-    problem = _problem(V_l, V_r, parameters, vehicle, form == "literal", in_inertia)
-    u = _balance(problem)
-    return _motion(u, _evaluate(u, problem), slip)
+    problem = balance_problem(V_l, V_r, parameters, vehicle, form == "literal", in_inertia)
+    u = balance(problem)
+    return _motion(u, evaluate(u, problem), slip)
 
 
 def linearise(
@@ -125,14 +125,20 @@ def linearise(
 ) -> tuple[Motion, TwistDerivatives]:
     """Compute the motion and the derivatives of its twist; arguments as in `solve`."""
     in_inertia = slip if slip_in_inertia else NO_SLIP
-    problem = _problem(V_l, V_r, parameters, vehicle, is_literal, in_inertia)
-    u = _balance(problem)
-    at = _evaluate(u, problem)
-    by = _channels(at, vehicle.gauge, slip_in_inertia)
+    problem = balance_problem(V_l, V_r, parameters, vehicle, is_literal, in_inertia)
+    return linearise_at(balance(problem), problem, slip, slip_in_inertia)
+
+
+def linearise_at(
+    u: Number, problem: BalanceProblem, slip: tuple[Number, Number, Number], slip_in_inertia: bool
+) -> tuple[Motion, TwistDerivatives]:
+    """Compute motion and derivatives at the solution u of a balance; see `linearise`."""
+    at = evaluate(u, problem)
+    by = _channels(at, problem.vehicle.gauge, slip_in_inertia)
     return _motion(u, at, slip), through_channels(by, _regressors(at))
 
 
-class _Problem(NamedTuple):
+class BalanceProblem(NamedTuple):
     """Inputs of the balance for the force of inertia; the slip is that in the inertia."""
 
     D: Number
@@ -160,30 +166,31 @@ class _Evaluation(NamedTuple):
     g_u: Number
 
 
-def _problem(
+def balance_problem(
     V_l: Number,
     V_r: Number,
     parameters: Any,
     vehicle: VehicleConstants,
     is_literal: bool,
     slip: tuple[Number, Number, Number],
-) -> _Problem:
+) -> BalanceProblem:
+    """Inputs of the balance at these track speeds; arguments as in `solve`."""
     D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
     if is_literal:
         # sign(x_1) and sign(x_2) of (14) and (15).
         x_1, x_2 = sign(V_l - V_r), sign(V_l + parameters[0] * V_r)
-        return _Problem(D, V_m, parameters, vehicle, is_literal, x_1 * x_2, x_2, slip)
+        return BalanceProblem(D, V_m, parameters, vehicle, is_literal, x_1 * x_2, x_2, slip)
     # eta > 0, so the sign of the yaw rate is that of D; with slip in the inertia it may differ for a
     # moment at w = 0, where Z vanishes anyway.
-    return _Problem(D, V_m, parameters, vehicle, is_literal, 1.0, -sign(D), slip)
+    return BalanceProblem(D, V_m, parameters, vehicle, is_literal, 1.0, -sign(D), slip)
 
 
-def _balance(problem: _Problem) -> Number:
+def balance(problem: BalanceProblem) -> Number:
     """Zero of u - g(u), reached by Newton's iteration from zero."""
     u = 0.0 * problem.D
     settled: Any = False
     for _ in range(NEWTON_ITERATIONS):
-        step = _evaluate(u, problem)
+        step = evaluate(u, problem)
         change = (step.g - u) / at_least(1.0 - step.g_u, SMALLEST_SLOPE)
         u = u + change
         settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
@@ -192,12 +199,12 @@ def _balance(problem: _Problem) -> Number:
     return settled * u + (1.0 - settled) * _bisect(problem)
 
 
-def _bisect(problem: _Problem) -> Number:
+def _bisect(problem: BalanceProblem) -> Number:
     """Zero of u - g(u) by bisection: g is continuous and bounded, as the indices are."""
     high = 1.0 + 0.0 * problem.D
     for _ in range(BISECTIONS):
-        short = ((high - _evaluate(high, problem).g).real < 0.0) | (
-            (-high - _evaluate(-high, problem).g).real > 0.0
+        short = ((high - evaluate(high, problem).g).real < 0.0) | (
+            (-high - evaluate(-high, problem).g).real > 0.0
         )
         if not some(short):
             break
@@ -205,13 +212,13 @@ def _bisect(problem: _Problem) -> Number:
     low = -high
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        below = 1.0 * ((middle - _evaluate(middle, problem).g).real < 0.0)
+        below = 1.0 * ((middle - evaluate(middle, problem).g).real < 0.0)
         low = below * middle + (1.0 - below) * low
         high = below * high + (1.0 - below) * middle
     return 0.5 * (low + high)
 
 
-def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
+def evaluate(u: Number, problem: BalanceProblem) -> _Evaluation:
     """Evaluate indices, twist, g and their derivatives at one value of u."""
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = problem.parameters
     gauge, mass, x_CM, y_CM = problem.vehicle

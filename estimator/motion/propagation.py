@@ -54,8 +54,13 @@ def arc_with_slopes(angle: float) -> tuple[float, float, float, float]:
 
 def step_on_se2(yaw: float, motion: Any) -> PoseStep:
     """Increment of a pose by a body motion: forward, left [m], yaw [rad]."""
+    return step_along_arc(yaw, motion, arc_with_slopes(motion[2]))
+
+
+def step_along_arc(yaw: float, motion: Any, arc: Any) -> PoseStep:
+    """Increment of a pose as in `step_on_se2`, from the `arc_with_slopes` of the motion's angle."""
     dx, dy, angle = motion[0], motion[1], motion[2]
-    a, b, a_slope, b_slope = arc_with_slopes(angle)
+    a, b, a_slope, b_slope = arc
     cos, sin = math.cos(yaw), math.sin(yaw)
     chord_x, chord_y = a * dx - b * dy, b * dx + a * dy
     turn_x, turn_y = a_slope * dx - b_slope * dy, b_slope * dx + a_slope * dy

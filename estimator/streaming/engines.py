@@ -1,4 +1,4 @@
-"""The two engines of the filter: plain Python, and the same compiled, imported when asked for."""
+"""Engines of the filter: filterpy in Python, or the traced step at one lane."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.filter.step_engine import StepEngine, WholeStep
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.robot.settings import Engine
-from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Engine, Settings
 
 
 class PlainEngine:
-    """filterpy's EKF, one thing at a time."""
+    """filterpy's EKF, one measurement at a time."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
         """See `StepEngine`."""
@@ -22,7 +22,8 @@ class PlainEngine:
         self,
         ekf: IcrEkf,  # noqa: ARG002
         disturbances: Disturbances,  # noqa: ARG002
-        sensors: SensorModels,  # noqa: ARG002
+        robot: Robot,  # noqa: ARG002
+        settings: Settings,  # noqa: ARG002
         gyro: Gate,  # noqa: ARG002
         accelerometer: Gate,  # noqa: ARG002
     ) -> None:
@@ -31,29 +32,29 @@ class PlainEngine:
 
 
 class CompiledEngine:
-    """Algebra and step compiled by numba."""
+    """Motion model and whole step traced and compiled, for one lane."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
         """See `StepEngine`."""
-        from icreckon.estimator.scalar_engine.compiled_ekf import CompiledEkf
+        from icreckon.estimator.engine.lane_filter import LaneEkf
 
-        return CompiledEkf(model)
+        return LaneEkf(model)
 
     def make_step(
         self,
         ekf: IcrEkf,
         disturbances: Disturbances,
-        sensors: SensorModels,
+        robot: Robot,
+        settings: Settings,
         gyro: Gate,
         accelerometer: Gate,
     ) -> WholeStep | None:
         """See `StepEngine`."""
-        from icreckon.estimator.scalar_engine.compiled_ekf import CompiledEkf
-        from icreckon.estimator.scalar_engine.compiled_step import CompiledStep
+        from icreckon.estimator.engine.lane_filter import LaneEkf, LaneStep
 
-        if not isinstance(ekf, CompiledEkf):
+        if not isinstance(ekf, LaneEkf):
             return None
-        return CompiledStep(ekf, disturbances, sensors, gyro, accelerometer)
+        return LaneStep(ekf, disturbances, robot, settings, gyro, accelerometer)
 
 
 def engine_of(name: Engine) -> StepEngine:

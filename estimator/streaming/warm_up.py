@@ -28,12 +28,12 @@ from icreckon.estimator.streaming.engines import engine_of
 # Time between IMU samples [ns]; track speeds come at every second one.
 INTERVAL = 10_000_000
 AT_ORIGIN = (0.0, 0.0, 0.0)
-# Classes of motion models whose kernels are compiled in this process.
-READY: set[type] = set()
+# Class of motion model and settings whose kernels are compiled in this process.
+READY: set[tuple[object, ...]] = set()
 
 
 def warm_up(model: type, robot: Robot, variant: Variant, settings: Settings) -> None:
-    """Compile all kernels of a filter, once for each class of motion models and process.
+    """Compile all kernels of a filter, once in a process for each shape of filter.
 
     This takes 15 to 30 s on a machine where nothing is compiled yet, and less than a second later.
 
@@ -43,12 +43,13 @@ def warm_up(model: type, robot: Robot, variant: Variant, settings: Settings) -> 
         variant: the filter variant.
         settings: settings of the filter; nothing is done if its engine is plain.
     """
-    if settings.engine == "plain" or model in READY:
+    shape = (model, settings.form, settings.inertia, settings.considered)
+    if settings.engine == "plain" or shape in READY:
         return
     filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN, engine_of(settings.engine))
     for measurement in _one_of_each_kind(settings):
         filter_.take(measurement)
-    READY.add(model)
+    READY.add(shape)
 
 
 def _one_of_each_kind(settings: Settings) -> Iterator[Measurement | Mark]:

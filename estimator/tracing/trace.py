@@ -253,14 +253,11 @@ def where_needed(
     return repeat(needed, usual, a_round, 1)[:-1]
 
 
-def traced(function: Callable[..., Any], **replaced: Any) -> Any:
-    """A function of numbers, for traced numbers.
-
-    What it calls by name from this package is traced, too.
+def traced(function: Callable[..., Any]) -> Any:
+    """Make a function of plain numbers work with traced ones, and with it those of icreckon it calls.
 
     Args:
         function: written for plain numbers, without branches on them.
-        replaced: name -> what takes the place of what it calls by that name, there and further down.
     """
     known: dict[Any, Any] = {}
 
@@ -271,9 +268,7 @@ def traced(function: Callable[..., Any], **replaced: Any) -> Any:
             known[original] = copy
             for name in original.__code__.co_names:
                 callee = names.get(name)
-                if name in replaced:
-                    names[name] = replaced[name]
-                elif name in PLAIN:
+                if name in PLAIN:
                     names[name] = PLAIN[name]
                 elif isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
                     names[name] = twin(callee)

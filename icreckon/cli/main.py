@@ -251,8 +251,8 @@ def replay(
     engine: Annotated[
         str,
         typer.Option(
-            help="Engine: streaming, one variant after the other; batch, those of the index models at "
-            "once; or auto, batch for long logs."
+            help="Engine: streaming, one variant after the other; batch, all at once; or auto, batch "
+            "for long logs."
         ),
     ] = "auto",
     formats: Formats = None,

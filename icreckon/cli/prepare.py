@@ -12,7 +12,7 @@ from icreckon.cli.console import messages, progress
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.variants import VARIANTS, find_variant
+from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.tracing.kernel_cache import cache_folder, keeps_kernels
 from icreckon.simulation.running import batch_engine
@@ -37,7 +37,7 @@ def run_prepare() -> None:
     steps: list[tuple[str, Callable[[], object]]] = [
         (f"{name}, streaming", partial(PoseEstimator, robot, name)) for name in VARIANTS
     ]
-    steps += [(f"{name}, long logs", partial(_long_log, name)) for name in index_models()]
+    steps += [(f"{name}, long logs", partial(_long_log, name)) for name in VARIANTS]
     steps += [(f"study {name}", partial(_study, name)) for name in study_names()]
     with progress("compiling") as report:
         for number, (title, compile_step) in enumerate(steps):
@@ -53,11 +53,6 @@ def run_prepare() -> None:
     )
 
 
-def index_models() -> list[str]:
-    """List the variants that run side by side."""
-    return [name for name in VARIANTS if find_variant(name).model != "friction"]
-
-
 def _long_log(variant: str) -> None:
     robot = load_robot(ROBOT)
     run_side_by_side(simulate(Scenario(duration=SECONDS, fix_rate=1.0), robot), robot, [variant])
@@ -67,5 +62,4 @@ def _study(name: str) -> None:
     """Run the first seconds of each cell: the shapes of filters differ between cells."""
     for cell in expand(load_study(name)).cells:
         short = msgspec.structs.replace(cell.scenario, duration=SECONDS, outages=())
-        filters = [one for one in cell.filters if one.variant in index_models()]
-        batch_engine.block(replace(cell, scenario=short), filters, 0, 1)
+        batch_engine.block(replace(cell, scenario=short), cell.filters, 0, 1)

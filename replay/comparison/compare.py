@@ -78,7 +78,7 @@ def compare(
     The lag and lever arm of a logged truth (one without twists) are removed first. Runs start at the
     truth's pose if there is one, otherwise at the pose from the fixes or at the origin.
 
-    Variants of the index models run in one batch over a log of `MANY_SAMPLES` IMU samples or more; see
+    The variants run in one batch over a log of `MANY_SAMPLES` IMU samples or more; see
     `estimator.batch.replay`. Exceptions are logs with data that only the streaming filter supports, and
     smoothing. The results agree to rounding; `engine` overrides the choice.
 
@@ -213,16 +213,12 @@ def _in_any_way(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
 ) -> list[Outcome]:
     """Run the variants: a batch of those that support it, then the others one by one."""
-    share = 0.0
 
     def report(done: float) -> None:
         if progress is not None:
-            progress(share + (1.0 - share) * done)
+            progress(done)
 
-    index_models = [name for name in variants if find_variant(name).model != "friction"]
-    of_all = len(index_models) / max(1, len(variants))
-    together = _side_by_side(task, index_models, lambda done: report(of_all * done))
-    share = of_all if together else 0.0
+    together = _side_by_side(task, variants, report)
     others = [name for name in variants if name not in together]
     if workers > 1 and len(others) > 1:
         runs = _in_processes(task, others, workers, report)
@@ -234,7 +230,7 @@ def _in_any_way(
 
 
 def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> dict[str, Run]:
-    """Run the index-model variants in one batch; return none if it is unsupported."""
+    """Run the variants in one batch; return none if it is unsupported."""
     log = task.log
     samples = 0 if log.imu is None else len(log.imu.stamps)
     fits = task.engine == "batch" or (task.engine == "auto" and samples >= MANY_SAMPLES)

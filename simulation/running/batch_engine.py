@@ -1,7 +1,6 @@
 """Batch engine: blocks of a study on many filter lanes at once.
 
-Results are those of the streaming filter, much faster. Filters of the friction model or with consider
-states cannot run in lanes; they run on the streaming filter.
+Results are those of the streaming filter, much faster.
 """
 
 from __future__ import annotations
@@ -68,9 +67,6 @@ DEGREES = {"gyro": 1.0, "accelerometer": 1.0, "position": 2.0}
 
 def why_not(plan: Plan) -> str | None:
     """Reason why the batch engine cannot run a study; None if it can."""
-    if not any(_goes_along(one) for cell in plan.cells for one in cell.filters):
-        labels = ", ".join(one.label for one in plan.cells[0].filters)
-        return f"filters of the friction model or with consider states run one by one ({labels})"
     for cell in plan.cells:
         scenario = cell.scenario
         stamps = _stamps(scenario)
@@ -94,11 +90,6 @@ def why_not(plan: Plan) -> str | None:
     return None
 
 
-def in_threads(plan: Plan) -> bool:
-    """Return True if threads suffice: all filters run in lanes, which release the GIL."""
-    return all(_goes_along(one) for cell in plan.cells for one in cell.filters)
-
-
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int, *, bits: int = 64
 ) -> dict[str, RunScores]:
@@ -114,20 +105,15 @@ def block(
     Returns:
         Label of the filter -> statistics of the runs, and reasons of those that failed.
     """
-    by_itself = [one for one in filters if not _goes_along(one)]
-    together = [one for one in filters if _goes_along(one)]
-    streamed = study_streaming.block(cell, by_itself, first_run, count) if by_itself else {}
-    if not together:
-        return streamed
-    values = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in together}
-    reasons = {one.label: [""] * count for one in together}
+    values = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in filters}
+    reasons = {one.label: [""] * count for one in filters}
     times = score_times(cell.scenario)
     made = [
-        BatchFilter(one.robot, find_variant(one.variant), one.settings, bits) for one in together
+        BatchFilter(one.robot, find_variant(one.variant), one.settings, bits) for one in filters
     ]
     schedule = _schedule(cell)
     width = made[0].width
-    slowest = min(one.robot.vehicle.max_track_speed for one in together)
+    slowest = min(one.robot.vehicle.max_track_speed for one in filters)
     for begin in range(0, count, width):
         here = min(width, count - begin)
         # A group that is not full runs its last run more than once.
@@ -136,27 +122,22 @@ def block(
         doubtful = [lane for lane in range(here) if has_absurd_readings(logs[lane], slowest)]
         worked = work_through_runs(
             made,
-            _measured(logs, together, schedule.track_stamps),
+            _measured(logs, filters, schedule.track_stamps),
             schedule.steps,
             start=np.zeros(3),
             start_sigma=np.zeros(3),
             against=(_true_ticks(cell, runs), schedule.segments),
         )
-        for one, side_by_side, result in zip(together, made, worked, strict=True):
+        for one, side_by_side, result in zip(filters, made, worked, strict=True):
             rows = _statistics(side_by_side, result)
             values[one.label][begin : begin + here] = rows[:here]
             reasons[one.label][begin : begin + here] = _losses(result, times)[:here]
         for lane in doubtful:
             # A run that the streaming filter rejects must not take the other lanes with it.
-            for label, scores in study_streaming.block(cell, together, runs[lane], 1).items():
+            for label, scores in study_streaming.block(cell, filters, runs[lane], 1).items():
                 values[label][begin + lane] = scores.values[0]
                 reasons[label][begin + lane] = scores.reasons[0]
-    return streamed | {label: RunScores(values[label], tuple(reasons[label])) for label in values}
-
-
-def _goes_along(one: Filter) -> bool:
-    """Return True if a filter can run in lanes."""
-    return find_variant(one.variant).model != "friction" and not one.settings.considered
+    return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
 
 
 class _Schedule(NamedTuple):

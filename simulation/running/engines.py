@@ -1,6 +1,6 @@
 """Engines that compute the runs of a study: same statistics, at different speeds.
 
-An engine is a module with a function `block` and, optionally, `why_not` and `in_threads` of a `Plan`.
+An engine is a module with a function `block` and, optionally, `why_not` of a `Plan`.
 """
 
 from __future__ import annotations
@@ -49,8 +49,7 @@ class Engine:
         name: name by which it is chosen.
         module: module of its functions.
         block_runs: runs of a block; part of the study's identity, independent of workers.
-        threads: True if it runs in threads (it releases the GIL), False if it needs processes; the
-            module's `in_threads` takes precedence.
+        threads: True if it runs in threads (it releases the GIL), False if it needs processes.
     """
 
     name: str
@@ -67,11 +66,6 @@ class Engine:
         """Reason why it cannot run a study, by its module's `why_not`; None if it can."""
         check: Any = getattr(import_module(self.module), "why_not", None)
         return None if check is None else check(plan)
-
-    def in_threads(self, plan: Plan) -> bool:
-        """Return True if it runs a study in threads, by `in_threads` or `threads`."""
-        check: Any = getattr(import_module(self.module), "in_threads", None)
-        return self.threads if check is None else bool(check(plan))
 
 
 # "auto" chooses the first engine that can run the study.

@@ -84,7 +84,7 @@ def run_study(
     elif executor is not None:
         workplace = given(executor, count)
     else:
-        workplace = here(count, threads=chosen.in_threads(plan))
+        workplace = here(count, threads=chosen.threads)
     run_blocks(plan, chosen, jobs, store, workplace, report)
     return _write_results(_gathered(plan, jobs, store), identity, store)
 

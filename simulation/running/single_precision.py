@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from icreckon.simulation.running import batch_engine as study_batch
-from icreckon.simulation.running.batch_engine import in_threads, why_not
+from icreckon.simulation.running.batch_engine import why_not
 from icreckon.simulation.study.cells import Cell, Filter
 from icreckon.simulation.study.failures import RunScores
 
-__all__ = ["block", "in_threads", "why_not"]
+__all__ = ["block", "why_not"]
 
 
 def block(

@@ -26,7 +26,6 @@ from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
-INDEX_VARIANTS = tuple(name for name, one in VARIANTS.items() if one.model != "friction")
 # What rounding may come to, in standard deviations.
 ROUNDING = 1e-9
 DURATION = 25.0
@@ -102,7 +101,7 @@ def turned_from(log: Log, first: int) -> Log:
     return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances))
 
 
-@pytest.mark.parametrize("variant", INDEX_VARIANTS)
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_they_agree_in_every_variant(variant: str) -> None:
     counts, _ = assert_same(variant, logs_of(BASE, 4))
     assert counts["standstill"].min() > 0.0
@@ -272,14 +271,15 @@ def test_other_precisions_are_refused() -> None:
         BatchFilter(ROBOT, VARIANTS["constant-online"], Settings(), 16)
 
 
-def test_friction_is_refused_with_a_reason() -> None:
-    with pytest.raises(BatchError, match="friction-online"):
-        BatchFilter(ROBOT, VARIANTS["friction-online"], Settings())
-
-
-def test_considered_states_are_refused_with_a_reason() -> None:
-    with pytest.raises(BatchError, match="eta0"):
-        BatchFilter(ROBOT, VARIANTS["inertia-online"], Settings(considered=("eta0",)))
+@pytest.mark.parametrize(
+    ("variant", "considered"),
+    [
+        ("inertia-online", ("eta0", "accelerometer_bias")),
+        ("friction-online", ("x_CM", "gyro_bias")),
+    ],
+)
+def test_they_agree_with_consider_states(variant: str, considered: tuple[str, ...]) -> None:
+    assert_same(variant, logs_of(BASE, 2), Settings(considered=considered))
 
 
 def test_runs_of_other_stamps_are_refused() -> None:
@@ -316,7 +316,6 @@ def test_many_logs_are_run_as_one_by_one() -> None:
         ({"logs": []}, "no logs"),
         ({"every": 0.0}, "every must be a time"),
         ({"variant": "constant-onlin"}, "constant-online"),
-        ({"variant": "friction-online"}, "cannot run side by side"),
     ],
 )
 def test_what_cannot_be_run_side_by_side_is_refused(changes: dict[str, object], told: str) -> None:

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter
+from icreckon.estimator.engine.lane_filter import LaneEkf
 from scipy.integrate import quad
 
 from icreckon.estimator.base import state as s
@@ -15,12 +16,11 @@ from icreckon.estimator.motion.bounds import BOUND_MARGIN, ROUNDING
 from icreckon.estimator.motion.index_model import InertiaMotion
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
-from icreckon.estimator.scalar_engine.compiled_ekf import CompiledEkf
 
 ALPHA = load_robot("auriga-alpha")
 INERTIA, FRICTION = find_variant("inertia-online"), find_variant("friction-online")
 VEHICLE = motion_model(ALPHA, INERTIA).vehicle
-ENGINES = [IcrEkf, CompiledEkf]
+ENGINES = [IcrEkf, LaneEkf]
 NO_NOISE = ProcessNoise(np.zeros(3), 1.0, np.zeros(s.SIZE))
 # Standard deviations that a filter may have in the states, in their own units.
 SCALES = np.zeros(s.SIZE)

@@ -287,11 +287,3 @@ def test_engines_may_refuse_a_study(monkeypatch):
     with pytest.raises(SimulationError, match="'stub' cannot work out this study: it is Monday"):
         study_engines.choose_engine(plan)
     assert study_engines.choose_engine(plan, "auto").name not in {"stub", "stub-processes"}
-
-
-def test_engines_say_of_a_study_whether_it_runs_in_threads(monkeypatch):
-    plan = expand(STUDY)
-    assert study_engines.ENGINES["stub"].in_threads(plan)
-    assert not study_engines.ENGINES["streaming"].in_threads(plan)
-    monkeypatch.setattr(study_stub, "in_threads", lambda _plan: False, raising=False)
-    assert not study_engines.ENGINES["stub"].in_threads(plan)

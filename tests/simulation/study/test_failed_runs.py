@@ -122,7 +122,8 @@ def test_a_lost_filter_is_a_failed_run_in_every_engine(
     lose(monkeypatch)
     study = msgspec.structs.replace(STUDY, engine=engine, sweep=None)
     # A thread of this process, which has the spoilt filter.
-    monkeypatch.setattr(Engine, "in_threads", lambda *_: True)
+    threads = replace(study_engines.ENGINES["streaming"], threads=True)
+    monkeypatch.setitem(study_engines.ENGINES, "streaming", threads)
     results = run_study(study, tmp_path / "a", workers=1)
     assert results["failed"]["runs"] == 1
     assert results["failed"]["of"] == 8

@@ -1,0 +1,403 @@
+"""The traced step of one filter, on state and covariance as `IcrEkf` has them.
+
+The kernels are those of many filters side by side, compiled for one lane. State and covariance are copied
+to the workspace of the kernel before each call, and back afterwards.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
+from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST
+from icreckon.estimator.engine.model import TracedModel, traced_model
+from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.filter.gate import ADMITTED, REACQUIRED, REJECTED
+from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
+from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
+from icreckon.estimator.tracing.jit_kernel import entry
+
+SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
+ROWS = len(INPUTS)
+NOT_ASKED = -1
+# Places of the step's own constants, of the inputs of a kernel, and of what `TWIST` begins with.
+DT, SHARE, DECAY, MEAN, INTEGRAL, CROSS, FINAL = range(7)
+LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
+
+
+class OneLane(NamedTuple):
+    """Compiled functions of one filter shape at one lane.
+
+    Attributes:
+        shape: shape of the filter.
+        imu_step: step with an IMU sample at its end.
+        time_step: step without.
+        twist: body velocity with its derivatives.
+    """
+
+    shape: FilterShape
+    imu_step: Any
+    time_step: Any
+    twist: Any
+
+
+class LanePlaces(NamedTuple):
+    """Places in the workspace of one lane.
+
+    Attributes:
+        states: indices of the uncertain states, the fast slip last.
+        parameters: indices of the uncertain parameters.
+        x: (n,) rows of the states.
+        P: (n, n) rows of the covariance.
+        regressors: row of the first regressor.
+        memory: row of the first number of the model's memory.
+        memory_size: how many there are.
+        V_l: row of the left track's speed at the end of the step before.
+        u: row of the force of inertia there.
+        stood: row that is 1 if the robot was found standing.
+        gyro: rows of the gyro: rejections in a row, number used, innovation, its variance.
+        accelerometer: the same rows of the accelerometer.
+        twist: row of the twist's first component.
+        motion: row of the first value of `MOTION`.
+        by_state: (3, n) rows of the twist's derivatives by the states.
+        fixed: place of the first parameter among the constants.
+        interval: place of the interval of the IMU among them.
+        row_count: number of rows.
+        constant_count: number of constants.
+    """
+
+    states: Any
+    parameters: Any
+    x: Any
+    P: Any
+    regressors: int
+    memory: int
+    memory_size: int
+    V_l: int
+    u: int
+    stood: int
+    gyro: tuple[int, int, int, int]
+    accelerometer: tuple[int, int, int, int]
+    twist: int
+    motion: int
+    by_state: Any
+    fixed: int
+    interval: int
+    row_count: int
+    constant_count: int
+
+
+def one_lane(model: MotionModel, considered: tuple[int, ...]) -> OneLane | None:
+    """Compile the step of a motion model for one lane; None if the model has no traced form.
+
+    Every parameter, bias and scale is a state, so that all variants of a model share the machine code.
+
+    Args:
+        model: the motion model.
+        considered: consider states.
+    """
+    described = traced_model(model)
+    return None if described is None else _one_lane(described, considered)
+
+
+@cache
+def _one_lane(model: TracedModel, considered: tuple[int, ...]) -> OneLane:
+    parameters = tuple(PARAMETERS + k for k in model.parameters)
+    others = (i for i in range(FAST_SLIP) if not PARAMETERS <= i < s.PARAMETERS.stop)
+    shape = FilterShape(tuple(sorted((*others, *parameters))), (), model, considered)
+    of_sample = StepKind(stands=True, may_lack_force=True, judged=True, fast_slip=True)
+    of_time = StepKind(imu=False, accelerometer=False, fast_slip=True)
+    kernels = {
+        "imu_step": partial(step_kernel, "imu_step", shape, of_sample),
+        "time_step": partial(step_kernel, "time_step", shape, of_time),
+        "twist": partial(_twist_kernel, "twist", shape),
+    }
+    compiled = {name: kernel_on_demand(name, make, 1, shape.bits) for name, make in kernels.items()}
+    made = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
+    places = _places(shape)
+    return OneLane(
+        shape,
+        imu_step(compiled["imu_step"], places, made),
+        time_step(compiled["time_step"], places, made),
+        twist_of(compiled["twist"], places, made),
+    )
+
+
+def _twist_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel that evaluates a body velocity with its derivatives."""
+    lane = Lane(shape, with_fast_slip=True)
+    now = lane.twist_model(
+        lane.constant("mean"), lane.told("left"), lane.told("right"), lane.row("u")
+    )
+    lane.store_motion(now)
+    return lane.kernel(name, with_fast_slip=True)
+
+
+def _places(shape: FilterShape) -> LanePlaces:
+    layout = shape.layout
+    rows, constants = layout.rows, layout.constants
+    states = (*shape.states, *FAST)
+
+    def of_gate(sensor: str) -> tuple[int, int, int, int]:
+        row, used, innovation, variance = (
+            rows[f"{sensor}_{part}"] for part in ("row", "judged", "r", "rr")
+        )
+        return row, used, innovation, variance
+
+    memory = shape.model.memory
+    return LanePlaces(
+        np.array(states),
+        np.array(layout.parameters),
+        np.array([rows[f"x{i}"] for i in states]),
+        np.array([[rows[f"P{min(i, j)}_{max(i, j)}"] for j in states] for i in states]),
+        rows[f"r0_{layout.parameters[0]}"],
+        rows["memory0"] if memory else 0,
+        memory,
+        rows["V_l"],
+        rows["u"],
+        rows["stood"],
+        of_gate("gyro"),
+        of_gate("accelerometer"),
+        rows[TWIST[0]],
+        rows[MOTION[0]],
+        np.array([[rows[f"{axis}_by_{i}"] for i in states] for axis in TWIST[:3]]),
+        constants[f"fixed{PARAMETERS}"],
+        constants["interval"],
+        len(rows),
+        len(constants),
+    )
+
+
+# --- compiled functions -----------------------------------------------------------------------------
+
+
+def fill_state(
+    lane: Floats, constants: Floats, x: Floats, memory: Floats, places: LanePlaces
+) -> None:
+    """Copy state and memory of the motion model into the workspace.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    sizes_fit = lane.shape == (places.row_count, 1) and len(constants) == places.constant_count
+    if not sizes_fit or x.shape != (SIZE,) or len(memory) != places.memory_size:
+        raise ValueError(WRONG_SIZE)
+    for a in range(len(places.states)):
+        lane[places.x[a], 0] = x[places.states[a]]
+    for k in range(8):
+        constants[places.fixed + k] = x[PARAMETERS + k]
+    for k in range(len(memory)):
+        lane[places.memory + k, 0] = memory[k]
+
+
+def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePlaces) -> None:
+    """Copy covariance and regressors into the workspace.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    if P.shape != (SIZE, SIZE) or regressors.shape != (3, 8):
+        raise ValueError(WRONG_SIZE)
+    n = len(places.states)
+    for a in range(n):
+        i = places.states[a]
+        for b in range(a, n):
+            lane[places.P[a, b], 0] = P[i, places.states[b]]
+    row = places.regressors
+    for axis in range(3):
+        for i in places.parameters:
+            lane[row, 0] = regressors[axis, i - PARAMETERS]
+            row += 1
+    # The search for the force of inertia begins anew, whatever was before.
+    lane[places.V_l, 0] = np.nan
+
+
+def empty_lane(lane: Floats, x: Floats, P: Floats, regressors: Floats, places: LanePlaces) -> None:
+    """Copy the filter out of the workspace."""
+    n = len(places.states)
+    for a in range(n):
+        i = places.states[a]
+        x[i] = lane[places.x[a], 0]
+        for b in range(a, n):
+            j = places.states[b]
+            P[i, j] = P[j, i] = lane[places.P[a, b], 0]
+    row = places.regressors
+    for axis in range(3):
+        for i in places.parameters:
+            regressors[axis, i - PARAMETERS] = lane[row, 0]
+            row += 1
+
+
+def fill_constants(constants: Floats, dt: float, smoothing: float, time_constant: float) -> None:
+    """Compute the constants of a step of `dt` seconds."""
+    decay, mean = fading(dt, time_constant)
+    integral, cross, final = gauss_markov_noise(dt, time_constant)
+    constants[DT], constants[SHARE] = dt, smoothing
+    constants[DECAY], constants[MEAN] = decay, mean
+    constants[INTEGRAL], constants[CROSS], constants[FINAL] = integral, cross, final
+
+
+def verdict_of(lane: Floats, rows: tuple[int, int, int, int]) -> Any:
+    """Verdict of a gate on the newest sample, innovation, its variance and NIS."""
+    in_a_row, judged, innovation, variance = rows
+    if lane[variance, 0] == 0.0:
+        return NOT_ASKED, 0.0, 0.0, 0.0
+    verdict = REACQUIRED
+    if lane[judged, 0] > 0.0:
+        verdict = ADMITTED
+    elif lane[in_a_row, 0] > 0.0:
+        verdict = REJECTED
+    r, S = lane[innovation, 0], lane[variance, 0]
+    return verdict, r, S, r * r / S
+
+
+def imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+    """Compile a step with an IMU sample at its end."""
+
+    def take_imu_sample(
+        x: Floats,
+        P: Floats,
+        regressors: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        dt: float,
+        smoothing: float,
+        time_constant: float,
+        interval: float,
+        gyro_rejected: int,
+        accelerometer_rejected: int,
+    ) -> Any:
+        """Draw the fast slip, take the gyro and the accelerometer, and propagate.
+
+        Args:
+            x: (SIZE,) the state, changed in place.
+            P: (SIZE, SIZE) its covariance, changed in place.
+            regressors: (3, 8) smoothed derivatives by the parameters, changed in place.
+            memory: memory of the motion model.
+            lane: workspace.
+            inputs: (n, 1) inputs of the kernel.
+            constants: constants of the kernel.
+            dt: length of the step [s].
+            smoothing: smoothing factor of the regressors [-].
+            time_constant: time constant of the slip [s].
+            interval: interval of the IMU [s].
+            gyro_rejected: samples that the gate of the gyro rejected in a row.
+            accelerometer_rejected: samples that the gate of the accelerometer rejected in a row.
+
+        Returns:
+            Of the gyro: verdict, innovation, its variance, and its NIS; the same of the accelerometer,
+            with `NOT_ASKED` for a verdict if it gave no force or the robot stands.
+
+        Raises:
+            ValueError: an array has the wrong size.
+        """
+        if inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(constants, dt, smoothing, time_constant)
+        constants[places.interval] = interval
+        lane[places.gyro[0], 0], lane[places.gyro[1], 0] = gyro_rejected, 0.0
+        lane[places.accelerometer[0], 0] = accelerometer_rejected
+        lane[places.accelerometer[1], 0] = 0.0
+        kernel(lane, inputs, constants)
+        empty_lane(lane, x, P, regressors, places)
+        return verdict_of(lane, places.gyro), verdict_of(lane, places.accelerometer)
+
+    return entry(take_imu_sample, shape_digest)
+
+
+def time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+    """Compile a step without an IMU sample."""
+
+    def take_time_step(
+        x: Floats,
+        P: Floats,
+        regressors: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        dt: float,
+        smoothing: float,
+        time_constant: float,
+    ) -> None:
+        """Draw the fast slip and propagate; arguments as in `take_imu_sample`."""
+        if inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(constants, dt, smoothing, time_constant)
+        lane[places.stood, 0] = 0.0
+        kernel(lane, inputs, constants)
+        empty_lane(lane, x, P, regressors, places)
+
+    return entry(take_time_step, shape_digest)
+
+
+def twist_of(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+    """Compile the body velocity with its derivatives."""
+
+    def evaluate_twist(
+        x: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        left: float,
+        right: float,
+        slip_share: float,
+        twist: Floats,
+        jacobian: Floats,
+        by_speeds: Floats,
+    ) -> Any:
+        """Evaluate the body velocity, see `IcrEkf.twist_model`.
+
+        Args:
+            x: (SIZE,) the state.
+            memory: memory of the motion model.
+            lane: workspace.
+            inputs: (n, 1) inputs of the kernel.
+            constants: constants of the kernel.
+            left: speed of the left track [m/s].
+            right: speed of the right track [m/s].
+            slip_share: factor on the slip.
+            twist: (3,) written to.
+            jacobian: (3, SIZE) written to.
+            by_speeds: (3, 2) written to.
+
+        Returns:
+            zeta, epsilon, eta, u and force, see `Motion`.
+
+        Raises:
+            ValueError: an array has the wrong size.
+        """
+        sizes_fit = twist.shape == (3,) and jacobian.shape == (3, SIZE)
+        if not sizes_fit or by_speeds.shape != (3, 2) or inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        fill_state(lane, constants, x, memory, places)
+        inputs[LEFT, 0], inputs[RIGHT, 0] = left, right
+        constants[MEAN] = slip_share
+        lane[places.u, 0] = 0.0
+        kernel(lane, inputs, constants)
+        jacobian[:] = 0.0
+        for axis in range(3):
+            twist[axis] = lane[places.twist + axis, 0]
+            for a in range(len(places.states)):
+                jacobian[axis, places.states[a]] = lane[places.by_state[axis, a], 0]
+            for side in range(2):
+                by_speeds[axis, side] = lane[places.motion + 5 + 2 * axis + side, 0]
+        m = places.motion
+        return lane[m, 0], lane[m + 1, 0], lane[m + 2, 0], lane[m + 3, 0], lane[m + 4, 0]
+
+    return entry(evaluate_twist, shape_digest)
