@@ -27,7 +27,7 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.work import ESTIMATE, LaneKernels, Places, lane_worker
-from icreckon.estimator.filter.checkpoint import FilterMemory
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.filter.initial_state import assumptions
@@ -148,7 +148,7 @@ class BatchFilter:
         counts = np.zeros(self.width, dtype=np.int64)
         return Lanes(lanes, refused, counts, self._constants())
 
-    def take_over(self, lanes: Lanes, memory: FilterMemory, regressors: Floats) -> None:
+    def take_over(self, lanes: Lanes, memory: FilterCheckpoint, regressors: Floats) -> None:
         """Let all lanes go on from what the streaming filter knows at its first track speeds.
 
         Args:
@@ -159,7 +159,7 @@ class BatchFilter:
         Raises:
             BatchError: more fixes were refused than there is room for.
         """
-        refused, rows, workspace = memory.refused_fixes, self.rows, lanes.workspace
+        refused, rows, workspace = memory.rejected_fixes, self.rows, lanes.workspace
         if len(refused) + 2 > lanes.refused.shape[1]:
             raise BatchError(f"{len(refused)} fixes before the first track speeds were refused")
         states = (*self.shape.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))

@@ -1,4 +1,4 @@
-"""Step engine: what a filter asks for its algebra and, if there is one, for a whole step at once."""
+"""Step engine: interface to the filter's algebra and, if there is one, to a whole compiled step."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
-# A verdict, see `estimator.filter.gate`; the residual, the variance that it should have, and its NIS.
+# Verdict, see `estimator.filter.gate`, innovation, its variance S, and NIS.
 Judged = tuple[int, float, float, float]
 
 
 class Verdicts(NamedTuple):
-    """What the gates said of an IMU sample.
+    """Verdicts of the gates on an IMU sample.
 
     Attributes:
-        gyro: of the yaw rate [rad/s].
-        accelerometer: of the specific force to the left [m/s²], or None where it was not asked.
+        gyro: verdict on the yaw rate [rad/s].
+        accelerometer: verdict on the specific force to the left [m/s²], or None if it was not used.
     """
 
     gyro: Judged
@@ -28,7 +28,7 @@ class Verdicts(NamedTuple):
 
 
 class WholeStep(Protocol):
-    """A step with an IMU sample at its end, at once."""
+    """Whole step with an IMU sample at its end."""
 
     def take(
         self,
@@ -47,22 +47,22 @@ class WholeStep(Protocol):
         Args:
             tracks: the track speeds.
             start: stamp of the start of the step [ns].
-            end: stamp of its end, later.
-            stands: whether the robot was found standing.
-            pushed: whether it may be turning with its tracks at rest.
+            end: stamp of its end, later [ns].
+            stands: the robot was found standing.
+            pushed: the robot may be turning with its tracks at rest.
             interval: time between IMU samples [s].
-            rate: as the gyros say [rad/s].
-            force: specific force to the left [m/s²], None where it is not to be used.
+            rate: measured yaw rate [rad/s].
+            force: specific force to the left [m/s²], None if it is not to be used.
 
         Returns:
-            None where nothing was done, because the model is not compiled, or somebody else (a mark, a
-            witness) is to know of each thing that is done in the step.
+            None if nothing was done, because the model is not compiled, or because clones or an observer
+            need each part of the step.
         """
         ...
 
 
 class StepEngine(Protocol):
-    """Makes the filter's algebra, and a whole step."""
+    """Factory of the filter's algebra, and of a whole step."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
         """Make the filter of a motion model."""
@@ -76,5 +76,5 @@ class StepEngine(Protocol):
         gyro: Gate,
         accelerometer: Gate,
     ) -> WholeStep | None:
-        """Make the whole step of a filter; None where each thing is done by itself."""
+        """Make the whole step of a filter; None if there is none."""
         ...

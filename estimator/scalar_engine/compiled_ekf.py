@@ -8,11 +8,10 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter.ekf import IcrEkf, Innovation, ProcessNoise
+from icreckon.estimator.filter.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.motion.motion_model import MotionModel, TwistModel
 from icreckon.estimator.motion.propagation import Triple
 from icreckon.estimator.scalar_engine.ekf_kernel import (
-    expected_entry,
     predict_entry,
     renew_entry,
     twist_entry,
@@ -85,16 +84,12 @@ class CompiledEkf(IcrEkf):
     def _draw(self, covariance: Floats) -> None:
         renew_entry(self.x, self.P, covariance)
 
-    def innovation(self, residual: float, row: Floats, variance: float) -> Innovation:
-        """See `IcrEkf`."""
-        return Innovation(residual, expected_entry(self.P, row, variance))
-
     def _correct(
-        self, residual: float, row: Floats, variance: float, kept: tuple[int, ...]
+        self, z: float, h: Floats, r: float, fixed: tuple[int, ...]
     ) -> tuple[Floats, Floats, float]:
-        bits = BITS.get(kept)
+        bits = BITS.get(fixed)
         if bits is None:
-            bits = BITS[kept] = sum(1 << index for index in kept)
+            bits = BITS[fixed] = sum(1 << index for index in fixed)
         cross, gain = np.empty(s.SIZE), np.empty(s.SIZE)
-        expected: float = update_entry(self.x, self.P, residual, row, variance, bits, cross, gain)
+        expected: float = update_entry(self.x, self.P, z, h, r, bits, cross, gain)
         return cross, gain, expected

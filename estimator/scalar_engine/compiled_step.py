@@ -67,7 +67,7 @@ class CompiledStep:
         """See `WholeStep`."""
         ekf = self._ekf
         numbers = ekf.numbers
-        if numbers is None or ekf.marks is not None or ekf.witness is not None:
+        if numbers is None or ekf.clones is not None or ekf.observer is not None:
             return None
         dt = (end - start) * NANOSECOND
         ekf.begin_step(dt, *tracks.mean_speeds(start, end))

@@ -14,7 +14,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.filter.ekf import IMU_KEPT
-from icreckon.estimator.filter.gate import REACQUIRED, REJECTED, reopening, verdict
+from icreckon.estimator.filter.gate import REACQUIRED, REJECTED, inflation, verdict
 from icreckon.estimator.filter.process_noise import (
     fast_slip_density,
     share_of_walk,
@@ -296,7 +296,7 @@ def _gated(
     if found == REJECTED:
         return found, residual, foretold, nis
     if found == REACQUIRED:
-        wider = reopening(residual * residual, expected)
+        wider = inflation(residual * residual, expected)
         if (kept >> reopen) & 1:
             variance += wider * (row[reopen] * row[reopen])
         else:

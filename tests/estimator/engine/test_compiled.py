@@ -158,14 +158,16 @@ def test_prediction_is_the_same(dt, variant):
 
 def test_update_is_the_same():
     rng = np.random.default_rng(3)
-    for kept in ((), (state.X, state.Y, state.YAW), (2, 16)):
+    for fixed in ((), (state.X, state.Y, state.YAW), (2, 16)):
         plain, compiled = filters(rng)
         for _ in range(20):
             row = rng.normal(size=state.SIZE)
-            innovations = [ekf.innovation(0.3, row, 0.2) for ekf in (plain, compiled)]
-            assert innovations[0] == pytest.approx(innovations[1], rel=1e-12)
+            S = [
+                ekf.innovation_covariance(row[None], np.array([[0.2]])) for ekf in (plain, compiled)
+            ]
+            assert S[0] == pytest.approx(S[1], rel=1e-12)
             for ekf in (plain, compiled):
-                ekf.update_scalar(0.3, row, 0.2, kept=kept)
+                ekf.update_scalar(0.3, row, 0.2, fixed=fixed)
                 ekf.keep_inside_bounds()
             assert_same_filter(compiled, plain)
 
@@ -308,7 +310,7 @@ def everything_in_order():
 
 
 class Watcher:
-    """A witness that does nothing, so that all is done one thing at a time."""
+    """An observer that does nothing, so that no step is done at once."""
 
     def __getattr__(self, name):
         return lambda *_: None
@@ -319,7 +321,7 @@ def test_at_once_is_the_same_as_one_thing_at_a_time_to_the_last_bit(variant):
     at_once, used = fed("compiled", variant)
     settings = Settings(engine="compiled")
     watched = PoseEstimator(ALPHA, variant, settings=settings, **START)
-    watched._reckoning.ekf.witness = Watcher()
+    watched._reckoning.ekf.observer = Watcher()
     assert [watched.feed(m) for m in EVERYTHING] == used
     assert (watched.state == at_once.state).all()
     assert (watched.covariance == at_once.covariance).all()
