@@ -1,4 +1,4 @@
-"""Checkpoint of the filter between two measurements, from which it continues exactly."""
+"""Checkpoint of the filter, from which it continues exactly."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class RelativeMotion(NamedTuple):
 
     @property
     def end_covariance(self) -> Floats:
-        """(3, 3) covariance of the error xi in truth = pose (+) Exp(xi), in the axes at `to_stamp`.
+        """Covariance (3, 3) of the error xi in truth = pose (+) Exp(xi), at `to_stamp`.
 
         GTSAM's `BetweenFactorPose2` takes this covariance, and g2o's `EDGE_SE2` its inverse.
         """
@@ -141,7 +141,7 @@ class Clones(msgspec.Struct, frozen=True):
         )
 
     def renewed(self, states: slice = s.FAST_SLIP) -> Clones:
-        """Clear the correlation with states that were replaced: a new fast slip, or a lost pose."""
+        """Clear the correlation with replaced states: a new fast slip, or a lost pose."""
         cross = self.cross.copy()
         cross[:, states] = 0.0
         return Clones(self.stamps, self.poses, cross, self.covariance)

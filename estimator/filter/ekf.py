@@ -1,4 +1,4 @@
-"""Extended Kalman filter: propagation of the state, and scalar measurement updates.
+"""Extended Kalman filter: propagation of the state, and scalar updates.
 
     pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip
     slip' = slip exp(-dt / tau) + noise   a Gauss-Markov process for each component
@@ -70,7 +70,7 @@ class Observer(Protocol):
         """Inflation of each of these states by this variance."""
 
     def updated(self, z: float, h: Floats, r: float, change: Floats) -> None:
-        """Scalar update: innovation, Jacobian (SIZE,), noise variance, change (SIZE,) of the state."""
+        """Scalar update: innovation, Jacobian, noise variance, change of the state."""
 
     def projected(self, change: Floats) -> None:
         """Projection of the state to its bounds by this change (SIZE,)."""
@@ -110,7 +110,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self._evaluated: TwistModel
 
     def twist_model(self, left: float, right: float, slip_share: float = 1.0) -> TwistModel:
-        """Body velocity and its Jacobian at the present state; a cache that must not be changed.
+        """Body velocity and its Jacobian at the present state; do not change them.
 
         Args:
             left: measured speed of the left track [m/s].
@@ -166,7 +166,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             self.observer.moved(self.F, self.Q)
 
     def begin_step(self, dt: float, left: float, right: float) -> None:
-        """Begin a step of `dt` seconds at mean track speeds [m/s], for a model with a memory."""
+        """Begin a step of `dt` seconds at mean track speeds [m/s] in the motion model."""
         if not isinstance(self.model, Unremembering):
             x = self.x.tolist()
             scale = 1.0 + x[s.TRACK_SCALE]
@@ -276,10 +276,10 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return np.asarray(H.dot(self.P).dot(H.T) + R)
 
     def update_scalar(self, z: float, h: Floats, r: float, *, fixed: tuple[int, ...] = ()) -> None:
-        """Joseph update with one scalar measurement (Simon, Optimal State Estimation, eq. 5.19).
+        """Update with one scalar measurement, in Joseph form.
 
-        With c = P h, S = h'c + r and any gain K, the covariance is P - K c' - c K' + S K K'. The Joseph
-        form holds for any gain, so fixed states have none (Schmidt-Kalman).
+        With c = P h, S = h'c + r and any gain K, the covariance is P - K c' - c K' + S K K' (Simon,
+        Optimal State Estimation, eq. 5.19). So fixed states simply have no gain (Schmidt-Kalman).
 
         Args:
             z: innovation, measured less predicted.

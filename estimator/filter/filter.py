@@ -1,4 +1,4 @@
-"""Filter: predict, gate, update, record, one measurement at a time in the order of stamps."""
+"""Filter: predict, gate, update, record, one measurement at a time."""
 
 from __future__ import annotations
 
@@ -175,12 +175,14 @@ class Reckoning:
         self._tracks.recall(checkpoint.tracks)
         self._standstill.recall(checkpoint.standstill)
         self._imu.stamp, self._imu.interval = checkpoint.imu_stamp, checkpoint.imu_interval
-        for name, gate in self._gates.items():
-            gate.rejected_in_a_row = checkpoint.rejected_in_a_row.get(name, 0)
+        for gate in self._gates.values():
+            gate.rejected_in_a_row = 0
+        for name, count in checkpoint.rejected_in_a_row.items():
+            self._gates[name].rejected_in_a_row = count
         self.health = checkpoint.health.copy()
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
-        """Start with the parameters, biases and scales of a checkpoint, and their covariance.
+        """Start with parameters, biases and scales of a checkpoint.
 
         Args:
             checkpoint: of a filter of the same robot and variant.
@@ -393,12 +395,12 @@ class Reckoning:
         stamp: int,
         recover: Callable[[], bool] | None = None,
     ) -> bool:
-        """Gate, update and record a measurement at a stamp [ns]; return True if it was used."""
+        """Gate, update and record a measurement at a stamp [ns]; True if it was used."""
         gate = self._gates[model.name]
         return update(self.ekf, model, gate, linearised, stamp, self.health, recover=recover)
 
     def _relocate(self) -> bool:
-        """Align the path with the rejected position fixes; return False if they do not fit.
+        """Align the path with the rejected position fixes; False if they do not fit.
 
         The path has the right shape but the wrong place: the heading is wrong, too.
         """

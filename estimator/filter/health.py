@@ -1,4 +1,4 @@
-"""Health: counts of used and rejected measurements, innovations, observability of parameters."""
+"""Health: counts of measurements, innovations, excitation of parameters."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class SensorHealth:
 
     @property
     def newest(self) -> JudgedInnovation | None:
-        """Innovation of the newest measurement that the gate tested; None before the first."""
+        """Innovation of the newest gated measurement; None before the first."""
         if self.newest_judged is None:
             return None
         stamp, verdict, residual, covariance = self.newest_judged
@@ -84,7 +84,7 @@ class SensorHealth:
 
     @property
     def nis_per_degree(self) -> float:
-        """Mean NIS per degree of freedom; 1 when the filter's uncertainty is right, NaN if unused."""
+        """Mean NIS per degree of freedom; 1 if consistent, NaN if unused."""
         return self.nis_sum / self.degrees if self.degrees else float("nan")
 
     def reject(self, reason: str) -> None:
@@ -223,10 +223,10 @@ class ParameterHealth:
 
     @property
     def share(self) -> float:
-        """`sigma` over `sigma_at_start`: 1 if nothing was learnt, NaN if it is not estimated."""
+        """Ratio of `sigma` to `sigma_at_start`; NaN if it is not estimated."""
         return self.sigma / self.sigma_at_start if self.sigma_at_start else math.nan
 
     @property
     def excited(self) -> bool:
-        """True if the present motion shows the parameter: `excitation` of at least `EXCITED`."""
+        """True if the present motion excites the parameter by at least `EXCITED`."""
         return self.excitation >= EXCITED

@@ -1,4 +1,4 @@
-"""Assumptions of a filter of one robot and variant: motion model, initial state, process noise."""
+"""Prior of a filter: motion model, initial state, process noise."""
 
 from __future__ import annotations
 

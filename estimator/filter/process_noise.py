@@ -87,7 +87,7 @@ class Disturbances:
         return 0.0 if tracks.stopped else self._track_density
 
     def track_densities(self, tracks: HeldTrackSpeeds, start: int, end: int) -> tuple[float, float]:
-        """Density of the error of the left and of the right track's speed over a step [m²/s].
+        """Density of the error of each track's speed, left and right, over a step [m²/s].
 
         Args:
             tracks: the track speeds.

@@ -1,4 +1,4 @@
-"""Relocation: turn and shift that align the estimated path with rejected position fixes.
+"""Relocation: align the estimated path with rejected position fixes.
 
 When fixes are rejected in a row, the position or the heading may be wrong. If it is the heading, using
 the next fix corrects the position for a moment only: the estimate drives away from the fixes again. But

@@ -1,4 +1,4 @@
-"""Step engine: interface to the filter's algebra and, if there is one, to a whole compiled step."""
+"""Interface to the filter's algebra, and to a whole compiled step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurement update: innovation, gate, inflation, Joseph updates and record, for every sensor.
+"""Measurement update of every sensor: innovation, gate, inflation, update, record.
 
 Noises must be independent of each other where components update the filter one after the other. With R =
 L D L' (L lower triangular with ones on its diagonal, D diagonal) the components L⁻¹ z have noise D and

@@ -299,7 +299,7 @@ def _is_plain(values: Any) -> bool:
 
 
 def _objection_to_fields(measurement: Measurement) -> str | None:
-    """Reason to reject values that are not finite, or noise that is not positive; or None."""
+    """Reason to reject values that are not finite, or noise that is not positive."""
     fields = {name: getattr(measurement, name) for name in _fields(type(measurement))}
     values = [value for name, value in fields.items() if name not in NOISE]
     if not all(value is None or _is_finite(value) for value in values):

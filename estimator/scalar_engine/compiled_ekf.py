@@ -12,6 +12,7 @@ from icreckon.estimator.filter.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.motion.motion_model import MotionModel, TwistModel
 from icreckon.estimator.motion.propagation import Triple
 from icreckon.estimator.scalar_engine.ekf_kernel import (
+    expected_entry,
     predict_entry,
     renew_entry,
     twist_entry,
@@ -83,6 +84,12 @@ class CompiledEkf(IcrEkf):
 
     def _draw(self, covariance: Floats) -> None:
         renew_entry(self.x, self.P, covariance)
+
+    def innovation_covariance(self, H: Floats, R: Floats) -> Floats:
+        """See `IcrEkf`."""
+        if len(R) > 1:
+            return super().innovation_covariance(H, R)
+        return np.array([[expected_entry(self.P, H[0], R.item())]])
 
     def _correct(
         self, z: float, h: Floats, r: float, fixed: tuple[int, ...]

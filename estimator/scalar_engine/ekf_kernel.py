@@ -315,6 +315,14 @@ def _renew_by(x: Floats, P: Floats, covariance: Floats) -> None:
     renew(x, P, covariance)
 
 
+def _expected(P: Floats, row: Floats, variance: float) -> float:
+    if not fits_filter(row, P):
+        raise ValueError(WRONG_SIZE)
+    cross = np.empty(SIZE)
+    multiply(P, row, cross)
+    return inner(row, cross) + variance
+
+
 def _update_by(
     x: Floats,
     P: Floats,
@@ -357,4 +365,5 @@ def _fill_twist_of(
 twist_entry = entry(_fill_twist_of)
 predict_entry = entry(_predict)
 renew_entry = entry(_renew_by)
+expected_entry = entry(_expected)
 update_entry = entry(_update_by)

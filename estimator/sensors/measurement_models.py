@@ -1,4 +1,4 @@
-"""Measurement models: one class for each sensor, which returns z, H and R at a state.
+"""Measurement models: for each sensor a class that returns z, H and R.
 
 `MODELS` is the table of sensors. The filter updates with any of them in the same way: predict a pose or
 a twist, linearise, gate, update, record. `register` adds a sensor that is no part of the package.
@@ -112,7 +112,7 @@ class Position(FixModel[PositionFix]):
     correlated = False
 
     def linearise(self, measurement: PositionFix, predicted: Prediction) -> Linearised:
-        """See `FixModel`."""
+        """Compare x and y with the predicted pose."""
         z = np.array((measurement.x, measurement.y)) - predicted.values[:2]
         return Linearised(
             z, predicted.H[:2], predicted.R[:2, :2] + measurement.variance * np.eye(2)
@@ -127,7 +127,7 @@ class Heading(FixModel[HeadingFix]):
     inflated = (s.YAW,)
 
     def linearise(self, measurement: HeadingFix, predicted: Prediction) -> Linearised:
-        """See `FixModel`."""
+        """Compare the yaw with the predicted pose."""
         z = np.array([wrap_angle(measurement.yaw - predicted.values.item(2))])
         return Linearised(z, predicted.H[2:], predicted.R[2:, 2:] + measurement.variance)
 
@@ -142,7 +142,7 @@ class BodyTwist(FixModel[BodyVelocity]):
     correlated = False
 
     def linearise(self, measurement: BodyVelocity, predicted: Prediction) -> Linearised:
-        """See `FixModel`."""
+        """Compare v_x and v_y with the predicted twist."""
         z = np.array((measurement.v_x, measurement.v_y)) - predicted.values[:2]
         return Linearised(
             z, predicted.H[:2], predicted.R[:2, :2] + measurement.variance * np.eye(2)
@@ -157,7 +157,7 @@ class Pose(FixModel[PoseFix]):
     inflated = (s.X, s.Y, s.YAW)
 
     def linearise(self, measurement: PoseFix, predicted: Prediction) -> Linearised:
-        """See `FixModel`."""
+        """Compare the pose with its prediction."""
         z = np.array((measurement.x, measurement.y, measurement.yaw)) - predicted.values
         z[2] = wrap_angle(z[2])
         covariance = np.array(measurement.covariance)
@@ -174,7 +174,7 @@ class Standing(FixModel[ZeroVelocity]):
     standing = True
 
     def linearise(self, measurement: ZeroVelocity, predicted: Prediction) -> Linearised:
-        """See `FixModel`."""
+        """Compare zero with the predicted twist."""
         R = predicted.R + np.diag(np.square(measurement.sigma))
         return Linearised(-predicted.values, predicted.H, R)
 
