@@ -283,10 +283,12 @@ class Reckoning:
         at_once = self._take_imu_at_once(m, rate)
         if at_once is not None:
             return at_once
+        # Predict the twist of the step.
         self._begin_step(m.stamp)
         if self.stands:
             self._update_standstill()
         at = StepTwist(self.model(), ekf.x.copy(), self._imu.interval, self._track_change())
+        # Gate, update and record.
         used = self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
         force = m.linear_acceleration
         if force is not None and self._settings.use_accelerometer and not self.stands:
@@ -295,6 +297,7 @@ class Reckoning:
             found = self._accelerometer.linearise(leftward, at, ekf.x, density)
             self._update(self._accelerometer, found, m.stamp)
         ekf.keep_inside_bounds()
+        # Propagate the pose by the updated twist.
         self._advance(m.stamp)
         return used
 
@@ -356,7 +359,7 @@ class Reckoning:
             self._stood_at = m.stamp
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
 
-        # Gate and update, or relocation after rejected position fixes.
+        # Gate, update and record; relocate after rejected position fixes.
         if isinstance(m, PositionFix):
             x, y, _ = predicted.values.tolist()
             self._rejected_fixes += (RejectedFix(m.x, m.y, m.variance, x, y),)
