@@ -13,7 +13,6 @@ PACKAGES = ("estimator", "simulation", "replay", "icreckon")
 NOT_YET = (
     "estimator/batch",
     "estimator/engine",
-    "estimator/filter",
     "estimator/streaming",
     "estimator/tracing",
 )

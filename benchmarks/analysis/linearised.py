@@ -21,6 +21,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
 
 
@@ -116,7 +117,8 @@ class LinearisedModel:
         self._as_filter = as_filter
         model, self.start, self.sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._ekf = IcrEkf(model)
-        self._models = SensorModels(robot)
+        models = SensorModels(robot)
+        self._gyro, self._accelerometer = Gyro(models), Accelerometer(models)
         self._tracks = HeldTrackSpeeds(
             settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
         )
@@ -190,14 +192,14 @@ class LinearisedModel:
         change = TrackChange(
             tracks.acceleration, tracks.acceleration_window, variance, tracks.age(now)
         )
+        at = StepTwist(model, x, self._dt, change)
         if sensors.gyro:
-            reading = self._models.gyro(0.0, self._dt, model, x, change)
-            shown.append(Shown(reading.row, reading.variance))
+            found = self._gyro.linearise(0.0, at)
+            shown.append(Shown(found.H[0], found.R.item()))
         if sensors.accelerometer and not tracks.stopped:
             rough = self._disturbances.sideways_density((0.0, sideways, 0.0))
-            force = (0.0, 0.0, 0.0)
-            reading = self._models.accelerometer(force, self._dt, model, x, x, change, rough)
-            shown.append(Shown(reading.row, reading.variance))
+            found = self._accelerometer.linearise(0.0, at, x, rough)
+            shown.append(Shown(found.H[0], found.R.item()))
         return shown
 
     def _after(self, x: Floats, left: float, right: float) -> list[Shown]:

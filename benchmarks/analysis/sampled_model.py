@@ -37,6 +37,7 @@ from icreckon.estimator.robot.robot_file import Indices, Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
@@ -138,7 +139,8 @@ class ModelSampler:
         self._spread = share * sigmas
         self._spread[s.POSE] = start_sigma
         self._ekf = IcrEkf(model)
-        self._models = SensorModels(robot)
+        models = SensorModels(robot)
+        self._gyro, self._accelerometer = Gyro(models), Accelerometer(models)
 
     def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:
         """A run at given track speeds.
@@ -264,18 +266,18 @@ class ModelSampler:
         )
         calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
         sideways = self._disturbances.sideways_density(sigma)
-        still = (0.0, 0.0, 0.0)
-        gyro = self._models.gyro(0.0, dt, model, x, change)
-        least = self._models.gyro(0.0, dt, model, x, calm).variance
-        rate = -gyro.residual + rng.standard_normal() * math.sqrt(
-            least + late * (gyro.variance - least)
+        at, calmly = StepTwist(model, x, dt, change), StepTwist(model, x, dt, calm)
+        gyro = self._gyro.linearise(0.0, at)
+        least = self._gyro.linearise(0.0, calmly).R.item()
+        rate = -gyro.z.item() + rng.standard_normal() * math.sqrt(
+            least + late * (gyro.R.item() - least)
         )
-        force = self._models.accelerometer(still, dt, model, x, x, change, sideways)
-        least = self._models.accelerometer(still, dt, model, x, x, calm, 0.0).variance
+        force = self._accelerometer.linearise(0.0, at, x, sideways)
+        least = self._accelerometer.linearise(0.0, calmly, x, 0.0).R.item()
         slipped = sideways / dt
         variance = least + self._terms.sideways * slipped
-        variance += late * (force.variance - least - slipped)
-        leftward = -force.residual + rng.standard_normal() * math.sqrt(variance)
+        variance += late * (force.R.item() - least - slipped)
+        leftward = -force.z.item() + rng.standard_normal() * math.sqrt(variance)
         rotation, scale = self._robot.imu_rotation, self._robot.imu.gyro_scale
         rates = (np.array([0.0, 0.0, scale * rate]) @ rotation).tolist()
         forces = (np.array([0.0, leftward, 0.0]) @ rotation).tolist()

@@ -99,14 +99,14 @@ def run_side_by_side(
     rows = [ReplayRows(one, robot, steps, measured, headings, row_stamps) for one in filters]
     began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
     for before, one, lanes in zip(began, filters, begun, strict=True):
-        memory, by_parameters = before.memory(), before.model().jacobian[:, s.PARAMETERS]
+        memory, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
         if memory.step_under_way or (memory.regressors is not None and steps.kinds[:1] == UPDATE):
             raise BatchError("there are fixes before the first track speeds")
         one.take_over(lanes, memory, by_parameters)
     if steps.before_steps:
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before))
-    smoothed = began[0].memory().regressors is not None
+    smoothed = began[0].checkpoint().regressors is not None
     front = _go(filters, begun, rows, steps, measured, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):

@@ -23,7 +23,8 @@ from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
-from icreckon.estimator.streaming.innovation_rows import COMPONENTS, INNOVATION_NAMES, Singles
+from icreckon.estimator.sensors.measurement_models import innovation_components
+from icreckon.estimator.streaming.innovation_rows import Singles
 from icreckon.estimator.streaming.pose_estimator import Snapshot
 from icreckon.estimator.streaming.recorded_run import Run
 
@@ -222,7 +223,8 @@ class ReplayRows:
             self._write_indices(one)
         self._innovate_first(health)
         self._count(one, lanes, health)
-        names = tuple(name for name in INNOVATION_NAMES if name in self._innovations)
+        known = (name for names in innovation_components().values() for name in names)
+        names = tuple(name for name in known if name in self._innovations)
         innovations = np.empty((len(self._states), len(names)), np.float32)
         for column, name in enumerate(names):
             innovations[:, column] = self._innovations.pop(name)
@@ -247,11 +249,12 @@ class ReplayRows:
 
     def _innovate_first(self, health: Health) -> None:
         """The first row has those of fixes before the first track speeds, where none came since."""
+        components = innovation_components()
         for sensor, counts in health.sensors.items():
             if counts.newest_judged is None or not len(self._states):
                 continue
             _, _, residual, covariance = counts.newest_judged
-            for axis, name in enumerate(COMPONENTS[sensor]):
+            for axis, name in enumerate(components[sensor]):
                 column = self._innovations.setdefault(
                     name, np.full(len(self._states), np.nan, np.float32)
                 )

@@ -35,7 +35,7 @@ from icreckon.estimator.engine.work import (
     keep_memory,
     lane_worker,
 )
-from icreckon.estimator.filter.checkpoint import FilterMemory
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
@@ -167,7 +167,7 @@ class BatchFilter:
             lanes[self.rows[f"memory{k}"]] = value
         return Lanes(lanes, refused, counts, constants)
 
-    def take_over(self, lanes: Lanes, memory: FilterMemory, regressors: Floats) -> None:
+    def take_over(self, lanes: Lanes, memory: FilterCheckpoint, regressors: Floats) -> None:
         """Let all lanes go on from what the streaming filter knows at its first track speeds.
 
         Args:
@@ -178,7 +178,7 @@ class BatchFilter:
         Raises:
             BatchError: more fixes were refused than there is room for.
         """
-        refused, rows, workspace = memory.refused_fixes, self.rows, lanes.workspace
+        refused, rows, workspace = memory.rejected_fixes, self.rows, lanes.workspace
         if len(refused) + 2 > lanes.refused.shape[1]:
             raise BatchError(f"{len(refused)} fixes before the first track speeds were refused")
         states = (*self.shape.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))

@@ -32,7 +32,7 @@ class FixKind(NamedTuple):
 
 
 def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
-    """A position fix; see `Reckoning._take_position`.
+    """A position fix; see `Reckoning._take_fix`.
 
     The kernel returns in which lanes the filter is lost, which is for the caller to mend, and in which
     the fix was used.
@@ -79,7 +79,7 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
 
 
 def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
-    """A heading fix; see `Reckoning._take_heading`.
+    """A heading fix; see `Reckoning._take_fix`.
 
     Args:
         name: of the kernel.

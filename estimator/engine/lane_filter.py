@@ -154,7 +154,7 @@ class LaneStep:
         """See `WholeStep`."""
         ekf = self._ekf
         compiled = ekf.compiled
-        if compiled is None or ekf.marks is not None or ekf.witness is not None:
+        if compiled is None or ekf.clones is not None or ekf.observer is not None:
             return None
         mean_bias = ekf.x.item(s.GYRO_BIAS) if stands else math.nan
         measured = math.nan if force is None else force
@@ -171,7 +171,7 @@ class LaneStep:
     def time_step(self, tracks: HeldTrackSpeeds, start: int, end: int, *, pushed: bool) -> bool:
         """See `WholeStep`."""
         ekf = self._ekf
-        if ekf.compiled is None or ekf.marks is not None or ekf.witness is not None:
+        if ekf.compiled is None or ekf.clones is not None or ekf.observer is not None:
             return False
         ekf.compiled.time_step(*self._begin(tracks, start, end, pushed, (math.nan, 0.0, math.nan)))
         return True

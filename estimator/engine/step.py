@@ -49,7 +49,7 @@ class StepKind(NamedTuple):
 
 
 class Foretold(NamedTuple):
-    """What the pose should be, see `estimator.filter.look_ahead.Foretold`.
+    """What the pose should be, see `estimator.sensors.predictions.Prediction`.
 
     Attributes:
         values: (3,).
@@ -156,7 +156,7 @@ class Step:
         return self.regressors[axis]
 
     def foretell_pose(self) -> Foretold:
-        """The pose a step later, with no more than is known now; see `estimator.filter.look_ahead`."""
+        """The pose a step later, with no more than is known now; see `estimator.sensors.predictions`."""
         lane = self.lane
         dt, now = lane.constant("dt"), lane.with_kept_derivatives(self.model)
         density = self._density(now)

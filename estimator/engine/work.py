@@ -128,7 +128,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         places: Places,
         when: int,
     ) -> None:
-        """A position fix; where a filter is lost, see `Reckoning._take_position`."""
+        """A position fix; where a filter is lost, see `Reckoning._take_fix`."""
         width = lanes.shape[1]
         flags = position_of(lanes, told, constants, when)
         lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS

@@ -1,5 +1,6 @@
-"""The reference filter on filterpy: predict, gate, update, one measurement at a time.
+"""Reference filter on filterpy: predict, gate, update, record.
 
-In: admitted measurements in order of their stamps. Out: state, covariance, health. Also stochastic
-clones, re-acquisition, and checkpoints. Below: `sensors`, `robot`, `motion`, `log`, `base`.
+In: admitted measurements, one at a time in the order of their stamps. Out: state, covariance, health.
+Also stochastic clones, re-acquisition, and checkpoints. Below: `sensors`, `robot`, `motion`,
+`log`, `base`.
 """

@@ -1,4 +1,4 @@
-"""What the filter knows between two measurements: enough to go on from there exactly."""
+"""Checkpoint of the filter, from which it continues exactly."""
 
 from __future__ import annotations
 
@@ -9,32 +9,34 @@ import numpy as np
 from msgspec.structs import replace
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.filter.clones import Marks
+from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.filter.reacquisition import RefusedFix
+from icreckon.estimator.filter.reacquisition import RejectedFix
 from icreckon.estimator.motion.motion_model import NO_MEMORY
 from icreckon.estimator.sensors.held_tracks import TrackMemory
 from icreckon.estimator.sensors.standstill import StandstillMemory
 
 
-class FilterMemory(msgspec.Struct, frozen=True):
-    """The state of a `Reckoning`; nothing in it is changed by going on.
+class FilterCheckpoint(
+    msgspec.Struct, frozen=True, rename={"clones": "marks", "rejected_fixes": "refused_fixes"}
+):
+    """Checkpoint of a `Reckoning`; the filter never changes it.
 
     Attributes:
         stamp: time of the estimate [ns], or None before the first.
         state: (SIZE,) see `estimator.base.state`.
         covariance: (SIZE, SIZE).
-        step_under_way: whether the fast slip of the next step is drawn already.
-        stands: whether the robot was found standing.
+        step_under_way: the fast slip of the next step has begun.
+        stands: the robot was found standing.
         tracks: the newest track speeds.
-        standstill: what the standstill detection goes by.
-        imu_stamp: of the newest IMU sample [ns], or None.
+        standstill: checkpoint of the standstill detection.
+        imu_stamp: stamp of the newest IMU sample [ns], or None.
         imu_interval: time between the newest two IMU samples [s].
-        rejected_in_a_row: of each gate.
+        rejected_in_a_row: rejections in a row, by sensor.
         health: counts.
-        marks: the motion since each mark, None where there is none.
-        model: (m,) what the motion model remembers, see `estimator.motion.motion_model.MotionModel`.
-        refused_fixes: position fixes that were refused since one was used.
+        clones: stochastic clones, None if there are none.
+        model: (m,) memory of the motion model, see `estimator.motion.motion_model.MotionModel`.
+        rejected_fixes: position fixes that were rejected since one was used.
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
         regressors: (3, 8) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
     """
@@ -50,10 +52,10 @@ class FilterMemory(msgspec.Struct, frozen=True):
     imu_interval: float
     rejected_in_a_row: dict[str, int]
     health: Health
-    marks: Marks | None = None
+    clones: Clones | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
     regressors: np.ndarray[Any, Any] | None = None
-    refused_fixes: tuple[RefusedFix, ...] = ()
+    rejected_fixes: tuple[RejectedFix, ...] = ()
     stood_at: int | None = None
 
     def __post_init__(self) -> None:
@@ -62,8 +64,8 @@ class FilterMemory(msgspec.Struct, frozen=True):
         if self.regressors is not None and self.regressors.shape != (3, 8):
             raise ValueError("three rows of eight derivatives by the parameters are needed")
 
-    def shifted(self, by: int) -> FilterMemory:
-        """The same by a clock that shows `by` more [ns]; marks keep the stamps that they are known by."""
+    def shifted(self, by: int) -> FilterCheckpoint:
+        """Shift all stamps by a change of the clock [ns], except those of marks."""
 
         def later(stamp: int | None) -> int | None:
             return None if stamp is None else stamp + by

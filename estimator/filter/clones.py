@@ -1,12 +1,12 @@
-"""How far the robot has moved since a mark, with a covariance that knows what the two poses share.
+"""Stochastic clones: motion of the robot since a mark, with its covariance.
 
-A mark begins a pose of its own: that of base_link in the axes that base_link had at the mark. It is
-moved by the same steps as the filter's pose, with the same noise, and its covariance with the filter's
-state and with the other marks is carried along (after Roumeliotis and Burdick, Stochastic cloning, ICRA
-2002). The pose in odom has no part in it, so neither has what is not known of that: a fix that turns the
-whole path does not bend the motion, as it would bend that from a clone of the pose in odom.
+A mark begins a relative pose: that of base_link in the axes that base_link had at the mark. Each step
+moves it as the filter's pose, with the same noise. Its covariance with the filter's state and with the
+other clones is propagated (after Roumeliotis and Burdick, Stochastic cloning, ICRA 2002). The pose in
+odom has no part in it, nor has its uncertainty. A fix that turns the whole path does not bend the
+relative motion, as it would bend that from a clone of the pose in odom.
 
-Like the pose, it is moved by fixes, and by nothing else but its own steps.
+Only steps and fixes move a clone, as they move the pose.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 
-# Each costs time in every step, and space in every checkpoint of the history.
+# Each clone costs time in every step, and space in every checkpoint of the history.
 MOST_MARKS = 20
 
 
 class RelativeMotion(NamedTuple):
-    """Where base_link was at one stamp, as seen from base_link at another.
+    """Pose of base_link at one stamp, in the axes of base_link at another.
 
     Attributes:
-        from_stamp: of the axes that it is given in [ns].
-        to_stamp: of the pose that is given [ns].
+        from_stamp: stamp of the axes [ns].
+        to_stamp: stamp of the pose [ns].
         pose: (3,) x forward, y left [m], yaw [rad] of base_link at `to_stamp` in base_link at
             `from_stamp`; yaw counts full turns.
-        covariance: (3, 3) of the error of these three numbers, truth less estimate.
+        covariance: (3, 3) covariance of the error of `pose`, truth less estimate.
     """
 
     from_stamp: int
@@ -43,22 +43,22 @@ class RelativeMotion(NamedTuple):
 
     @property
     def end_covariance(self) -> Floats:
-        """(3, 3) of the error xi with truth = pose (+) Exp(xi), in base_link's axes at `to_stamp`.
+        """Covariance (3, 3) of the error xi in truth = pose (+) Exp(xi), at `to_stamp`.
 
-        GTSAM's `BetweenFactorPose2` takes this one, and g2o's `EDGE_SE2` its inverse.
+        GTSAM's `BetweenFactorPose2` takes this covariance, and g2o's `EDGE_SE2` its inverse.
         """
         turn = _turns(-self.pose[2:])[0]
         return np.asarray(turn @ self.covariance @ turn.T)
 
 
-class Marks(msgspec.Struct, frozen=True):
-    """The motion since each of m marks; nothing in it is ever changed.
+class Clones(msgspec.Struct, frozen=True):
+    """Motion since each of m marks; immutable.
 
     Attributes:
-        stamps: of the marks [ns].
-        poses: (m, 3) of base_link in base_link at each mark.
+        stamps: stamps of the marks [ns].
+        poses: (m, 3) poses of base_link in base_link at each mark.
         cross: (3m, SIZE) covariance of `poses` with the filter's state.
-        covariance: (3m, 3m) of `poses`.
+        covariance: (3m, 3m) covariance of `poses`.
     """
 
     stamps: tuple[int, ...]
@@ -73,35 +73,35 @@ class Marks(msgspec.Struct, frozen=True):
             raise ValueError(f"{m} marks with arrays of shapes {shapes}")
 
     @classmethod
-    def none(cls) -> Marks:
-        """No marks yet."""
+    def none(cls) -> Clones:
+        """Make an empty set."""
         return cls((), np.zeros((0, 3)), np.zeros((0, s.SIZE)), np.zeros((0, 0)))
 
-    def begun(self, stamp: int, motion: Floats, by_state: Floats, P: Floats) -> Marks:
-        """With one more.
+    def begun(self, stamp: int, motion: Floats, by_state: Floats, P: Floats) -> Clones:
+        """Add a clone.
 
         Args:
-            stamp: of the mark [ns].
-            motion: (3,) how far the robot has moved since then.
-            by_state: (3, SIZE) derivative of that by the filter's state.
+            stamp: stamp of the mark [ns].
+            motion: (3,) motion since then.
+            by_state: (3, SIZE) its derivative by the filter's state.
             P: (SIZE, SIZE) the filter's covariance.
         """
         cross = by_state @ P
         with_others = self.cross @ by_state.T
-        return Marks(
+        return Clones(
             (*self.stamps, stamp),
             np.vstack([self.poses, motion]),
             np.vstack([self.cross, cross]),
             np.block([[self.covariance, with_others], [with_others.T, cross @ by_state.T]]),
         )
 
-    def without(self, stamp: int) -> Marks | None:
-        """Without the one of this stamp [ns], if there; None when none is left."""
+    def without(self, stamp: int) -> Clones | None:
+        """Remove the clone of a stamp [ns], if there is one; None if none is left."""
         keep = [index for index, other in enumerate(self.stamps) if other != stamp]
         if not keep:
             return None
         rows = (3 * np.array(keep)[:, None] + np.arange(3)).ravel()
-        return Marks(
+        return Clones(
             tuple(self.stamps[index] for index in keep),
             self.poses[keep],
             self.cross[rows],
@@ -110,16 +110,16 @@ class Marks(msgspec.Struct, frozen=True):
 
     def moved(
         self, yaw: float, step: Floats, by_state: Floats, P: Floats, F: Floats, Q: Floats
-    ) -> Marks:
-        """After a step of the filter.
+    ) -> Clones:
+        """Propagate over a step of the filter.
 
         Args:
-            yaw: of the filter's pose before the step [rad].
-            step: (3,) what the step adds to that pose.
-            by_state: (3, SIZE) derivative of `step` by all but the pose.
+            yaw: yaw of the filter's pose before the step [rad].
+            step: (3,) increment of that pose.
+            by_state: (3, SIZE) derivative of `step` by all states but the pose.
             P: (SIZE, SIZE) the filter's covariance before the step.
             F: (SIZE, SIZE) transition of the filter's state.
-            Q: (SIZE, SIZE) noise of the step.
+            Q: (SIZE, SIZE) process noise of the step.
         """
         turns = _turns(self.poses[:, 2] - yaw)
         steps = turns @ step
@@ -133,55 +133,48 @@ class Marks(msgspec.Struct, frozen=True):
         mixed = carried @ by_state.T
         covariance = own @ self.covariance @ own.T + mixed + mixed.T + moved @ by_state.T
         covariance += turn @ Q[s.POSE, s.POSE] @ turn.T
-        return Marks(
+        return Clones(
             self.stamps,
             self.poses + steps,
             (carried + moved) @ F.T + turn @ Q[s.POSE],
             0.5 * (covariance + covariance.T),
         )
 
-    def renewed(self, states: slice = s.FAST_SLIP) -> Marks:
-        """After states were drawn anew: the fast slip, or a pose that was lost."""
+    def renewed(self, states: slice = s.FAST_SLIP) -> Clones:
+        """Clear the correlation with replaced states: a new fast slip, or a lost pose."""
         cross = self.cross.copy()
         cross[:, states] = 0.0
-        return Marks(self.stamps, self.poses, cross, self.covariance)
+        return Clones(self.stamps, self.poses, cross, self.covariance)
 
     def updated(
-        self,
-        residual: float,
-        row: Floats,
-        cross: Floats,
-        gain: Floats,
-        expected: float,
-        *,
-        kept: bool,
-    ) -> Marks:
-        """After a scalar update of the filter, see `IcrEkf.update_scalar`.
+        self, z: float, h: Floats, c: Floats, K: Floats, S: float, *, fixed: bool
+    ) -> Clones:
+        """Update with a scalar measurement, see `IcrEkf.update_scalar`.
 
         Args:
-            residual: measured less predicted.
-            row: (SIZE,) Jacobian of the prediction.
-            cross: (SIZE,) the filter's covariance times `row`.
-            gain: (SIZE,) that the filter has used.
-            expected: variance of the residual.
-            kept: whether the poses are not to be moved; their covariance takes it into account.
+            z: innovation.
+            h: (SIZE,) Jacobian of the predicted measurement.
+            c: (SIZE,) the filter's covariance times `h`.
+            K: (SIZE,) gain of the filter.
+            S: variance of the innovation.
+            fixed: the poses are not to be moved; their covariance takes that into account.
         """
-        own = self.cross @ row
-        own_gain = np.zeros_like(own) if kept else own / expected
-        half = np.outer(own_gain, own - 0.5 * expected * own_gain)
-        return Marks(
+        own = self.cross @ h
+        own_gain = np.zeros_like(own) if fixed else own / S
+        half = np.outer(own_gain, own - 0.5 * S * own_gain)
+        return Clones(
             self.stamps,
-            self.poses + residual * own_gain.reshape(-1, 3),
-            self.cross - np.outer(own, gain) - np.outer(own_gain, cross - expected * gain),
+            self.poses + z * own_gain.reshape(-1, 3),
+            self.cross - np.outer(own, K) - np.outer(own_gain, c - S * K),
             self.covariance - (half + half.T),
         )
 
     def between(self, from_stamp: int, to_stamp: int | None, now: int) -> RelativeMotion:
-        """From one mark to another.
+        """Relative motion from one mark to another.
 
         Args:
-            from_stamp: of a mark [ns].
-            to_stamp: of another [ns], or None for now.
+            from_stamp: stamp of a mark [ns].
+            to_stamp: stamp of another [ns], or None for now.
             now: stamp of the filter's estimate [ns].
 
         Raises:
@@ -192,7 +185,7 @@ class Marks(msgspec.Struct, frozen=True):
         rows = slice(3 * start, 3 * start + 3)
         if to_stamp is None:
             return RelativeMotion(from_stamp, now, pose.copy(), self.covariance[rows, rows].copy())
-        # The way from the first mark to now, and back to the second.
+        # Motion from the first mark to now, and back to the second.
         end = self.place(to_stamp)
         back = self.poses[end]
         turn = _turns(np.array([pose[2] - back[2]]))[0]
@@ -207,10 +200,10 @@ class Marks(msgspec.Struct, frozen=True):
         return RelativeMotion(from_stamp, to_stamp, relative, covariance)
 
     def place(self, stamp: int) -> int:
-        """Which of the marks is that of a stamp [ns].
+        """Index of the clone of a stamp [ns].
 
         Raises:
-            EstimatorError: none is.
+            EstimatorError: there is none.
         """
         if stamp not in self.stamps:
             raise EstimatorError(
@@ -220,7 +213,7 @@ class Marks(msgspec.Struct, frozen=True):
 
 
 def _turns(angles: Floats) -> Floats:
-    """(n, 3, 3) what rotations by (n,) angles [rad] do to x, y and yaw."""
+    """Rotations (n, 3, 3) of x, y and yaw by (n,) angles [rad]."""
     turns = np.zeros((len(angles), 3, 3))
     for turn, angle in zip(turns, angles.tolist(), strict=True):
         cos, sin = math.cos(angle), math.sin(angle)

@@ -1,15 +1,14 @@
-"""The extended Kalman filter: state propagation and measurement updates, nothing about streams.
+"""Extended Kalman filter: propagation of the state, and scalar updates.
 
     pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip
     slip' = slip exp(-dt / tau) + noise   a Gauss-Markov process for each component
 
 Parameters, biases and scales are constants or random walks. The fast slip is white from one step to the
-next, the error of the track speeds included; it is part of the state because the same error moves the
-pose and shows in the gyro's innovation. It also keeps the parameters from being learnt from what is
-fast: the slip alone would call slow agreement cheap and make much of the noise in quick changes, and
-noisy track speeds are no good regressors for those (errors in variables). For the same reason the
-derivatives by the parameters are smoothed in time: noise in them is that of the track speeds, which is in
-the innovation, too.
+next, and contains the error of the track speeds. It is part of the state because one error both moves the
+pose and shows in the gyro's innovation. It also keeps fast motion from moving the parameters. With slow
+slip alone, quick changes would count for too much, and noisy track speeds are bad regressors for them
+(errors in variables). For the same reason the derivatives by the parameters are smoothed in time: their
+noise is that of the track speeds, which is in the innovation, too.
 """
 
 from __future__ import annotations
@@ -21,28 +20,23 @@ from filterpy.kalman import ExtendedKalmanFilter
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter.clones import Marks
+from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
 from icreckon.estimator.motion.motion_model import MotionModel, TwistModel, Unremembering
 from icreckon.estimator.motion.propagation import Triple, fading, gauss_markov_noise, step_on_se2
 from icreckon.estimator.sensors.held_tracks import smoothing_share
+from icreckon.estimator.sensors.measurement_models import IMU_FIXED
 
-# What a twist measurement does not move: the pose, which is to be continuous.
-POSE_KEPT = (s.X, s.Y, s.YAW)
-# What the IMU does not move either: it sees the track scale only through what else is wrong with the
-# yaw rate, and would call it all scale. Fixes and body velocities show it for what it is.
-IMU_KEPT = (*POSE_KEPT, s.TRACK_SCALE)
-# What being told that the robot stands does not move: nothing but the slip, which was another until it
-# stopped, and would have biases and parameters take the blame for that.
-STANDING_KEPT = (*POSE_KEPT, *range(s.LEARNT.start, s.LEARNT.stop))
-# Time constant of the derivatives by the parameters [s]: a longer one leaves less of the noise, and comes
-# so late that parameters are learnt from what the robot does no longer.
+# The name that the engines import.
+IMU_KEPT = IMU_FIXED
+# Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
+# so much that they are those of another motion.
 REGRESSOR_SMOOTHING = 0.05
 IDENTITY = np.eye(s.SIZE)
-# Where the diagonal, and the slip's part of it, stand in a covariance that is laid out flat.
+# Diagonal of a flattened covariance, and the slip's part of it.
 DIAGONAL = slice(None, None, s.SIZE + 1)
 SLIP_DIAGONAL = slice(s.SLIP_X * (s.SIZE + 1), s.SLIP_W * (s.SIZE + 1) + 1, s.SIZE + 1)
-# From the paper's axes: forward is its second, left minus its first.
+# Paper's axes to REP-103: forward is the paper's second, left is minus its first.
 TO_REP103 = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -60,82 +54,70 @@ class ProcessNoise(NamedTuple):
     walk: Floats
 
 
-class Witness(Protocol):
-    """What is told of all that changes the filter."""
+class Observer(Protocol):
+    """Observer that is notified of every change to the filter."""
 
     def moved(self, F: Floats, Q: Floats) -> None:
-        """A step, by its transition and its noise (SIZE, SIZE)."""
+        """Step of transition F and process noise Q (SIZE, SIZE)."""
 
     def renewed(self, covariance: Floats) -> None:
-        """The fast slip was drawn anew, with this covariance (3, 3)."""
+        """New fast slip of this covariance (3, 3), independent of the one before."""
 
     def replaced(self, covariance: Floats) -> None:
-        """The pose was replaced by another, independent of all else, with this covariance (3, 3)."""
+        """New pose of this covariance (3, 3), independent of all other states."""
 
-    def reopened(self, states: tuple[int, ...], variance: float) -> None:
-        """These states were made more uncertain, each by this variance."""
+    def inflated(self, states: tuple[int, ...], variance: float) -> None:
+        """Inflation of each of these states by this variance."""
 
-    def updated(self, residual: float, row: Floats, variance: float, change: Floats) -> None:
-        """An update, by its measurement, and the change (SIZE,) of the state that the filter made."""
+    def updated(self, z: float, h: Floats, r: float, change: Floats) -> None:
+        """Scalar update: innovation, Jacobian, noise variance, change of the state."""
 
     def projected(self, change: Floats) -> None:
-        """The state was brought inside its bounds by this change (SIZE,)."""
-
-
-class Innovation(NamedTuple):
-    """A scalar measurement against its prediction: the residual, and the variance it should have."""
-
-    residual: float
-    variance: float
-
-    @property
-    def nis(self) -> float:
-        """Normalised innovation squared, chi-square with one degree of freedom."""
-        return self.residual * self.residual / self.variance
+        """Projection of the state to its bounds by this change (SIZE,)."""
 
 
 class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the kinematics of ICRs as its motion model.
 
-    `x` is (SIZE,), `P` (SIZE, SIZE); see `estimator.base.state` for what stands where. `F` and `Q` are
-    those of the newest prediction.
+    `x` is (SIZE,), `P` (SIZE, SIZE); `estimator.base.state` has their layout. `F` and `Q` are those of
+    the newest prediction.
 
     Args:
-        model: the index model in these kinematics.
+        model: the motion model.
 
     Attributes:
-        regressors: (3, 8) derivatives of the twist by the parameters, smoothed; None before the first
-            step, when they are those of the moment.
-        marks: the motion since each mark, None where there is none; it changes nothing else.
-        witness: is told of all that is done; None where nobody is to be told.
-        considered: states that nothing moves and no measurement makes more certain; what is not known of
-            them counts in all else (Schmidt-Kalman).
+        regressors: (3, 8) smoothed derivatives of the twist by the parameters; None before the first
+            step.
+        clones: stochastic clones, None if there are none; they change nothing else.
+        observer: observer of all changes, or None.
+        considered: consider states: updates do not move them, but their covariance counts
+            (Schmidt-Kalman).
     """
 
     def __init__(self, model: MotionModel) -> None:
         super().__init__(dim_x=s.SIZE, dim_z=1)
         self.regressors: Floats | None = None
-        self.marks: Marks | None = None
-        self.witness: Witness | None = None
+        self.clones: Clones | None = None
+        self.observer: Observer | None = None
         self.considered: tuple[int, ...] = ()
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
         self.model = model
         self._bounds = model.bounds
         self._next_x: Floats = self.x
-        # The newest evaluation of the twist model, which is often asked for again.
+        # Cache of the newest evaluation of the twist model.
         self._evaluated_at: tuple[float | bytes, ...] | None = None
         self._evaluated: TwistModel
 
     def twist_model(self, left: float, right: float, slip_share: float = 1.0) -> TwistModel:
-        """Body velocity and its Jacobian at the present state; not to be written to.
+        """Body velocity and its Jacobian at the present state; do not change them.
 
         Args:
             left: measured speed of the left track [m/s].
             right: measured speed of the right track [m/s].
             slip_share: factor on the slip, for its mean over a step.
         """
-        at = self._all_of(left, right, slip_share)
+        at = self._inputs(left, right, slip_share)
         if at != self._evaluated_at:
             model = self._evaluate(left, right, slip_share)
             if self.regressors is not None:
@@ -143,8 +125,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             self._evaluated, self._evaluated_at = model, at
         return self._evaluated
 
-    def _all_of(self, left: float, right: float, slip_share: float) -> tuple[float | bytes, ...]:
-        """All that an evaluation of the twist model depends on."""
+    def _inputs(self, left: float, right: float, slip_share: float) -> tuple[float | bytes, ...]:
+        """Inputs of an evaluation of the twist model."""
         smoothed = b"" if self.regressors is None else self.regressors.tobytes()
         return (left, right, slip_share, self.x.tobytes(), self.model.memory.tobytes(), smoothed)
 
@@ -171,35 +153,35 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
         """Propagate over `dt` seconds with constant track speeds [m/s]."""
         model = self.twist_model(left, right, fading(dt, noise.time_constant).mean)
-        marks = self.marks
-        if marks is None:
+        clones = self.clones
+        if clones is None:
             self._move(dt, model, noise)
         else:
             yaw, P = self.x.item(s.YAW), self.P.copy()
             step = self._move(dt, model, noise)
             by_state = self.F[s.POSE].copy()
             by_state[:, s.POSE] = 0.0
-            self.marks = marks.moved(yaw, np.array(step), by_state, P, self.F, self.Q)
-        if self.witness is not None:
-            self.witness.moved(self.F, self.Q)
+            self.clones = clones.moved(yaw, np.array(step), by_state, P, self.F, self.Q)
+        if self.observer is not None:
+            self.observer.moved(self.F, self.Q)
 
     def begin_step(self, dt: float, left: float, right: float) -> None:
-        """Tell a model that remembers of a step of `dt` seconds at these mean track speeds [m/s]."""
+        """Begin a step of `dt` seconds at mean track speeds [m/s] in the motion model."""
         if not isinstance(self.model, Unremembering):
             x = self.x.tolist()
             scale = 1.0 + x[s.TRACK_SCALE]
             self.model.begin_step(dt, left * scale, right * scale, x[s.PARAMETERS])
 
     def smooth_regressors(self, dt: float, left: float, right: float) -> TwistModel:
-        """Let the derivatives by the parameters follow those of the moment, at the start of a step.
+        """Smooth the derivatives by the parameters, at the start of a step.
 
         Args:
-            dt: of the step [s].
+            dt: length of the step [s].
             left: measured speed of the left track [m/s].
-            right: of the right track [m/s].
+            right: measured speed of the right track [m/s].
 
         Returns:
-            What `twist_model` has to say then.
+            The twist model with the smoothed derivatives, as `twist_model` returns it.
         """
         model = self._evaluate(left, right, 1.0)
         now, before = model.jacobian[:, s.PARAMETERS], self.regressors
@@ -208,11 +190,11 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             now *= smoothing_share(dt, REGRESSOR_SMOOTHING)
             now += before
         self.regressors = now.copy()
-        self._evaluated, self._evaluated_at = model, self._all_of(left, right, 1.0)
+        self._evaluated, self._evaluated_at = model, self._inputs(left, right, 1.0)
         return model
 
     def _move(self, dt: float, model: TwistModel, noise: ProcessNoise) -> Triple:
-        """Propagate at the mean twist of a step; what that adds to the pose."""
+        """Propagate at the mean twist of a step; return the increment of the pose."""
         decay = fading(dt, noise.time_constant).decay
         step, by_yaw, rows = step_on_se2(self.x.item(s.YAW), (model.twist * dt).tolist())
         by_motion = np.array(rows)
@@ -223,7 +205,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         F[s.POSITION, s.YAW] += by_yaw
         F.ravel()[SLIP_DIAGONAL] = decay
 
-        # Random walks, the slip, and what they do to the pose on the way.
+        # Random walks and slip, and their effect on the pose within the step.
         walk, slip = noise.walk**2, noise.slip_sigma**2
         integral, cross, final = gauss_markov_noise(dt, noise.time_constant)
         walked, slipped = by_state * walk, by_motion * slip
@@ -245,20 +227,20 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return step
 
     def predict_x(self, u: float = 0) -> None:  # noqa: ARG002 - the signature is filterpy's
-        """Hand filterpy's `predict` the state that `predict_motion` has worked out."""
+        """Set the state that `predict_motion` computed; called by filterpy's `predict`."""
         self.x = self._next_x
 
     def renew_fast_slip(self, covariance: Floats) -> None:
-        """A new step begins, with a fast slip that is independent of all that was known.
+        """Begin a step with a new fast slip, independent of all other states.
 
         Args:
-            covariance: (3, 3) of the new fast slip.
+            covariance: (3, 3) covariance of the new fast slip.
         """
         self._draw(covariance)
-        if self.marks is not None:
-            self.marks = self.marks.renewed()
-        if self.witness is not None:
-            self.witness.renewed(covariance)
+        if self.clones is not None:
+            self.clones = self.clones.renewed()
+        if self.observer is not None:
+            self.observer.renewed(covariance)
 
     def _draw(self, covariance: Floats) -> None:
         self.x[s.FAST_SLIP] = 0.0
@@ -267,88 +249,78 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P[s.FAST_SLIP, s.FAST_SLIP] = covariance
 
     def replace_pose(self, pose: Floats, covariance: Floats) -> None:
-        """Believe another pose, independent of all that was known.
+        """Replace the pose by another, independent of all other states.
 
         Args:
             pose: (3,) x, y [m], yaw [rad].
-            covariance: (3, 3) of it.
+            covariance: (3, 3) covariance of the pose.
         """
         self.x[s.POSE] = pose
         self.P[s.POSE, :] = 0.0
         self.P[:, s.POSE] = 0.0
         self.P[s.POSE, s.POSE] = covariance
-        if self.marks is not None:
-            self.marks = self.marks.renewed(s.POSE)
-        if self.witness is not None:
-            self.witness.replaced(covariance)
+        if self.clones is not None:
+            self.clones = self.clones.renewed(s.POSE)
+        if self.observer is not None:
+            self.observer.replaced(covariance)
 
-    def reopen(self, *states: int, variance: float) -> None:
-        """Make states more uncertain, each by a variance and independently of all else."""
+    def inflate(self, *states: int, variance: float) -> None:
+        """Inflate states, each by a variance and independently of all other states."""
         for index in states:
             self.P[index, index] += variance
-        if self.witness is not None:
-            self.witness.reopened(states, variance)
+        if self.observer is not None:
+            self.observer.inflated(states, variance)
 
-    def innovation(self, residual: float, row: Floats, variance: float) -> Innovation:
-        """The innovation of a scalar measurement, not yet used.
+    def innovation_covariance(self, H: Floats, R: Floats) -> Floats:
+        """S (n, n) of a measurement with Jacobian H (n, SIZE) and noise R (n, n)."""
+        return np.asarray(H.dot(self.P).dot(H.T) + R)
 
-        Args:
-            residual: measured less predicted.
-            row: (SIZE,) Jacobian of the prediction.
-            variance: of the measurement.
-        """
-        return Innovation(residual, float(row.dot(self.P.dot(row))) + variance)
+    def update_scalar(self, z: float, h: Floats, r: float, *, fixed: tuple[int, ...] = ()) -> None:
+        """Update with one scalar measurement, in Joseph form.
 
-    def update_scalar(
-        self, residual: float, row: Floats, variance: float, *, kept: tuple[int, ...] = ()
-    ) -> None:
-        """Joseph update with one scalar measurement (Simon, Optimal State Estimation, eq. 5.19).
-
-        With S the variance of the innovation and c = P row, that is P - k c' - c k' + S k k' for any
-        gain k, and here h = c - S k / 2.
+        With c = P h, S = h'c + r and any gain K, the covariance is P - K c' - c K' + S K K' (Simon,
+        Optimal State Estimation, eq. 5.19). So fixed states simply have no gain (Schmidt-Kalman).
 
         Args:
-            residual: measured less predicted.
-            row: (SIZE,) Jacobian of the prediction.
-            variance: of the measurement.
-            kept: states that are not to be moved, besides those considered, whatever their correlations
-                say; the covariance takes that into account (Schmidt-Kalman; the Joseph form holds for
-                any gain).
+            z: innovation, measured less predicted.
+            h: (SIZE,) Jacobian of the predicted measurement.
+            r: variance of the measurement noise.
+            fixed: states that are not to be moved, besides those considered.
         """
         if self.considered:
-            kept = tuple(sorted({*kept, *self.considered}))
-        witness = self.witness
-        before = self.x if witness is None else self.x.copy()
-        cross, gain, expected = self._correct(residual, row, variance, kept)
-        if self.marks is not None:
-            self.marks = self.marks.updated(residual, row, cross, gain, expected, kept=s.X in kept)
-        if witness is not None:
-            witness.updated(residual, row, variance, self.x - before)
+            fixed = tuple(sorted({*fixed, *self.considered}))
+        observer = self.observer
+        before = self.x if observer is None else self.x.copy()
+        c, K, S = self._correct(z, h, r, fixed)
+        if self.clones is not None:
+            self.clones = self.clones.updated(z, h, c, K, S, fixed=s.X in fixed)
+        if observer is not None:
+            observer.updated(z, h, r, self.x - before)
 
     def _correct(
-        self, residual: float, row: Floats, variance: float, kept: tuple[int, ...]
+        self, z: float, h: Floats, r: float, fixed: tuple[int, ...]
     ) -> tuple[Floats, Floats, float]:
-        """The update itself; c, k and S."""
-        cross = self.P.dot(row)
-        expected = float(row.dot(cross)) + variance
-        gain = cross / expected
-        for index in kept:
-            gain[index] = 0.0
-        self.x = self.x + gain * residual
-        half = gain[:, None] * (cross - (0.5 * expected) * gain)
+        """Update state and covariance; return c, K and S."""
+        c = self.P.dot(h)
+        S = float(h.dot(c)) + r
+        K = c / S
+        for index in fixed:
+            K[index] = 0.0
+        self.x = self.x + K * z
+        half = K[:, None] * (c - (0.5 * S) * K)
         self.P = self.P - (half + half.T)
-        return cross, gain, expected
+        return c, K, S
 
     def keep_inside_bounds(self) -> None:
-        """Project the parameters back to where the motion model allows them to be.
+        """Project the parameters to the bounds of the motion model.
 
-        The state moves along the covariance to the nearest point of the violated bound, but for what only
-        fixes move; the covariance stays, which is on the safe side (Simon, Optimal State Estimation,
-        section 7.5).
+        The state moves along the covariance to the nearest point of the violated bound, except the states
+        that only fixes move. The covariance stays, which is conservative (Simon, Optimal State
+        Estimation, section 7.5).
         """
         before, P = self.x, self.P
         considered = list(self.considered)
-        kept = [*IMU_KEPT, *considered]
+        fixed = [*IMU_FIXED, *considered]
         for _ in range(BOUND_ROUNDS):
             moved = False
             for bound in range(len(self._bounds)):
@@ -360,13 +332,13 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 of_state[s.PARAMETERS] = direction
                 of_state[considered] = 0.0
                 cross = of_state[s.PARAMETERS].dot(P[s.PARAMETERS])
-                cross[kept] = 0.0
-                spread = float(of_state[s.PARAMETERS].dot(cross[s.PARAMETERS]))
-                if spread <= 0.0:
+                cross[fixed] = 0.0
+                variance = float(of_state[s.PARAMETERS].dot(cross[s.PARAMETERS]))
+                if variance <= 0.0:
                     continue
-                self.x = self.x + cross * (short / spread)
+                self.x = self.x + cross * (short / variance)
                 moved = True
             if not moved:
                 break
-        if self.witness is not None and self.x is not before:
-            self.witness.projected(self.x - before)
+        if self.observer is not None and self.x is not before:
+            self.observer.projected(self.x - before)

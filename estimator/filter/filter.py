@@ -1,40 +1,24 @@
-"""The filter fed in order: what each measurement does to it, and how it moves on between them."""
+"""Filter: predict, gate, update, record, one measurement at a time."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.filter.checkpoint import FilterMemory
-from icreckon.estimator.filter.clones import Marks
-from icreckon.estimator.filter.ekf import IMU_KEPT, POSE_KEPT, STANDING_KEPT
-from icreckon.estimator.filter.gate import REJECTED, Gate
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.filter.clones import Clones
+from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.joint import Joint
-from icreckon.estimator.filter.look_ahead import (
-    Foretold,
-    component,
-    pose_ahead,
-    pose_now,
-    twist_ahead,
-)
-from icreckon.estimator.filter.reacquisition import RefusedFix, relocation
+from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
 from icreckon.estimator.filter.step_engine import StepEngine
-from icreckon.estimator.filter.update import (
-    Judge,
-    surprise_of,
-    update,
-    update_jointly,
-    update_pair,
-)
+from icreckon.estimator.filter.update import correct, update
+from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
     ImuSample,
     Mark,
     Measurement,
@@ -42,7 +26,6 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     TrackSpeeds,
     Vector3,
-    ZeroVelocity,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.motion.propagation import step_on_se2
@@ -51,33 +34,50 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 from icreckon.estimator.sensors.imu_clock import ImuClock
+from icreckon.estimator.sensors.measurement_models import (
+    IMU_FIXED,
+    MODELS,
+    Accelerometer,
+    Gyro,
+    Linearised,
+    MeasurementModel,
+    Quantity,
+    StepTwist,
+    innovation_components,
+)
+from icreckon.estimator.sensors.predictions import (
+    Prediction,
+    pose_ahead,
+    pose_now,
+    twist_ahead,
+    twist_now,
+)
 from icreckon.estimator.sensors.sensor_models import (
     STANDSTILL_VARIANCE,
     SensorModels,
     TrackChange,
-    twist_component,
 )
 from icreckon.estimator.sensors.standstill import StandstillDetector
 from icreckon.estimator.sensors.stuck_tracks import Repeating
 
 
 class Reckoning:
-    """The filter and all that it goes by; measurements must come in order and have been admitted.
+    """Filter of one robot and variant; its input are admitted measurements in order.
 
     Args:
         robot: the robot.
         variant: the filter variant.
-        settings: everything that is no property of the robot.
+        settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        engine: makes the filter's algebra.
+        engine: factory of the filter's algebra.
 
     Attributes:
-        ekf: the filter.
+        ekf: the extended Kalman filter.
         stamp: time of the estimate [ns]; None before the first track speeds or fix.
-        stands: whether the robot was found standing at the newest IMU sample.
-        health: what became of the measurements.
-        parameter_sigmas: (8,) standard deviations of the parameters at the start.
+        stands: the robot was found standing at the newest IMU sample.
+        health: counts of the measurements.
+        parameter_sigmas: (8,) initial standard deviations of the parameters.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground, or
@@ -107,23 +107,20 @@ class Reckoning:
         self.health = Health()
         self._settings = settings
         self._sensors = SensorModels(robot)
-        # Whether the fast slip of the next step is drawn, and the pose has not got there yet.
+        self._gyro, self._accelerometer = Gyro(self._sensors), Accelerometer(self._sensors)
+        # The fast slip of the next step has begun, and the pose is still at its start.
         self._step_under_way = False
         self._tracks = HeldTrackSpeeds(
             settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
         )
         self._imu = ImuClock(settings.hold)
-        self._refused_fixes: tuple[RefusedFix, ...] = ()
+        # Position fixes since one was used.
+        self._rejected_fixes: tuple[RejectedFix, ...] = ()
         # Stamp of the newest zero velocity that was used.
         self._stood_at: int | None = None
         self._gates = {
-            "gyro": Gate(1, settings.gates),
-            "accelerometer": Gate(1, settings.gates),
-            "position": Gate(2, settings.gates),
-            "heading": Gate(1, settings.gates),
-            "body velocity": Gate(2, settings.gates),
-            "pose": Gate(3, settings.gates),
-            "zero velocity": Gate(3, settings.gates),
+            name: Gate(len(components), settings.gates)
+            for name, components in innovation_components().items()
         }
         self._standstill = StandstillDetector(settings.standstill, robot.imu.gyro_noise_density)
         self._at_once = engine.make_step(
@@ -140,11 +137,11 @@ class Reckoning:
         """Time between the newest two IMU samples [s]."""
         return self._imu.interval
 
-    # --- what it knows ---------------------------------------------------------------------------
+    # --- checkpoints -----------------------------------------------------------------------------
 
-    def memory(self) -> FilterMemory:
-        """All that it goes by."""
-        return FilterMemory(
+    def checkpoint(self) -> FilterCheckpoint:
+        """Copy the state of the filter and of its inputs."""
+        return FilterCheckpoint(
             self.stamp,
             self.ekf.x.copy(),
             self.ekf.P.copy(),
@@ -156,49 +153,53 @@ class Reckoning:
             self._imu.interval,
             {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
             self.health.copy(),
-            self.ekf.marks,
+            self.ekf.clones,
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
-            self._refused_fixes,
+            self._rejected_fixes,
             self._stood_at,
         )
 
-    def recall(self, memory: FilterMemory) -> None:
-        """Go by what it went by then."""
-        self.stamp = memory.stamp
-        self.ekf.x = memory.state.copy()
-        self.ekf.P = memory.covariance.copy()
-        self.ekf.marks = memory.marks
-        self.ekf.model.recall(memory.model)
-        regressors = memory.regressors
+    def restore(self, checkpoint: FilterCheckpoint) -> None:
+        """Restore a checkpoint."""
+        self.stamp = checkpoint.stamp
+        self.ekf.x = checkpoint.state.copy()
+        self.ekf.P = checkpoint.covariance.copy()
+        self.ekf.clones = checkpoint.clones
+        self.ekf.model.recall(checkpoint.model)
+        regressors = checkpoint.regressors
         self.ekf.regressors = None if regressors is None else regressors.copy()
-        self._refused_fixes = memory.refused_fixes
-        self._stood_at = memory.stood_at
-        self._step_under_way = memory.step_under_way
-        self.stands = memory.stands
-        self._tracks.recall(memory.tracks)
-        self._standstill.recall(memory.standstill)
-        self._imu.stamp, self._imu.interval = memory.imu_stamp, memory.imu_interval
-        for name, count in memory.rejected_in_a_row.items():
+        self._rejected_fixes = checkpoint.rejected_fixes
+        self._stood_at = checkpoint.stood_at
+        self._step_under_way = checkpoint.step_under_way
+        self.stands = checkpoint.stands
+        self._tracks.recall(checkpoint.tracks)
+        self._standstill.recall(checkpoint.standstill)
+        self._imu.stamp, self._imu.interval = checkpoint.imu_stamp, checkpoint.imu_interval
+        for gate in self._gates.values():
+            gate.rejected_in_a_row = 0
+        for name, count in checkpoint.rejected_in_a_row.items():
             self._gates[name].rejected_in_a_row = count
-        self.health = memory.health.copy()
+        self.health = checkpoint.health.copy()
 
-    @property
-    def marks(self) -> Marks:
-        """The motion since each mark."""
-        return self.ekf.marks or Marks.none()
-
-    def take_over(self, memory: FilterMemory, off: float) -> None:
-        """Take over what was learnt: parameters, biases and scales, with their covariance.
+    def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
+        """Start with parameters, biases and scales of a checkpoint.
 
         Args:
-            memory: what a filter of the same robot and variant knew.
-            off: how long ago that was [s]; the biases have walked since.
+            checkpoint: of a filter of the same robot and variant.
+            off: time since the checkpoint, over which the biases walk [s].
         """
         learnt = s.LEARNT
-        self.ekf.x[learnt] = memory.state[learnt]
-        self.ekf.P[learnt, learnt] = memory.covariance[learnt, learnt]
+        self.ekf.x[learnt] = checkpoint.state[learnt]
+        self.ekf.P[learnt, learnt] = checkpoint.covariance[learnt, learnt]
         self.ekf.P += np.diag(self._disturbances.bias_walk**2 * off)
+
+    # --- outputs ---------------------------------------------------------------------------------
+
+    @property
+    def clones(self) -> Clones:
+        """Stochastic clones, with the motion since each mark."""
+        return self.ekf.clones or Clones.none()
 
     def model(self) -> TwistModel:
         """Body velocity and its derivatives now."""
@@ -206,49 +207,45 @@ class Reckoning:
 
     @property
     def track_speeds(self) -> tuple[float, float]:
-        """Speeds of the left and the right track that it goes by now [m/s]."""
+        """Present speeds of the left and the right track [m/s]."""
         return self._tracks.speeds_at(self.stamp)
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
 
         Args:
-            pushed: whether the robot may be turning with its tracks at rest; None to find out.
+            pushed: the robot may be turning with its tracks at rest; None to decide by the inputs.
         """
         ekf = self.ekf
         eta = ekf.model.steering_efficiency(ekf.x[s.PARAMETERS])
         may_be = self._may_be_pushed() if pushed is None else pushed
         return self._disturbances.slip_sigma(self._tracks, eta, pushed=may_be)
 
-    # --- what it is told -------------------------------------------------------------------------
+    # --- inputs ----------------------------------------------------------------------------------
 
-    def take(self, measurement: Measurement | Mark) -> bool:
-        """Take one measurement or mark, not older than the one before; whether it was used."""
-        match measurement:
+    def take(self, event: Event) -> bool:
+        """Update with one measurement or mark, not older than the one before.
+
+        Returns:
+            True if it was used.
+        """
+        match event:
             case TrackSpeeds():
-                return self._take_track_speeds(measurement)
+                return self._take_track_speeds(event)
             case ImuSample():
-                return self._take_imu(measurement)
-            case PositionFix():
-                return self._take_position(measurement)
-            case HeadingFix():
-                return self._take_heading(measurement)
-            case BodyVelocity():
-                return self._take_body_velocity(measurement)
-            case PoseFix():
-                return self._take_pose(measurement)
-            case ZeroVelocity():
-                return self._take_zero_velocity(measurement)
+                return self._take_imu(event)
             case Mark():
-                return self._take_mark(measurement)
+                return self._take_mark(event)
+            case _:
+                return self._take_fix(event)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         tracks = self._tracks
         if tracks.stamp is None:
             self.stamp = m.stamp
         else:
-            # The old speeds have nothing to say beyond their own stamp, unless they are all there is
-            # to bridge a hole with, up to where the new ones begin to speak.
+            # The old speeds hold up to their own stamp. A gap is bridged with them, up to the start of
+            # the interval that the new ones average.
             hole = tracks.is_hole(m.stamp)
             until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
             self._advance(until)
@@ -259,9 +256,9 @@ class Reckoning:
         if repeats:
             self._count_stuck_tracks(before, tracks.repeating)
         if begins:
-            # The robot may be on its way already, and its slip with it.
+            # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
-                self.ekf.reopen(s.SLIP_X + axis, variance=sigma * sigma)
+                self.ekf.inflate(s.SLIP_X + axis, variance=sigma * sigma)
         if not self._imu.is_alive(m.stamp):
             self._advance(m.stamp)
         self._standstill.track_speeds(m.stamp, m.left, m.right)
@@ -272,11 +269,11 @@ class Reckoning:
         began = self._tracks.stamp is not None
         self._imu.tick(m.stamp, used=began)
         if not began:
-            # Not a robot at rest, but one of which nothing is known yet.
+            # The motion is unknown, not at rest.
             self.health.sensor("imu").reject("before the first track speeds")
             return False
         if self._is_hole(m.stamp):
-            # It tells how the robot turns now, and nothing of the hole before.
+            # The sample measures the present yaw rate, not that in the gap.
             self._advance(m.stamp - int(self._imu.interval / NANOSECOND))
         ekf = self.ekf
         rate = self._sensors.yaw_rate(m)
@@ -287,31 +284,30 @@ class Reckoning:
         at_once = self._take_imu_at_once(m, rate)
         if at_once is not None:
             return at_once
+        # Predict the twist of the step.
         self._begin_step(m.stamp)
         if self.stands:
             self._update_standstill()
-        model, linearised_at = self.model(), ekf.x.copy()
-        change = self._track_change()
-        used = update(
-            ekf,
-            self._judge("gyro", m.stamp),
-            self._sensors.gyro(rate, self._imu.interval, model, ekf.x, change),
-            reopen=s.SLIP_W,
-            kept=IMU_KEPT,
-        )
+        at = StepTwist(self.model(), ekf.x.copy(), self._imu.interval, self._track_change())
+        # Gate, update and record.
+        used = self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
         force = m.linear_acceleration
         if force is not None and self._settings.use_accelerometer and not self.stands:
-            self._update_accelerometer(m.stamp, force, model, linearised_at, change)
+            leftward = self._sensors.to_the_left(force)
+            density = self._disturbances.sideways_density(self.slip_sigma())
+            found = self._accelerometer.linearise(leftward, at, ekf.x, density)
+            self._update(self._accelerometer, found, m.stamp)
         ekf.keep_inside_bounds()
+        # Propagate the pose by the updated twist.
         self._advance(m.stamp)
         return used
 
     def _is_hole(self, stamp: int) -> bool:
-        """Whether nothing was reckoned with for longer than `Settings.hold` before a stamp [ns]."""
+        """Return True if a stamp [ns] follows a gap longer than `Settings.hold`."""
         return self.stamp is not None and (stamp - self.stamp) * NANOSECOND > self._settings.hold
 
     def _take_imu_at_once(self, m: ImuSample, rate: float) -> bool | None:
-        """What follows in `_take_imu`, compiled; None where it must be done one thing at a time."""
+        """Do the rest of `_take_imu` by the compiled step; None if it cannot be done so."""
         step, start = self._at_once, self.stamp
         if step is None or self._step_under_way or start is None or start >= m.stamp:
             return None
@@ -344,124 +340,90 @@ class Reckoning:
         return used
 
     def _update_standstill(self) -> None:
-        """A standing robot's twist is zero."""
+        """Update with the zero twist of a standing robot."""
         self.health.standstill_updates += 1
-        model, linearised_at = self.model(), self.ekf.x.copy()
-        for axis, variance in enumerate(STANDSTILL_VARIANCE):
-            reading = twist_component(axis, 0.0, variance, model, linearised_at, self.ekf.x)
-            self.ekf.update_scalar(*reading, kept=IMU_KEPT)
+        model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
+        correct(self.ekf, -model.twist, model.jacobian, R, fixed=IMU_FIXED, correlated=False)
 
-    def _update_accelerometer(
-        self,
-        stamp: int,
-        force: Vector3,
-        model: TwistModel,
-        linearised_at: Floats,
-        change: TrackChange,
-    ) -> None:
-        rough = self._disturbances.sideways_density(self.slip_sigma())
-        reading = self._sensors.accelerometer(
-            force, self._imu.interval, model, linearised_at, self.ekf.x, change, rough
-        )
-        judge = self._judge("accelerometer", stamp)
-        update(self.ekf, judge, reading, reopen=s.ACCELEROMETER_BIAS, kept=IMU_KEPT)
-
-    def _take_position(self, m: PositionFix) -> bool:
-        foretold, measured = self._pose_at(m.stamp), (m.x, m.y)
-        believed = (foretold.values.item(0), foretold.values.item(1))
-        refused = (*self._refused_fixes, RefusedFix(*measured, m.variance, *believed))
-        judge = self._judge("position", m.stamp)
-        surprise = surprise_of(self.ekf, measured, m.variance, foretold)
-        lost = judge.gate.gives_up and surprise.nis > judge.gate.threshold
-        found = relocation(refused) if lost else None
-        if found is None:
-            used = update_pair(self.ekf, judge, measured, m.variance, foretold, reopen=s.X, kept=())
-        else:
-            # The path is right in itself, but lies elsewhere: the heading is wrong, too.
-            self.ekf.replace_pose(*found.pose(self.ekf.x[s.POSE]))
-            used = judge.judge(surprise) != REJECTED
-        self._refused_fixes = () if used else refused
-        return used
-
-    def _take_heading(self, m: HeadingFix) -> bool:
-        foretold, x = self._pose_at(m.stamp), self.ekf.x
-        reading = component(s.YAW, m.yaw, m.variance, foretold, x, x)
-        reading = reading._replace(residual=float(wrap_angle(reading.residual)))
-        judge = self._judge("heading", m.stamp)
-        used = update(self.ekf, judge, reading, reopen=s.YAW, kept=())
-        self.ekf.keep_inside_bounds()
-        return used
-
-    def _take_pose(self, m: PoseFix) -> bool:
-        foretold, x = self._pose_at(m.stamp), self.ekf.x
-        residual = np.array((m.x, m.y, m.yaw)) - foretold.values
-        residual[2] = wrap_angle(residual[2])
-        joint = Joint.of(residual, np.array(m.covariance), foretold, x)
-        judge = self._judge("pose", m.stamp)
-        used = update_jointly(self.ekf, judge, joint, reopen=s.X, kept=())
-        if used:
-            # Where these lie is of no interest any more: the heading was measured, too.
-            self._refused_fixes = ()
-        return used
-
-    def _take_zero_velocity(self, m: ZeroVelocity) -> bool:
-        # At the estimate's own stamp it is about the next step, too: the one before is done with.
-        over = self.stamp == m.stamp and self._tracks.stamp is not None
-        waits = over or self._waits_for_imu(m.stamp)
-        if not waits:
-            self._begin_step(m.stamp)
-        before, self._stood_at = self._stood_at, m.stamp
-        foretold = self._twist_at(m.stamp, waits=waits)
-        noise = np.diag(np.square(m.sigma))
-        joint = Joint.of(-foretold.values, noise, foretold, self.ekf.x)
-        judge = self._judge("zero velocity", m.stamp)
-        used = update_jointly(self.ekf, judge, joint, reopen=s.SLIP_X, kept=STANDING_KEPT)
-        if not used:
-            self._stood_at = before
-        elif waits:
-            self.ekf.renew_fast_slip(foretold.covariance)
-        if not waits:
+    def _take_fix(self, m: Measurement) -> bool:
+        """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
+        model, ekf = MODELS[type(m)], self.ekf
+        # Predict. A zero velocity at the end of a step is about the next one.
+        at_end = self.stamp == m.stamp and self._tracks.stamp is not None
+        ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
+        if not ahead and model.predicts == "pose":
             self._advance(m.stamp)
-        return used
+        elif not ahead:
+            self._begin_step(m.stamp)
+        stood_at = self._stood_at
+        if model.standing:
+            self._stood_at = m.stamp
+        predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
 
-    def _take_body_velocity(self, m: BodyVelocity) -> bool:
-        waits = self._waits_for_imu(m.stamp)
-        foretold = self._twist_at(m.stamp, waits=waits)
-        judge, velocity = self._judge("body velocity", m.stamp), (m.v_x, m.v_y)
-        used = update_pair(
-            self.ekf, judge, velocity, m.variance, foretold, reopen=s.SLIP_X, kept=POSE_KEPT
-        )
-        if not waits:
+        # Gate, update and record; relocate after rejected position fixes.
+        if isinstance(m, PositionFix):
+            x, y, _ = predicted.values.tolist()
+            self._rejected_fixes += (RejectedFix(m.x, m.y, m.variance, x, y),)
+        recover = self._relocate if isinstance(m, PositionFix) else None
+        used = self._update(model, model.linearise(m, predicted), m.stamp, recover)
+        if used:
+            ekf.keep_inside_bounds()
+
+        if used and isinstance(m, PositionFix | PoseFix):
+            self._rejected_fixes = ()
+        if model.standing and not used:
+            self._stood_at = stood_at
+        elif model.standing and ahead:
+            # The fast slip of the last step is over.
+            ekf.renew_fast_slip(predicted.R)
+        if not ahead:
             self._advance(m.stamp)
         return used
 
     def _take_mark(self, m: Mark) -> bool:
-        # The estimate stands at the newest step before the mark; from there on the robot has moved
-        # as it did in that step, as far as is known, and the next step will say the rest.
+        # The estimate is that of the newest step before the mark. Until the mark the motion is assumed
+        # constant; the next step corrects it.
         elapsed = 0.0 if self.stamp is None else (self.stamp - m.stamp) * NANOSECOND
         model = self.model()
         motion, _, by_motion = step_on_se2(0.0, (model.twist * elapsed).tolist())
         by_state = np.array(by_motion) @ model.jacobian * elapsed
-        self.ekf.marks = self.marks.begun(m.stamp, np.array(motion), by_state, self.ekf.P)
+        self.ekf.clones = self.clones.begun(m.stamp, np.array(motion), by_state, self.ekf.P)
         return True
 
-    # --- how it works ----------------------------------------------------------------------------
+    # --- steps -----------------------------------------------------------------------------------
 
-    def _judge(self, sensor: str, stamp: int) -> Judge:
-        """Of a sensor's measurement at a stamp [ns]."""
-        return Judge(stamp, self._gates[sensor], self.health.sensor(sensor))
+    def _update(
+        self,
+        model: MeasurementModel,
+        linearised: Linearised,
+        stamp: int,
+        recover: Callable[[], bool] | None = None,
+    ) -> bool:
+        """Gate, update and record a measurement at a stamp [ns]; True if it was used."""
+        gate = self._gates[model.name]
+        return update(self.ekf, model, gate, linearised, stamp, self.health, recover=recover)
+
+    def _relocate(self) -> bool:
+        """Align the path with the rejected position fixes; False if they do not fit.
+
+        The path has the right shape but the wrong place: the heading is wrong, too.
+        """
+        found = relocation(self._rejected_fixes)
+        if found is not None:
+            self.ekf.replace_pose(*found.pose(self.ekf.x[s.POSE]))
+        return found is not None
 
     def _count_stuck_tracks(
         self, before: tuple[Repeating, ...] | None, after: tuple[Repeating, ...] | None
     ) -> None:
-        """Those that were found stuck with the newest sample."""
+        """Count tracks that were found stuck with the newest sample."""
         hold = self._settings.hold
         for one, other in zip(before or (), after or (), strict=False):
             if other.stuck_from(hold) is not None and one.stuck_from(hold) is None:
                 self.health.stuck_tracks += 1
 
     def _may_be_pushed(self) -> bool:
-        """Whether it may be turning with its tracks at rest."""
+        """Return True if the robot may be turning with its tracks at rest."""
         tracks = self._tracks
         return (
             max(abs(tracks.left), abs(tracks.right)) < self._settings.standstill.track_speed
@@ -472,32 +434,27 @@ class Reckoning:
         )
 
     def _waits_for_imu(self, stamp: int) -> bool:
-        """Whether a stamp [ns] lies in a step that the next IMU sample is to end."""
+        """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""
         if self.stamp is None or self._tracks.stamp is None:
             return False
         return stamp > self.stamp and self._imu.is_due_after(stamp)
 
-    def _pose_at(self, stamp: int) -> Foretold:
-        """The pose at a stamp [ns], to which the filter advances unless the IMU will tell the way."""
-        if self._waits_for_imu(stamp) and self.stamp is not None:
-            model, elapsed = self.model(), (stamp - self.stamp) * NANOSECOND
-            density = self._fast_slip_density(stamp, model)
-            return pose_ahead(self.ekf.x, model, density, elapsed)
-        self._advance(stamp)
-        return pose_now(self.ekf.x)
-
-    def _twist_at(self, stamp: int, *, waits: bool) -> Foretold:
-        """The twist at a stamp [ns], to which a step begins unless that waits for the IMU to end it."""
-        if not waits:
-            self._begin_step(stamp)
+    def _predict(self, quantity: Quantity, stamp: int, *, ahead: bool) -> Prediction:
+        """Predict the pose or the twist, now or ahead at a stamp [ns]."""
+        x = self.ekf.x
+        if quantity == "pose" and not ahead:
+            return pose_now(x)
         model = self.model()
-        if not waits:
-            return Foretold(model.twist, model.jacobian, np.zeros((3, 3)))
+        if not ahead:
+            return twist_now(model)
         density = self._fast_slip_density(stamp, model)
-        return twist_ahead(self.ekf.x, model, density, self._imu.interval)
+        if quantity == "twist":
+            return twist_ahead(x, model, density, self._imu.interval)
+        start = stamp if self.stamp is None else self.stamp
+        return pose_ahead(x, model, density, (stamp - start) * NANOSECOND)
 
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
-        """(3, 3) density of the fast slip from the estimate's stamp to a later one [ns]."""
+        """Density (3, 3) of the fast slip from the estimate's stamp to a later one [ns]."""
         start = stamp if self.stamp is None else self.stamp
         return self._disturbances.fast_slip_density(
             self._tracks, model.by_speeds, self.slip_sigma(), start, stamp
@@ -510,7 +467,7 @@ class Reckoning:
         return TrackChange(tracks.acceleration, tracks.acceleration_window, variance, age)
 
     def _advance(self, stamp: int) -> None:
-        """Propagate to a stamp [ns]; one that is not later changes nothing."""
+        """Propagate to a stamp [ns], if it is later than the estimate."""
         if self._advance_at_once(stamp):
             return
         self._begin_step(stamp)
@@ -535,13 +492,13 @@ class Reckoning:
         return True
 
     def _begin_step(self, stamp: int) -> None:
-        """Draw a new fast slip for the step to a stamp [ns], unless one is under way."""
+        """Begin a step to a stamp [ns] with a new fast slip, unless one is under way."""
         if self.stamp is None:
             self.stamp = stamp
         if stamp <= self.stamp or self._step_under_way:
             return
         self.ekf.x[s.FAST_SLIP] = 0.0
-        # The density is white, so it is its integral over the step that matters.
+        # The fast slip is the mean of a white process over the step.
         dt = (stamp - self.stamp) * NANOSECOND
         self.ekf.begin_step(dt, *self._tracks.mean_speeds(self.stamp, stamp))
         model = self.ekf.smooth_regressors(dt, *self.track_speeds)

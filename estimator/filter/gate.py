@@ -1,6 +1,6 @@
-"""Chi-square gates with a way back.
+"""Chi-square gates with re-acquisition.
 
-A wrong measurement cannot capture the filter, and a right one cannot be locked out for ever.
+A wrong measurement cannot capture the filter, and a right one cannot be rejected for ever.
 """
 
 from __future__ import annotations
@@ -11,39 +11,51 @@ from icreckon.estimator.robot.settings import GateSettings
 # (scipy.stats.chi2.isf, which is not imported here for the sake of a light library).
 CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 
-# What a gate says of a measurement: to be used, not to be used, to be used with the state that it
-# measures made uncertain first.
+# Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
+# was inflated.
 ADMITTED, REJECTED, REACQUIRED = range(3)
 VERDICTS = ("admitted", "rejected", "reacquired")
-# A state is not made more uncertain than this many times the variance that the residual should have had:
-# double precision would lose that beside it.
-LARGEST_REOPENING = 1e10
+# Largest inflation, over the variance of the innovation: double precision would lose that beside more.
+LARGEST_INFLATION = 1e10
+# The name that `engine` imports.
+LARGEST_REOPENING = LARGEST_INFLATION
 
 
 def verdict(nis: float, threshold: float, rejected_in_a_row: int, patience: int) -> int:
-    """Of a gate on a normalised innovation squared; for plain Python and for numba."""
+    """Verdict of a gate; plain Python, for numba too.
+
+    Args:
+        nis: normalised innovation squared.
+        threshold: threshold of the gate.
+        rejected_in_a_row: rejections since the gate last let a measurement pass.
+        patience: rejections in a row after which the next measurement is re-acquired.
+    """
     if nis <= threshold:
         return ADMITTED
     return REACQUIRED if rejected_in_a_row >= patience else REJECTED
 
 
-def reopening(square: float, expected: float) -> float:
-    """Variance by which to make a state uncertain that is to follow a residual.
+def inflation(square: float, expected: float) -> float:
+    """Variance to add to a state that is to follow an innovation.
 
     Args:
-        square: of the residual.
-        expected: variance that the residual should have had.
+        square: square of the innovation.
+        expected: its variance, before the inflation.
     """
-    return min(square, LARGEST_REOPENING * expected)
+    return min(square, LARGEST_INFLATION * expected)
 
 
 class Gate:
-    """The gate of one kind of measurement.
+    """Gate of one sensor.
+
+    Args:
+        degrees: number of components of the innovation.
+        settings: settings of all gates.
 
     Attributes:
-        threshold: of the normalised innovation squared.
-        patience: after so many rejections in a row the next sample is taken as right.
-        rejected_in_a_row: how many it has rejected since it last let one pass.
+        threshold: threshold of the normalised innovation squared.
+        patience: rejections in a row after which the next measurement is re-acquired.
+        rejected_in_a_row: rejections since the gate last let a measurement pass.
     """
 
     def __init__(self, degrees: int, settings: GateSettings) -> None:
@@ -51,20 +63,11 @@ class Gate:
         self.patience = settings.patience
         self.rejected_in_a_row = 0
 
-    @property
-    def gives_up(self) -> bool:
-        """Whether it will believe the next, whatever it says."""
-        return self.rejected_in_a_row >= self.patience
-
-    def verdict(self, nis: float) -> int:
-        """The verdict on a measurement of this normalised innovation squared, not yet counted."""
-        return verdict(nis, self.threshold, self.rejected_in_a_row, self.patience)
-
     def judge(self, nis: float) -> int:
-        """The same, counted."""
-        return self.count(self.verdict(nis))
+        """Return the verdict on a normalised innovation squared, and count it."""
+        return self.count(verdict(nis, self.threshold, self.rejected_in_a_row, self.patience))
 
     def count(self, verdict: int) -> int:
-        """Count a verdict, and hand it back."""
+        """Count a verdict, and return it."""
         self.rejected_in_a_row = self.rejected_in_a_row + 1 if verdict == REJECTED else 0
         return verdict

@@ -1,4 +1,4 @@
-"""What became of the measurements, and which parameters they can show."""
+"""Health: counts of measurements, innovations, excitation of parameters."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from typing import NamedTuple
 
 from icreckon.estimator.filter.gate import ADMITTED, REACQUIRED, REJECTED, VERDICTS
 
-# A deviation that moves the twist by this share of the slip's standard deviation shows after some
-# hundred correlation times of the slip: in a minute or so of such motion.
+# A deviation that moves the twist by this share of the slip's standard deviation is observable after some
+# hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
-# Why a measurement that comes late is not taken in.
+# Reasons to reject a late measurement.
 TOO_OLD, HISTORY_FULL = "older than Settings.history", "history is full"
-# So many judged measurements are recent.
+# Number of gated measurements that are recent.
 RECENT = 100
-# Stamp [ns], verdict (see `estimator.filter.gate`), residual and its covariance, see `JudgedInnovation`;
-# made with each step, and plain because that is quick.
+# Stamp [ns], verdict (see `estimator.filter.gate`), innovation and its covariance, see
+# `JudgedInnovation`; a plain tuple, because each step makes one.
 Judged = tuple[int, int, tuple[float, ...], tuple[tuple[float, ...], ...]]
 
 
 class JudgedInnovation(NamedTuple):
-    """A measurement against what the filter expected of it, as its gate saw the two.
+    """Innovation of a gated measurement, and the verdict of its gate.
 
-    Of the gyro the residual is in rad/s, of the accelerometer (to the left) in m/s², of positions x, y in
-    m, of headings in rad, of poses x, y, yaw in m and rad, of body velocities forward, left in m/s, of
-    zero velocities v_x, v_y, w in m/s and rad/s. Positions and poses are in the axes of odom.
+    Components by sensor: gyro [rad/s]; accelerometer, to the left [m/s²]; position x, y [m]; heading
+    [rad]; pose x, y [m], yaw [rad]; body velocity forward, left [m/s]; zero velocity v_x, v_y [m/s],
+    w [rad/s]. Positions and poses are in the axes of odom.
 
     Attributes:
-        stamp: of the measurement [ns].
+        stamp: stamp of the measurement [ns].
         verdict: "admitted", "rejected", or "reacquired": used after too many rejections in a row.
-        residual: (n,) measured less expected; angles from -pi to pi.
-        covariance: (n, n) that the residual should have: of the estimate and of the measurement.
+        residual: (n,) innovation, measured less predicted; angles from -pi to pi.
+        covariance: (n, n) innovation covariance S: of the prediction and of the measurement.
     """
 
     stamp: int
@@ -42,20 +42,20 @@ class JudgedInnovation(NamedTuple):
 
 @dataclass
 class SensorHealth:
-    """Counts of one kind of measurement.
+    """Counts of one sensor.
 
     Attributes:
-        used: how many updated the filter.
-        rejected: reason -> how many did not.
-        nis_sum: sum of the normalised innovations squared of those that were used.
-        degrees: sum of their degrees of freedom, which `nis_sum` should be near.
-        late: how many came after newer ones and were taken in at their own stamps.
-        judged_count: how many the gate has judged.
-        newest_nis: normalised innovation squared of the newest that it has judged; None before.
-        recent_nis: mean over the newest hundred or so of them, those that were rejected included, per
-            degree of freedom; None before the first.
-        newest_judged: the newest that it has judged, for `newest`; None before.
-        reacquired: how many were used after too many rejections in a row, whatever they said.
+        used: number of measurements that updated the filter.
+        rejected: reason -> number of measurements that did not.
+        nis_sum: sum of the normalised innovations squared (NIS) of admitted measurements.
+        degrees: sum of their degrees of freedom, the expectation of `nis_sum`.
+        late: number of measurements that came after newer ones and were used at their own stamps.
+        judged_count: number of measurements that the gate tested.
+        newest_nis: NIS of the newest of these; None before the first.
+        recent_nis: mean NIS per degree of freedom of the newest hundred or so of these, rejected ones
+            included; None before the first.
+        newest_judged: innovation of the newest of these, for `newest`; None before the first.
+        reacquired: number of measurements that were used after too many rejections in a row.
     """
 
     used: int = 0
@@ -71,12 +71,12 @@ class SensorHealth:
 
     @property
     def too_late(self) -> int:
-        """How many came too late to be taken in; they are among those `rejected`, and not `late`."""
+        """Number of measurements that came too late; counted in `rejected`, not in `late`."""
         return self.rejected.get(TOO_OLD, 0) + self.rejected.get(HISTORY_FULL, 0)
 
     @property
     def newest(self) -> JudgedInnovation | None:
-        """The innovation of the newest that the gate has judged; None before."""
+        """Innovation of the newest gated measurement; None before the first."""
         if self.newest_judged is None:
             return None
         stamp, verdict, residual, covariance = self.newest_judged
@@ -84,7 +84,7 @@ class SensorHealth:
 
     @property
     def nis_per_degree(self) -> float:
-        """Mean NIS per degree of freedom; 1 when the filter's uncertainty is right, NaN if unused."""
+        """Mean NIS per degree of freedom; 1 if consistent, NaN if unused."""
         return self.nis_sum / self.degrees if self.degrees else float("nan")
 
     def reject(self, reason: str) -> None:
@@ -98,13 +98,13 @@ class SensorHealth:
         degrees: int = 1,
         judged: Judged | None = None,
     ) -> bool:
-        """Count what a gate has judged; whether it was used.
+        """Count a verdict of the gate; return True if the measurement is used.
 
         Args:
             verdict: see `estimator.filter.gate`.
             nis: normalised innovation squared.
             degrees: its degrees of freedom.
-            judged: the innovation itself.
+            judged: the innovation.
         """
         self.newest_judged = judged
         self.judged_count += 1
@@ -123,7 +123,7 @@ class SensorHealth:
         return True
 
     def copy(self) -> SensorHealth:
-        """The same counts, on their own."""
+        """Copy the counts."""
         return SensorHealth(
             self.used,
             self.rejected.copy(),
@@ -138,7 +138,7 @@ class SensorHealth:
         )
 
     def add(self, other: SensorHealth) -> None:
-        """Count what the other has counted, too."""
+        """Add the counts of another."""
         self.used += other.used
         for reason, count in other.rejected.items():
             self.rejected[reason] = self.rejected.get(reason, 0) + count
@@ -154,14 +154,14 @@ class SensorHealth:
 
 @dataclass
 class Health:
-    """Counts of all kinds of measurements, by name, and of what the filter has made of them.
+    """Counts of all sensors, and of events of the filter.
 
     Attributes:
-        sensors: by name.
-        standstill_updates: how many IMU samples of a robot that was found standing.
-        track_gaps: how many gaps in the track speeds were bridged, longer than `Settings.hold`.
-        stuck_tracks: how often the sensor of a track was found stuck.
-        clock_steps: how often the clock of all sensors was found set back; the estimate goes on by it.
+        sensors: counts by name of the sensor.
+        standstill_updates: number of IMU samples at which the robot was found standing.
+        track_gaps: number of gaps in the track speeds longer than `Settings.hold`.
+        stuck_tracks: number of times that a track's sensor was found stuck.
+        clock_steps: number of times that the clock of all sensors was found set back.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
@@ -171,14 +171,14 @@ class Health:
     clock_steps: int = 0
 
     def sensor(self, name: str) -> SensorHealth:
-        """The counts of one kind, made when first asked for."""
+        """Counts of one sensor; new ones if there are none yet."""
         found = self.sensors.get(name)
         if found is None:
             found = self.sensors[name] = SensorHealth()
         return found
 
     def rejections(self) -> dict[str, int]:
-        """How many measurements were rejected, by "sensor: reason"."""
+        """Number of rejected measurements, by "sensor: reason"."""
         return {
             f"{name}: {reason}": count
             for name, sensor in self.sensors.items()
@@ -186,7 +186,7 @@ class Health:
         }
 
     def copy(self) -> Health:
-        """The same counts, on their own."""
+        """Copy the counts."""
         sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
         return Health(
             sensors,
@@ -197,7 +197,7 @@ class Health:
         )
 
     def add(self, other: Health) -> None:
-        """Count what the other has counted, too."""
+        """Add the counts of another."""
         for name, sensor in other.sensors.items():
             self.sensor(name).add(sensor)
         self.standstill_updates += other.standstill_updates
@@ -208,13 +208,13 @@ class Health:
 
 @dataclass(frozen=True)
 class ParameterHealth:
-    """How well one of the parameters is known, and whether the present motion shows it.
+    """Uncertainty of a parameter, and its excitation by the present motion.
 
     Attributes:
         sigma: its standard deviation now, in its own unit (docs/model.md).
-        sigma_at_start: the variant's, before anything was learnt; 0 where it does not estimate it.
-        excitation: how far a deviation by `sigma_at_start` moves the twist at the present track
-            speeds, in standard deviations of the slip of that component which it moves most [-].
+        sigma_at_start: its initial standard deviation; 0 if the variant does not estimate it.
+        excitation: change of the twist by a deviation of `sigma_at_start` at the present track speeds, in
+            standard deviations of the slip; largest of the three components [-].
     """
 
     sigma: float
@@ -223,10 +223,10 @@ class ParameterHealth:
 
     @property
     def share(self) -> float:
-        """`sigma` over `sigma_at_start`: 1 where nothing was learnt, NaN where it is not estimated."""
+        """Ratio of `sigma` to `sigma_at_start`; NaN if it is not estimated."""
         return self.sigma / self.sigma_at_start if self.sigma_at_start else math.nan
 
     @property
     def excited(self) -> bool:
-        """Whether the present motion shows the parameter: `excitation` of at least `EXCITED`."""
+        """True if the present motion excites the parameter by at least `EXCITED`."""
         return self.excitation >= EXCITED

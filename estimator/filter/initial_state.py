@@ -1,4 +1,4 @@
-"""What a filter of one robot and variant takes for granted: its motion model, start and disturbances."""
+"""Prior of a filter: motion model, initial state, process noise."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from icreckon.estimator.robot.variants import (
 
 
 class Assumptions(NamedTuple):
-    """What there is before the first measurement.
+    """Prior of a filter.
 
     Attributes:
-        model: the motion model, new.
-        state: (SIZE,) the state at the start, at the origin.
-        sigmas: (SIZE,) its standard deviations; zero where nothing is estimated, and for the pose.
+        model: a new motion model.
+        state: (SIZE,) initial state, at the origin.
+        sigmas: (SIZE,) its standard deviations; zero for the pose, and for states that are not estimated.
         disturbances: the process noise.
     """
 
@@ -42,7 +42,7 @@ class Assumptions(NamedTuple):
 
 
 def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptions:
-    """What the filter of a robot and variant assumes.
+    """Make the prior of a robot and variant.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground, or
@@ -72,7 +72,7 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
 
 
 def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
-    """Which states `Settings.considered` names.
+    """Indices of the states that `Settings.considered` names.
 
     Raises:
         EstimatorError: there is no such parameter, bias or scale; the message names the nearest.

@@ -1,4 +1,4 @@
-"""What disturbs the motion: slip, errors of the track speeds, and random walks.
+"""Process noise: slip, errors of the track speeds, and random walks.
 
 The functions are written for plain Python and for numba (`estimator.tracing.jit_kernel`).
 """
@@ -18,11 +18,11 @@ from icreckon.estimator.robot.robot_file import Robot, Slip
 from icreckon.estimator.robot.slip import slip_components
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 
-# How fast a robot may turn whose tracks are at rest, unless it is known to stand [rad/s].
+# Yaw rate of a robot that is pushed with its tracks at rest [rad/s].
 PUSHED_W = 0.3
-# The random walk of the parameters runs at its full rate from this difference of track speeds on [m/s].
+# Least difference of track speeds at which parameters walk at their full rate [m/s].
 FULL_TURNING = 0.1
-# How fast the robot may begin to move sideways in a gap, as a share of how fast forward.
+# Sideways motion that may begin in a gap, as a share of forward motion.
 SIDEWAYS_IN_GAP = 0.1
 
 
@@ -47,7 +47,7 @@ class Disturbances:
 
     @property
     def slip(self) -> Slip:
-        """Of the variant."""
+        """Slip of the variant."""
         return self._slip
 
     @property
@@ -63,19 +63,19 @@ class Disturbances:
     def slip_sigma(self, tracks: HeldTrackSpeeds, eta: float, *, pushed: bool) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
 
-        It goes by smoothed speeds, as the random walk of the parameters does: were it large where noise
-        makes a turn look faster, those samples would count less that say more of the parameters.
+        It depends on smoothed speeds, as the random walk of the parameters does. If it followed the noise
+        of the speeds, the samples with the most information on the parameters would get the least weight.
 
         Args:
             tracks: the track speeds.
             eta: typical steering efficiency index [-].
-            pushed: whether the robot may be turning with its tracks at rest.
+            pushed: the robot may be turning with its tracks at rest.
         """
         left, right = tracks.smooth
         return self.slip_of(left, right, eta, pushed=pushed)
 
     def slip_of(self, left: float, right: float, eta: float, *, pushed: bool = False) -> Vector3:
-        """The same at given track speeds [m/s]."""
+        """Standard deviation of the slip at given track speeds [m/s]."""
         return slip_at(left, right, self._slip, self._track_gauge, eta, pushed)
 
     def sideways_density(self, sigma: Vector3) -> float:
@@ -87,12 +87,12 @@ class Disturbances:
         return 0.0 if tracks.stopped else self._track_density
 
     def track_densities(self, tracks: HeldTrackSpeeds, start: int, end: int) -> tuple[float, float]:
-        """Density of the error of the left and of the right track's speed over a step [m²/s].
+        """Density of the error of each track's speed, left and right, over a step [m²/s].
 
         Args:
             tracks: the track speeds.
             start: stamp of the step's start [ns].
-            end: of its end [ns].
+            end: stamp of its end [ns].
         """
         noise, (left, right) = self.track_density(tracks), tracks.stuck_densities(start, end)
         return noise + left, noise + right
@@ -102,15 +102,15 @@ class Disturbances:
     ) -> Floats:
         """(3, 3) density of the fast slip between two stamps [ns].
 
-        It is the error of the track speeds, the white part of the slip, and what the track speeds may
-        have changed by while they are too old to be trusted.
+        It is the sum of the error of the track speeds, the white part of the slip, and the possible
+        change of stale track speeds.
 
         Args:
             tracks: the track speeds.
             by_speeds: (3, 2) derivative of the twist by them.
-            sigma: of the slip, see `slip_sigma`.
-            start: of the step.
-            end: of the step.
+            sigma: standard deviation of the slip, see `slip_sigma`.
+            start: stamp of the step's start [ns].
+            end: stamp of its end [ns].
         """
         density = fast_slip_density(
             by_speeds.tolist(),
@@ -122,10 +122,10 @@ class Disturbances:
         return np.array(density)
 
     def of_step(self, tracks: HeldTrackSpeeds, sigma: Vector3) -> ProcessNoise:
-        """The noise of a step at a `slip_sigma`.
+        """Process noise of a step at a `slip_sigma`.
 
-        Parameters wander only as far as the motion can show them, from not at all (straight, standing)
-        to their full rate.
+        The random walk of the parameters has its full rate in turns, where they are observable, and none
+        when driving straight or standing.
         """
         walk = self._bias_walk + self._parameter_walk * share_of_walk(*tracks.smooth)
         return ProcessNoise(np.array(sigma), self._slip.time_constant, walk)
@@ -139,10 +139,10 @@ def slip_at(
     Args:
         left: speed of the left track [m/s].
         right: speed of the right track [m/s].
-        slip: what has the numbers of a `Slip`.
+        slip: a `Slip`, or a record with its fields.
         gauge: L [m].
         eta: typical steering efficiency index [-].
-        pushed: whether the robot may be turning with its tracks at rest.
+        pushed: the robot may be turning with its tracks at rest.
     """
     forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
     return forward, sideways, select(pushed, PUSHED_W, turning)
@@ -165,11 +165,11 @@ def fast_slip_density(
 
     Args:
         by_speeds: (3, 2) derivative of the twist by the track speeds.
-        left_density: of the error of the left track's speed [m²/s].
-        right_density: of the right.
-        white_time: of the slip, see `Slip` [s].
+        left_density: density of the error of the left track's speed [m²/s].
+        right_density: density of the error of the right track's speed [m²/s].
+        white_time: white time of the slip, see `Slip` [s].
         sigma_w: standard deviation of the slip of w [rad/s].
-        gap_density: of what their mean may have changed by in a gap, and their half difference [m²/s].
+        gap_density: density of the change of stale speeds, of their mean and half difference [m²/s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
     xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
@@ -185,5 +185,5 @@ def fast_slip_density(
 
 
 def share_of_walk(left: float, right: float) -> float:
-    """How much of their full rate the parameters wander at, at these track speeds [m/s]."""
+    """Factor on the random walk of the parameters at these track speeds [m/s]."""
     return min(1.0, abs(right - left) / FULL_TURNING)

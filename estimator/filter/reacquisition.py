@@ -1,11 +1,11 @@
-"""Where the path is that refused fixes tell of: a turn and a shift of what the filter believes.
+"""Relocation: align the estimated path with rejected position fixes.
 
-When position fixes are refused time and again, the filter may have lost its place, or its heading. If it
-is the heading, believing the next fix brings the place back for a moment only, and the robot drives away
-from the fixes again. But the path that was reckoned meanwhile is right in itself. So it is laid over the
-refused fixes by the turn and the shift that fit best (least squares in closed form, as Umeyama,
-Least-squares estimation of transformation parameters between two point patterns, IEEE Trans. PAMI 13,
-1991, in the plane), and believed there if it fits as well as the fixes' variances allow.
+When fixes are rejected in a row, the position or the heading may be wrong. If it is the heading, using
+the next fix corrects the position for a moment only: the estimate drives away from the fixes again. But
+the estimated path since then has the right shape. So it is aligned with the rejected fixes by the turn
+and the shift of least squares (closed form in the plane: Umeyama, Least-squares estimation of
+transformation parameters between two point patterns, IEEE Trans. PAMI 13, 1991). The result is used if
+the residuals agree with the variances of the fixes.
 """
 
 from __future__ import annotations
@@ -17,43 +17,42 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 
-# So few refused fixes lay nothing over anything.
+# Least number of rejected fixes.
 FEWEST = 5
-# The turn must be known at least so well [rad], and be this many times as large as that; otherwise a
-# shift will do.
+# Largest standard deviation of the turn [rad], and least turn, in such standard deviations; otherwise a
+# shift is enough.
 KNOWN_TURN, CLEAR_TURN = 0.3, 4.0
-# The fit may leave this many times the variance of the fixes, and this share of the path's extent, by
-# which reckoning may go wrong on the way.
+# Largest residuals: multiple of the variance of the fixes, and share of the path's extent, for its drift.
 LEFT_OVER, WARPED = 4.0, 0.05
 
 
-class RefusedFix(NamedTuple):
-    """A position fix that was refused, and where the filter thought to be.
+class RejectedFix(NamedTuple):
+    """Position fix that was rejected, and its prediction.
 
     Attributes:
-        x: as measured [m].
-        y: as measured [m].
-        variance: of each [m²].
-        believed_x: as the filter had it [m].
-        believed_y: as the filter had it [m].
+        x: measured [m].
+        y: measured [m].
+        variance: variance of each coordinate [m²].
+        predicted_x: predicted [m].
+        predicted_y: predicted [m].
     """
 
     x: float
     y: float
     variance: float
-    believed_x: float
-    believed_y: float
+    predicted_x: float
+    predicted_y: float
 
 
 class Relocation(NamedTuple):
-    """How to lay the believed path over the fixes.
+    """Alignment of the estimated path with the fixes.
 
     Attributes:
-        turn: about the path's middle, counter-clockwise [rad].
-        turn_variance: [rad²].
-        middle: (2,) of the believed path [m].
-        moved_to: (2,) where that belongs [m].
-        variance: of each coordinate at the middle [m²].
+        turn: rotation about the path's middle, counter-clockwise [rad].
+        turn_variance: its variance [rad²].
+        middle: (2,) middle of the estimated path [m].
+        moved_to: (2,) position of the middle after the alignment [m].
+        variance: variance of each of its coordinates [m²].
     """
 
     turn: float
@@ -63,7 +62,7 @@ class Relocation(NamedTuple):
     variance: float
 
     def pose(self, pose: Floats) -> tuple[Floats, Floats]:
-        """A believed pose (3,) laid over, and its covariance (3, 3)."""
+        """Align an estimated pose (3,); return it with its covariance (3, 3)."""
         cos, sin = math.cos(self.turn), math.sin(self.turn)
         away = np.array([[cos, -sin], [sin, cos]]) @ (pose[:2] - self.middle)
         by_turn = np.array([-away[1], away[0], 1.0])
@@ -72,13 +71,13 @@ class Relocation(NamedTuple):
         return np.array([*(self.moved_to + away), pose[2] + self.turn]), covariance
 
 
-def relocation(refused: tuple[RefusedFix, ...]) -> Relocation | None:
-    """The turn and shift that lay the believed path over refused fixes; None where they do not fit.
+def relocation(rejected: tuple[RejectedFix, ...]) -> Relocation | None:
+    """Align the estimated path with rejected fixes; None if they do not fit.
 
     Args:
-        refused: fixes in a row.
+        rejected: fixes that were rejected in a row.
     """
-    fit = laid_over(np.array(refused), len(refused))
+    fit = laid_over(np.array(rejected), len(rejected))
     if not fit[0]:
         return None
     _, turn, turn_variance, x, y, to_x, to_y, variance = fit
@@ -86,15 +85,15 @@ def relocation(refused: tuple[RefusedFix, ...]) -> Relocation | None:
 
 
 def laid_over(rows: Any, count: int) -> Any:
-    """The fit itself, in plain numbers, for numba too.
+    """Least-squares turn and shift; plain Python, for numba too.
 
     Args:
-        rows: (n, 5) refused fixes in a row.
-        count: how many of the rows count.
+        rows: (n, 5) fixes that were rejected in a row, see `RejectedFix`.
+        count: number of rows to use.
 
     Returns:
-        Whether it fits; the turn [rad] and its variance; the middle of the believed path, and where
-        that belongs [m]; the variance of each coordinate there [m²].
+        True if it fits; the turn [rad] and its variance; the middle of the estimated path, and its
+        position after the alignment [m]; the variance of each of its coordinates [m²].
     """
     none = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     to_x = to_y = x = y = variance = 0.0

@@ -1,4 +1,4 @@
-"""Step engine: what a filter asks for its algebra and, if there is one, for a whole step at once."""
+"""Interface to the filter's algebra, and to a whole compiled step."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 
-# A verdict, see `estimator.filter.gate`; the residual, the variance that it should have, and its NIS.
+# Verdict, see `estimator.filter.gate`, innovation, its variance S, and NIS.
 Judged = tuple[int, float, float, float]
 
 
 class Verdicts(NamedTuple):
-    """What the gates said of an IMU sample.
+    """Verdicts of the gates on an IMU sample.
 
     Attributes:
-        gyro: of the yaw rate [rad/s].
-        accelerometer: of the specific force to the left [m/s²], or None where it was not asked.
+        gyro: verdict on the yaw rate [rad/s].
+        accelerometer: verdict on the specific force to the left [m/s²], or None if it was not used.
     """
 
     gyro: Judged
@@ -52,9 +52,9 @@ class WholeStep(Protocol):
         Args:
             tracks: the track speeds.
             start: stamp of the start of the step [ns].
-            end: stamp of its end, later.
-            stands: whether the robot was found standing.
-            pushed: whether it may be turning with its tracks at rest.
+            end: stamp of its end, later [ns].
+            stands: the robot was found standing.
+            pushed: the robot may be turning with its tracks at rest.
             interval: time between IMU samples [s].
             rate: yaw rate from the gyros [rad/s].
             force: specific force to the left [m/s²], None if it is not used.
@@ -74,7 +74,7 @@ class WholeStep(Protocol):
 
 
 class StepEngine(Protocol):
-    """Maker of a filter's algebra and of its whole step."""
+    """Factory of the filter's algebra, and of a whole step."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
         """Make the filter of a motion model."""

@@ -1,146 +1,119 @@
-"""Gated updates of the filter: what is used, what is refused, and what is counted."""
+"""Measurement update of every sensor: innovation, gate, inflation, update, record.
+
+Noises must be independent of each other where components update the filter one after the other. With R =
+L D L' (L lower triangular with ones on its diagonal, D diagonal) the components L⁻¹ z have noise D and
+carry the same information as z (Simon, Optimal State Estimation, section 6.1).
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.gate import REACQUIRED, REJECTED, Gate, reopening
-from icreckon.estimator.filter.health import SensorHealth
-from icreckon.estimator.filter.joint import Joint
-from icreckon.estimator.filter.look_ahead import Foretold, Surprise, component
-from icreckon.estimator.sensors.sensor_models import Reading
-
-
-class Judge(NamedTuple):
-    """What says whether a measurement is used, and counts it.
-
-    Attributes:
-        stamp: of the measurement [ns].
-        gate: of its sensor.
-        health: of its sensor.
-    """
-
-    stamp: int
-    gate: Gate
-    health: SensorHealth
-
-    def judge(self, surprise: Surprise) -> int:
-        """The verdict on numbers that were measured together, which is counted."""
-        residual, spread, nis = surprise
-        verdict, rows = self.gate.judge(nis), spread.tolist()
-        judged = self.stamp, verdict, tuple(residual.tolist()), tuple(map(tuple, rows))
-        self.health.judged(verdict, nis, len(rows), judged)
-        return verdict
+from icreckon.estimator.filter.gate import REACQUIRED, REJECTED, Gate, inflation
+from icreckon.estimator.filter.health import Health
+from icreckon.estimator.sensors.measurement_models import Linearised, MeasurementModel
+from icreckon.estimator.sensors.sensor_models import shift
 
 
 def update(
-    ekf: IcrEkf, judge: Judge, reading: Reading, *, reopen: int, kept: tuple[int, ...]
-) -> bool:
-    """With one number; whether it was used.
-
-    Args:
-        ekf: the filter.
-        judge: of the sensor.
-        reading: the number.
-        reopen: the state that is made uncertain first when re-acquiring; where it is one that is only
-            considered, the number is taken as that much less certain instead.
-        kept: states that are not to be moved.
-    """
-    innovation = ekf.innovation(*reading)
-    residual, expected, nis = reading.residual, innovation.variance, innovation.nis
-    verdict = judge.gate.verdict(nis)
-    if verdict == REACQUIRED:
-        wider = reopening(residual * residual, expected)
-        if reopen in ekf.considered:
-            by_state = reading.row.item(reopen)
-            reading = reading._replace(variance=reading.variance + wider * (by_state * by_state))
-        else:
-            ekf.reopen(reopen, variance=wider)
-    if verdict != REJECTED:
-        ekf.update_scalar(*reading, kept=kept)
-    judge.gate.count(verdict)
-    judged = judge.stamp, verdict, (residual,), ((expected,),)
-    return judge.health.judged(verdict, nis, 1, judged)
-
-
-def update_pair(
     ekf: IcrEkf,
-    judge: Judge,
-    values: tuple[float, float],
-    variance: float,
-    foretold: Foretold,
+    model: MeasurementModel,
+    gate: Gate,
+    linearised: Linearised,
+    stamp: int,
+    health: Health,
     *,
-    reopen: int,
-    kept: tuple[int, ...],
+    recover: Callable[[], bool] | None = None,
 ) -> bool:
-    """With the first two of three numbers, both or none; whether they were used.
+    """Update with a measurement, all of its components or none.
 
     Args:
         ekf: the filter.
-        judge: of the sensor.
-        values: what was measured.
-        variance: of each.
-        foretold: all three, at the present state.
-        reopen: the first of the two states that are made uncertain when re-acquiring.
-        kept: states that are not to be moved.
+        model: measurement model of the sensor.
+        gate: gate of the sensor.
+        linearised: the measurement at the present state.
+        stamp: stamp of the measurement [ns].
+        health: counts of the filter.
+        recover: called in place of inflation and update when re-acquiring; False if it did nothing.
+
+    Returns:
+        True if the measurement was used.
     """
-    foretold_at = ekf.x.copy()
-    surprise = surprise_of(ekf, values, variance, foretold)
-    verdict = judge.judge(surprise)
-    if verdict == REACQUIRED:
-        residual, expected = surprise.residual, float(surprise.spread.diagonal().min())
-        both = (reopen, reopen + 1)
-        ekf.reopen(*both, variance=reopening(float(residual @ residual), expected))
-    if verdict != REJECTED:
-        for axis, value in enumerate(values):
-            reading = component(axis, value, variance, foretold, foretold_at, ekf.x)
-            ekf.update_scalar(*reading, kept=kept)
-        ekf.keep_inside_bounds()
-    return verdict != REJECTED
+    z, H, R = linearised
+    S = ekf.innovation_covariance(H, R)
+    nis = normalised_square(z, S)
+    verdict = gate.judge(nis)
+    recovered = verdict == REACQUIRED and recover is not None and recover()
+    if verdict == REACQUIRED and not recovered:
+        R = _inflated(ekf, model, linearised, S)
+    if verdict != REJECTED and not recovered:
+        correct(ekf, z, H, R, fixed=model.fixed, correlated=model.correlated)
+    innovation = stamp, verdict, tuple(z.tolist()), tuple(map(tuple, S.tolist()))
+    return health.sensor(model.name).judged(verdict, nis, len(z), innovation)
 
 
-def surprise_of(
-    ekf: IcrEkf, values: tuple[float, float], variance: float, foretold: Foretold
-) -> Surprise:
-    """How far two measured numbers are from the first two of those foretold.
+def normalised_square(z: Floats, S: Floats) -> float:
+    """Normalised innovation squared (NIS) of an innovation (n,) of covariance (n, n)."""
+    if len(z) == 1:
+        return z.item() * z.item() / S.item()
+    return float(z @ np.linalg.solve(S, z))
+
+
+def correct(
+    ekf: IcrEkf,
+    z: Floats,
+    H: Floats,
+    R: Floats,
+    *,
+    fixed: tuple[int, ...] = (),
+    correlated: bool = True,
+) -> None:
+    """Update with each component of a measurement in turn, without a gate.
 
     Args:
         ekf: the filter.
-        values: what was measured.
-        variance: of each.
-        foretold: all three, at the present state.
+        z: (n,) innovation at the present state.
+        H: (n, SIZE) Jacobian of the predicted measurement.
+        R: (n, n) covariance of the measurement noise.
+        fixed: states that are not to be moved.
+        correlated: use the correlations of R.
     """
-    residual = np.array(values) - foretold.values[:2]
-    rows = foretold.by_state[:2]
-    spread = rows @ ekf.P @ rows.T + foretold.covariance[:2, :2] + variance * np.eye(2)
-    return Surprise(residual, spread, float(residual @ np.linalg.solve(spread, residual)))
+    if correlated and len(z) > 1:
+        z, H, R = decorrelated(z, H, R)
+    x = ekf.x.copy()
+    for k in range(len(z)):
+        # Each component is linearised at the state before the first.
+        moved = shift(H[k], ekf.x, x) if k else 0.0
+        ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=fixed)
 
 
-def update_jointly(
-    ekf: IcrEkf, judge: Judge, joint: Joint, *, reopen: int, kept: tuple[int, ...]
-) -> bool:
-    """With three numbers, all or none; whether they were used.
+def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
+    """Transform a measurement to components of independent noise."""
+    root = np.linalg.cholesky(R)
+    sigmas = root.diagonal()
+    L = root / sigmas
+    mixed = np.linalg.solve(L, np.column_stack((z, H)))
+    return Linearised(np.asarray(mixed[:, 0]), mixed[:, 1:], np.diag(sigmas * sigmas))
 
-    Args:
-        ekf: the filter.
-        judge: of the sensor.
-        joint: the numbers.
-        reopen: the first of the three states that are made uncertain when re-acquiring, each by as much
-            as its own number is off.
-        kept: states that are not to be moved.
+
+def _inflated(ekf: IcrEkf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
+    """Inflate the states that the measurement is to move; return R.
+
+    A considered state cannot be moved: R of its component is inflated instead.
     """
-    surprise = joint.surprise(ekf.P)
-    verdict = judge.judge(surprise)
-    if verdict == REACQUIRED:
-        squares, expected = surprise.residual**2, surprise.spread.diagonal()
-        for axis in range(3):
-            wider = reopening(squares.item(axis), expected.item(axis))
-            ekf.reopen(reopen + axis, variance=wider)
-    if verdict != REJECTED:
-        for reading in joint.readings():
-            ekf.update_scalar(*joint.left_of(reading, ekf.x), kept=kept)
-        ekf.keep_inside_bounds()
-    return verdict != REJECTED
+    z, H, R = linearised
+    squares, variances = z * z, S.diagonal()
+    if model.inflated_jointly:
+        squares, variances = np.full(len(z), z @ z), np.full(len(z), variances.min())
+    for k, state in enumerate(model.inflated):
+        more = inflation(squares.item(k), variances.item(k))
+        if state in ekf.considered:
+            R = R.copy()
+            R[k, k] += more * H.item(k, state) ** 2
+        else:
+            ekf.inflate(state, variance=more)
+    return R

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import astuple
-from typing import Any
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -35,11 +36,11 @@ STREAMS: dict[type[Measurement], str] = {
     PoseFix: "pose",
     ZeroVelocity: "zero velocity",
 }
+MARK = "mark"
 # Events processed in order: measurements, and stochastic clones behind them.
 Event = Measurement | Mark
-EVENTS: dict[type[Event], str] = dict(STREAMS.items())
-EVENTS[Mark] = "mark"
-RANKS = {kind: rank for rank, kind in enumerate(EVENTS)}
+RANKS: dict[type[Event], int] = {kind: rank for rank, kind in enumerate(STREAMS)}
+RANKS[Mark] = 1000
 # Sort key of an event in the order of processing: its stamp [ns], and its rank.
 Key = tuple[int, int]
 # Consecutive samples that must agree before a clock that jumped ahead is accepted.
@@ -60,6 +61,41 @@ def key_of(event: Event) -> Key:
     return event.stamp, RANKS[type(event)]
 
 
+def add_stream(kind: type[Measurement], stream: str) -> None:
+    """Add a type of measurements, processed after all others at equal stamps.
+
+    Raises:
+        EstimatorError: the type or the name is taken, the first field is not `stamp`, or another is
+            neither a float nor a tuple of three or of three by three.
+    """
+    if kind in STREAMS or stream in (*STREAMS.values(), MARK):
+        raise EstimatorError(f"{kind.__name__}, {stream!r}: there is such a sensor already")
+    if getattr(kind, "__match_args__", ())[:1] != ("stamp",):
+        raise EstimatorError(f"{kind.__name__}: the first field must be stamp")
+    for name, wanted in _fields(kind).items():
+        if wanted not in CONVERTERS:
+            raise EstimatorError(f"{kind.__name__}.{name}: cannot be {wanted}")
+    RANKS[kind] = max(rank for other, rank in RANKS.items() if other is not Mark) + 1
+    STREAMS[kind] = stream
+
+
+def remove_stream(kind: type[Measurement]) -> None:
+    """Remove a type of measurements that `add_stream` added."""
+    del STREAMS[kind], RANKS[kind]
+
+
+@cache
+def _fields(kind: type) -> dict[str, Any]:
+    """Types of a measurement's fields after the stamp, by name."""
+    hints = get_type_hints(kind)
+    return {name: hints[name] for name in kind.__match_args__[1:]}  # type: ignore[attr-defined]
+
+
+@cache
+def _has_floats_only(kind: type) -> bool:
+    return all(wanted is float for wanted in _fields(kind).values())
+
+
 def as_plain(measurement: Measurement) -> Measurement:
     """Convert a measurement to immutable plain integers, floats and tuples.
 
@@ -73,39 +109,34 @@ def as_plain(measurement: Measurement) -> Measurement:
         force = measurement.linear_acceleration
         if _is_plain(measurement.angular_velocity) and (force is None or _is_plain(force)):
             return measurement
+    fields = _fields(kind)
+    values = [getattr(measurement, name) for name in fields]
+    is_plain = type(measurement) is kind and type(stamp) is int and _has_floats_only(kind)
+    if is_plain and all(type(value) is float for value in values):
+        return measurement
     if type(stamp) is not int:
         if not isinstance(stamp, int | np.integer):
             raise EstimatorError(f"{stream}: a stamp is an integer of nanoseconds, found {stamp!r}")
         stamp = int(stamp)
-    if isinstance(measurement, ImuSample):
-        force = measurement.linear_acceleration
-        return ImuSample(
-            stamp,
-            _three("angular_velocity", measurement.angular_velocity),
-            None if force is None else _three("linear_acceleration", force),
-        )
-    values = [getattr(measurement, name) for name in kind.__match_args__[1:]]
-    is_plain = type(measurement) is kind and type(measurement.stamp) is int
-    is_plain = is_plain and kind is not PoseFix and kind is not ZeroVelocity
-    if is_plain and all(type(value) is float for value in values):
-        return measurement
-    if isinstance(measurement, ZeroVelocity):
-        return ZeroVelocity(stamp, _three("sigma", measurement.sigma))
-    if isinstance(measurement, PoseFix):
-        x, y, yaw = _three("x, y, yaw", (measurement.x, measurement.y, measurement.yaw))
-        return PoseFix(stamp, x, y, yaw, _three_rows("covariance", measurement.covariance))
-    make: Any = kind
     try:
-        return make(stamp, *map(float, values))  # type: ignore[no-any-return]
+        converted = [
+            CONVERTERS[wanted](name, value)
+            for (name, wanted), value in zip(fields.items(), values, strict=True)
+        ]
     except (TypeError, ValueError):
         raise EstimatorError(
             f"{stream}: all but the stamp must be numbers: {measurement!r}"
         ) from None
+    make: Any = kind
+    return make(stamp, *converted)  # type: ignore[no-any-return]
 
 
 def event_row(event: Event) -> tuple[Any, ...]:
     """Row of an event: its stream's name, and its attributes in order."""
-    return (EVENTS[type(event)], *astuple(event))
+    if isinstance(event, Mark):
+        return MARK, event.stamp
+    kind = type(event)
+    return (STREAMS[kind], event.stamp, *(getattr(event, name) for name in _fields(kind)))
 
 
 def event_of(row: tuple[Any, ...]) -> Event:
@@ -114,13 +145,12 @@ def event_of(row: tuple[Any, ...]) -> Event:
     Raises:
         EstimatorError: it is not such a row.
     """
-    for kind, stream in EVENTS.items():
-        if row and stream == row[0]:
-            try:
-                event = kind(*row[1:])
-            except TypeError:
-                break
-            return event if isinstance(event, Mark) else as_plain(event)
+    kinds: dict[str, Any] = {stream: kind for kind, stream in STREAMS.items()} | {MARK: Mark}
+    kind = kinds.get(row[0]) if row else None
+    if kind is not None:
+        with suppress(TypeError):
+            event: Event = kind(*row[1:])
+            return event if kind is Mark else as_plain(event)
     raise EstimatorError(f"no measurement: {row!r}")
 
 
@@ -135,10 +165,12 @@ def kind_of(measurement: Measurement) -> type[Measurement]:
     for kind in STREAMS:
         if isinstance(measurement, kind):
             return kind
-    raise EstimatorError(
-        f"no measurement: {measurement!r}; feed TrackSpeeds, ImuSample, PositionFix, HeadingFix, "
-        "BodyVelocity, PoseFix or ZeroVelocity"
-    )
+    *most, last = (kind.__name__ for kind in STREAMS)
+    raise EstimatorError(f"no measurement: {measurement!r}; feed {', '.join(most)} or {last}")
+
+
+def _number(_name: str, value: Any) -> float:
+    return float(value)
 
 
 def _three(name: str, values: Any) -> Vector3:
@@ -157,6 +189,19 @@ def _three_rows(name: str, rows: Any) -> Matrix3:
         raise EstimatorError(
             f"{name} must be three rows of three numbers, found {rows!r}"
         ) from None
+
+
+def _three_or_none(name: str, values: Any) -> Vector3 | None:
+    return None if values is None else _three(name, values)
+
+
+# By type of field.
+CONVERTERS: dict[Any, Callable[[str, Any], Any]] = {
+    float: _number,
+    Vector3: _three,
+    Vector3 | None: _three_or_none,
+    Matrix3: _three_rows,
+}
 
 
 class Admission:
@@ -223,28 +268,11 @@ class Admission:
                 if _largest(rates) > ABSURD_RATE:
                     return "absurd rate"
                 return "absurd force" if force and _largest(force) > ABSURD_FORCE else None
-            case PoseFix():
-                if not _are_finite((measurement.x, measurement.y, measurement.yaw)):
-                    return "not finite"
-                return _objection_to_covariance(measurement.covariance)
-            case ZeroVelocity():
-                sigma = measurement.sigma
-                positive = _are_finite(sigma) and all(
-                    one > 0.0 < one * one < math.inf for one in sigma
-                )
-                return None if positive else "sigma not positive"
-            case PositionFix():
-                values: Sequence[float] = (measurement.x, measurement.y)
-            case HeadingFix():
-                values = (measurement.yaw,)
             case BodyVelocity():
-                values = (measurement.v_x, measurement.v_y)
-        if not _are_finite(values):
-            return "not finite"
-        if isinstance(measurement, BodyVelocity) and _largest(values) > self._absurd:
-            return "absurdly fast"
-        variance = measurement.variance
-        return None if math.isfinite(variance) and variance > 0.0 else "variance not positive"
+                speeds = measurement.v_x, measurement.v_y
+                if _are_finite(speeds) and _largest(speeds) > self._absurd:
+                    return "absurdly fast"
+        return _objection_to_fields(measurement)
 
     def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
         """Reason to reject a stamp far ahead, unless others of its stream agree; or None.
@@ -270,6 +298,26 @@ def _is_plain(values: Any) -> bool:
     return type(first) is type(second) is type(third) is float
 
 
+def _objection_to_fields(measurement: Measurement) -> str | None:
+    """Reason to reject values that are not finite, or noise that is not positive."""
+    fields = {name: getattr(measurement, name) for name in _fields(type(measurement))}
+    values = [value for name, value in fields.items() if name not in NOISE]
+    if not all(value is None or _is_finite(value) for value in values):
+        return "not finite"
+    found = (check(fields[name]) for name, check in NOISE.items() if name in fields)
+    return next((objection for objection in found if objection), None)
+
+
+def _objection_to_variance(variance: float) -> str | None:
+    return None if math.isfinite(variance) and variance > 0.0 else "variance not positive"
+
+
+def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
+    sigmas = sigma if isinstance(sigma, tuple) else (sigma,)
+    positive = all(one > 0.0 < one * one < math.inf for one in sigmas)
+    return None if positive else "sigma not positive"
+
+
 def _objection_to_covariance(covariance: Matrix3) -> str | None:
     matrix = np.array(covariance)
     if not np.isfinite(matrix).all():
@@ -285,8 +333,20 @@ def _objection_to_covariance(covariance: Matrix3) -> str | None:
     return None if least >= LEAST_SHARE else "covariance not positive definite"
 
 
+# Fields that hold the noise of a measurement.
+NOISE: dict[str, Callable[[Any], str | None]] = {
+    "variance": _objection_to_variance,
+    "sigma": _objection_to_sigma,
+    "covariance": _objection_to_covariance,
+}
+
+
 def _largest(values: Sequence[float]) -> float:
     return max(map(abs, values))
+
+
+def _is_finite(value: Any) -> bool:
+    return math.isfinite(value) if type(value) is float else all(map(_is_finite, value))
 
 
 def _are_finite(values: Sequence[float]) -> bool:

@@ -8,12 +8,22 @@ IMU's own axes, as a driver publishes them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 # Standard deviation of a standing robot's velocity about zero [m/s, m/s, rad/s].
 STANDSTILL_SIGMA: Vector3 = (1e-3, 1e-3, 1e-4)
+
+
+class Measurement(Protocol):
+    """Measurement of any sensor, those included that a program registers itself."""
+
+    @property
+    def stamp(self) -> int:
+        """Time [ns]."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +135,6 @@ class ZeroVelocity:
 
     stamp: int
     sigma: Vector3 = STANDSTILL_SIGMA
-
-
-Measurement = (
-    TrackSpeeds | ImuSample | PositionFix | HeadingFix | BodyVelocity | PoseFix | ZeroVelocity
-)
 
 
 @dataclass(frozen=True, slots=True)

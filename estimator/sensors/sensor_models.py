@@ -1,11 +1,6 @@
-"""Measurement models: scalar predicted measurements and their Jacobian rows.
+"""IMU: mounting, noise, and equations of its predicted measurements.
 
-A measurement is z = h(x) + noise. Each function returns the innovation z - h(x) at the present state, the
-row dh/dx (SIZE,), and the variance of the noise. In sequential updates at one linearisation, later
-innovations account for the shift of the state by earlier ones.
-
-Functions of the IMU's predicted measurements serve plain Python and numba
-(`estimator.tracing.jit_kernel`).
+The equations serve plain Python and compiled code (`estimator.tracing`).
 """
 
 from __future__ import annotations
@@ -14,30 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.measurements import STANDSTILL_SIGMA, ImuSample, Vector3
-from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.robot.robot_file import Robot
 
 # Variances of a standing robot's velocity about zero.
 STANDSTILL_VARIANCE = tuple(sigma * sigma for sigma in STANDSTILL_SIGMA)
 # Relative uncertainty of the change of the track speeds, due to its delay.
 ACCELERATION_DOUBT = 0.2
-
-
-class Reading(NamedTuple):
-    """Scalar measurement compared with its prediction.
-
-    Attributes:
-        residual: innovation, measured less predicted.
-        row: (SIZE,) derivative of the predicted measurement by the state.
-        variance: variance of the measurement noise.
-    """
-
-    residual: float
-    row: Floats
-    variance: float
 
 
 class ImuConstants(NamedTuple):
@@ -89,7 +68,7 @@ class TrackChange(NamedTuple):
 
 
 class SensorModels:
-    """Measurement models of one robot's sensors.
+    """Mounting and noise of one robot's IMU.
 
     Args:
         robot: the robot.
@@ -131,80 +110,6 @@ class SensorModels:
         """Component to the left of base_link of a specific force in IMU axes [m/s²]."""
         return _dot(self._leftward, force)
 
-    def gyro(
-        self, rate: float, interval: float, model: TwistModel, x: Floats, change: TrackChange
-    ) -> Reading:
-        """Gyro measurement: yaw rate times scale, plus bias.
-
-        Args:
-            rate: rate from `yaw_rate` [rad/s].
-            interval: time between samples [s].
-            model: the twist at `x`.
-            x: (SIZE,) the state.
-            change: change of the track speeds.
-        """
-        w, scale = model.twist.item(2), 1.0 + x.item(s.GYRO_SCALE)
-        row = scale * model.jacobian[2]
-        row[s.GYRO_BIAS] += 1.0
-        row[s.GYRO_SCALE] += w
-        by_turning = model.by_speeds[2].tolist()
-        variance = gyro_variance(self.constants, interval, by_turning, change)
-        return Reading(rate - scale * w - x.item(s.GYRO_BIAS), row, variance)
-
-    def accelerometer(
-        self,
-        force: Vector3,
-        interval: float,
-        model: TwistModel,
-        linearised_at: Floats,
-        x: Floats,
-        change: TrackChange,
-        slip_density: float,
-    ) -> Reading:
-        """Accelerometer measurement to the left: dv_y/dt + w v_x at the IMU, plus bias.
-
-        The forward component carries little information: the track speeds give it more accurately.
-
-        Args:
-            force: specific force in the IMU's axes [m/s²].
-            interval: time between samples [s].
-            model: the twist at `linearised_at`.
-            linearised_at: (SIZE,) state of the linearisation.
-            x: (SIZE,) the state.
-            change: change of the track speeds.
-            slip_density: density of the change of the sideways slip [m²/s³].
-        """
-        forecast = accelerometer_forecast(
-            self.constants,
-            interval,
-            model.twist.tolist(),
-            model.by_speeds.tolist(),
-            change,
-            slip_density,
-        )
-        row = forecast.by_w * model.jacobian[2] + forecast.by_v_x * model.jacobian[0]
-        row[s.ACCELEROMETER_BIAS] += 1.0
-        predicted = forecast.predicted + linearised_at.item(s.ACCELEROMETER_BIAS)
-        residual = self.to_the_left(force) - predicted - shift(row, x, linearised_at)
-        return Reading(residual, row, forecast.variance)
-
-
-def twist_component(
-    axis: int, value: float, variance: float, model: TwistModel, linearised_at: Floats, x: Floats
-) -> Reading:
-    """Measurement of one component of the body velocity.
-
-    Args:
-        axis: 0 forward, 1 to the left, 2 counter-clockwise.
-        value: measured value [m/s] or [rad/s].
-        variance: variance of the measurement.
-        model: the twist at `linearised_at`.
-        linearised_at: (SIZE,) state of the linearisation.
-        x: (SIZE,) the state.
-    """
-    row = model.jacobian[axis]
-    return Reading(value - model.twist.item(axis) - shift(row, x, linearised_at), row, variance)
-
 
 def gyro_variance(
     imu: ImuConstants, interval: float, by_turning: Any, change: TrackChange
@@ -230,7 +135,7 @@ def accelerometer_forecast(
     change: TrackChange,
     slip_density: float,
 ) -> Forecast:
-    """Predict the accelerometer measurement; see `SensorModels.accelerometer`.
+    """Predict the accelerometer measurement; see `measurement_models.Accelerometer`.
 
     Args:
         imu: the IMU.

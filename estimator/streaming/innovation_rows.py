@@ -1,4 +1,4 @@
-"""Normalised innovations over time: how far measurements were from what a filter expected of them."""
+"""Normalised innovations over time, by component of each sensor."""
 
 from __future__ import annotations
 
@@ -9,19 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.filter.health import Judged
-
-# Of each sensor whose innovations are judged, the names of its components; units are gone, since each
-# is divided by the standard deviation that it should have. Components as in `JudgedInnovation`.
-COMPONENTS: dict[str, tuple[str, ...]] = {
-    "gyro": ("gyro",),
-    "accelerometer": ("accelerometer",),
-    "position": ("position_x", "position_y"),
-    "heading": ("heading",),
-    "body velocity": ("body_velocity_x", "body_velocity_y"),
-    "pose": ("pose_x", "pose_y", "pose_yaw"),
-    "zero velocity": ("zero_velocity_x", "zero_velocity_y", "zero_velocity_w"),
-}
-INNOVATION_NAMES: tuple[str, ...] = tuple(name for names in COMPONENTS.values() for name in names)
+from icreckon.estimator.sensors.measurement_models import innovation_components
 
 Singles = NDArray[np.float32]
 
@@ -37,6 +25,7 @@ class InnovationRows:
     """
 
     def __init__(self, most: int) -> None:
+        self._components = innovation_components()
         self._columns: dict[str, Singles] = {}
         self._most = most
         self._seen: dict[str, int] = {}
@@ -47,7 +36,7 @@ class InnovationRows:
             if self._seen.get(sensor) == stamp:
                 continue
             self._seen[sensor] = stamp
-            for axis, name in enumerate(COMPONENTS[sensor]):
+            for axis, name in enumerate(self._components[sensor]):
                 variance = covariance[axis][axis]
                 if variance > 0.0:
                     self._column(name)[row] = residual[axis] / math.sqrt(variance)
@@ -60,7 +49,8 @@ class InnovationRows:
 
     def finish(self, count: int) -> tuple[tuple[str, ...], Singles]:
         """Names (k,) of the components that were judged at all, and the first rows (count, k) [-]."""
-        names = tuple(name for name in INNOVATION_NAMES if name in self._columns)
+        known = (name for names in self._components.values() for name in names)
+        names = tuple(name for name in known if name in self._columns)
         rows = np.empty((count, len(names)), np.float32)
         for column, name in enumerate(names):
             rows[:, column] = self._columns[name][:count]

@@ -10,7 +10,7 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.checkpoint import FilterMemory
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import HISTORY_FULL, TOO_OLD
 from icreckon.estimator.log.input_checks import Event, Key, event_of, event_row, key_of
@@ -34,7 +34,7 @@ class HistoryMemory(msgspec.Struct, frozen=True):
     """
 
     after: Key
-    memory: FilterMemory
+    memory: FilterCheckpoint
     measurements: tuple[tuple[Any, ...], ...]
 
 
@@ -42,7 +42,7 @@ class Checkpoint(NamedTuple):
     """What the filter knew after the measurement of this key and before the next."""
 
     after: Key
-    memory: FilterMemory
+    memory: FilterCheckpoint
 
 
 class History:
@@ -62,7 +62,7 @@ class History:
         self._span = round(span / NANOSECOND)
         self._keys: list[Key] = []
         self._events: list[Event] = []
-        self._checkpoints = [Checkpoint(BEFORE_ALL, reckoning.memory())]
+        self._checkpoints = [Checkpoint(BEFORE_ALL, reckoning.checkpoint())]
         self._since_checkpoint = 0
 
     def memory(self) -> HistoryMemory:
@@ -83,7 +83,7 @@ class History:
         self._keys, self._events = keys, events
         self._checkpoints = [Checkpoint(memory.after, memory.memory)]
         if keys:
-            self._checkpoints.append(Checkpoint(keys[-1], self._reckoning.memory()))
+            self._checkpoints.append(Checkpoint(keys[-1], self._reckoning.checkpoint()))
         self._since_checkpoint = 0
 
     def objection(self, key: Key) -> str | None:
@@ -122,8 +122,8 @@ class History:
 
     def set_clock(self, by: int) -> None:
         """Go on by a clock that shows `by` more than the one so far [ns]; nothing older can come."""
-        memory = self._reckoning.memory().shifted(by)
-        self._reckoning.recall(memory)
+        memory = self._reckoning.checkpoint().shifted(by)
+        self._reckoning.restore(memory)
         stamp, rank = self._keys[-1]
         self._keys, self._events = [], []
         self._checkpoints = [Checkpoint((stamp + by, rank), memory)]
@@ -136,15 +136,15 @@ class History:
 
     def forget_mark(self, mark: Mark) -> None:
         """Drop a mark, wherever it is kept."""
-        self._reckoning.ekf.marks = self._reckoning.marks.without(mark.stamp)
+        self._reckoning.ekf.clones = self._reckoning.clones.without(mark.stamp)
         key = key_of(mark)
         place = bisect_left(self._keys, key)
         if place < len(self._keys) and self._keys[place] == key:
             del self._keys[place], self._events[place]
         for index, (after, memory) in enumerate(self._checkpoints):
-            if memory.marks is not None:
-                left = memory.marks.without(mark.stamp)
-                without = msgspec.structs.replace(memory, marks=left)
+            if memory.clones is not None:
+                left = memory.clones.without(mark.stamp)
+                without = msgspec.structs.replace(memory, clones=left)
                 self._checkpoints[index] = Checkpoint(after, without)
 
     def _insert(self, key: Key, event: Event) -> bool:
@@ -154,7 +154,7 @@ class History:
         while self._checkpoints[-1].after > key:
             self._checkpoints.pop()
         after, memory = self._checkpoints[-1]
-        self._reckoning.recall(memory)
+        self._reckoning.restore(memory)
         self._since_checkpoint = 0
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
@@ -170,7 +170,7 @@ class History:
         if self._since_checkpoint < CHECKPOINT_EVERY:
             return False
         self._since_checkpoint = 0
-        self._checkpoints.append(Checkpoint(key, self._reckoning.memory()))
+        self._checkpoints.append(Checkpoint(key, self._reckoning.checkpoint()))
         return True
 
     def _forget(self) -> None:

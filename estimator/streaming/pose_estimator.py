@@ -286,7 +286,7 @@ class PoseEstimator:
     @property
     def marks(self) -> tuple[int, ...]:
         """Stamps of the marks that are kept [ns]."""
-        return self._reckoning.marks.stamps
+        return self._reckoning.clones.stamps
 
     def mark(self, stamp: int | None = None) -> int:
         """Remember where the robot is, for `relative_motion`; the estimate is not changed by it.
@@ -338,7 +338,7 @@ class PoseEstimator:
         Raises:
             EstimatorError: there is no such mark.
         """
-        return self._reckoning.marks.between(from_stamp, to_stamp, self.stamp or 0)
+        return self._reckoning.clones.between(from_stamp, to_stamp, self.stamp or 0)
 
     def forget(self, stamp: int) -> None:
         """Drop a mark that is no longer asked for; each costs time in every step.
@@ -349,7 +349,7 @@ class PoseEstimator:
         Raises:
             EstimatorError: there is no such mark.
         """
-        self._reckoning.marks.place(stamp)
+        self._reckoning.clones.place(stamp)
         self._history.forget_mark(Mark(stamp))
 
     # --- how it outlives a program ----------------------------------------------------------------
@@ -368,7 +368,7 @@ class PoseEstimator:
             self.variant.name,
             robot_constants(self.robot),
             self.settings,
-            self._reckoning.memory(),
+            self._reckoning.checkpoint(),
             self._history.memory(),
             self._arrivals,
             self._admission.witnesses,
@@ -395,7 +395,7 @@ class PoseEstimator:
         saved.require_fit(robot, variant, str(path), to_go_on=True)
         estimator = cls(robot, saved.variant, settings=saved.settings)
         try:
-            estimator._reckoning.recall(saved.now)
+            estimator._reckoning.restore(saved.now)
             estimator._history.recall(saved.history)
         except (EstimatorError, KeyError, ValueError) as problem:
             raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
@@ -444,7 +444,7 @@ class PoseEstimator:
             start=start,
             start_sigma=start_sigma,
         )
-        estimator._reckoning.take_over(saved.now, off)
+        estimator._reckoning.warm_start(saved.now, off)
         # The history starts from what the filter knows.
         estimator._history = History(estimator._reckoning, estimator.settings.history)
         return estimator

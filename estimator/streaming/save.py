@@ -2,8 +2,8 @@
 
     {"format": "icreckon estimator", "version": 1, "checksum": "...", "content": {
         "variant", "robot", "settings"      what the estimator was made from
-        "now"                               what the filter knows, see `FilterMemory`; the state by name,
-                                            the covariance in rows in the order of the state
+        "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
+                                            name, the covariance in rows in the order of the state
         "history"                           what it knew before the history, and the measurements since
         "arrivals", "witnesses"}}           counts, and clocks that are being watched
 
@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.checkpoint import FilterMemory
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -63,7 +63,7 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     variant: str
     robot: dict[str, Any]
     settings: Settings
-    now: FilterMemory
+    now: FilterCheckpoint
     history: HistoryMemory
     arrivals: Health
     witnesses: dict[str, tuple[int, int]]

@@ -158,7 +158,7 @@ class _KeptRow(NamedTuple):
 
 
 class _Tape:
-    """Witness of a filter: what it does goes on a tape, beside what the optimal one for its error does.
+    """Observer of a filter: tape of its changes, and of the optimal filter for its error.
 
     Args:
         ekf: the filter at its start.
@@ -166,7 +166,7 @@ class _Tape:
 
     def __init__(self, ekf: IcrEkf) -> None:
         self._ekf = ekf
-        ekf.witness = self
+        ekf.observer = self
         self._delta: Floats = np.zeros(s.SIZE)
         self._optimal_P: Floats = ekf.P.copy()
         self._tape: list[_Step | _Renewal | _Update] = []
@@ -175,7 +175,7 @@ class _Tape:
     # --- forward ---------------------------------------------------------------------------------
 
     def moved(self, F: Floats, Q: Floats) -> None:
-        """See `Witness`."""
+        """See `Observer`."""
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
@@ -184,11 +184,11 @@ class _Tape:
             self._renew(s.POSE, self._optimal_P[s.POSE, s.POSE].copy())
 
     def renewed(self, covariance: Floats) -> None:
-        """See `Witness`."""
+        """See `Observer`."""
         self._renew(s.FAST_SLIP, covariance)
 
     def replaced(self, covariance: Floats) -> None:
-        """See `Witness`."""
+        """See `Observer`."""
         self._renew(s.POSE, covariance)
 
     def _renew(self, states: slice, covariance: Floats) -> None:
@@ -198,23 +198,23 @@ class _Tape:
         P[states, states] = covariance
         self._tape.append(_Renewal(states))
 
-    def reopened(self, states: tuple[int, ...], variance: float) -> None:
-        """See `Witness`."""
+    def inflated(self, states: tuple[int, ...], variance: float) -> None:
+        """See `Observer`."""
         for index in states:
             self._optimal_P[index, index] += variance
 
-    def updated(self, residual: float, row: Floats, variance: float, change: Floats) -> None:
-        """See `Witness`."""
-        cross = self._optimal_P @ row
-        expected = float(row @ cross) + variance
+    def updated(self, z: float, h: Floats, r: float, change: Floats) -> None:
+        """See `Observer`."""
+        cross = self._optimal_P @ h
+        expected = float(h @ cross) + r
         gain = cross / expected
-        innovation = residual - float(row @ self._delta)
+        innovation = z - float(h @ self._delta)
         self._delta = self._delta + gain * innovation - change
         self._optimal_P = self._optimal_P - np.outer(gain, cross)
-        self._tape.append(_Update(row, gain, innovation, expected))
+        self._tape.append(_Update(h, gain, innovation, expected))
 
     def projected(self, change: Floats) -> None:
-        """See `Witness`; the optimal filter stays where it is, only smoothed states are projected."""
+        """See `Observer`; the optimal filter stays where it is, only smoothed states are projected."""
         self._delta = self._delta - change
 
     def keep_row(self, track_speeds: tuple[float, float]) -> None:
@@ -232,7 +232,7 @@ class _Tape:
             filtered: what the filter said where rows were kept.
         """
         ekf = self._ekf
-        ekf.witness = ekf.marks = ekf.regressors = None
+        ekf.observer = ekf.clones = ekf.regressors = None
         count = len(self._rows)
         rows = Rows(count)
         adjoint, information = np.zeros(s.SIZE), np.zeros((s.SIZE, s.SIZE))

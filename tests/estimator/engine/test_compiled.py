@@ -280,7 +280,7 @@ def test_whole_steps_are_the_same_as_one_thing_at_a_time(variant):
     at_once, used = fed("compiled", variant)
     settings = Settings(engine="compiled")
     watched = PoseEstimator(ALPHA, variant, settings=settings, **START)
-    watched._reckoning.ekf.witness = Watcher()
+    watched._reckoning.ekf.observer = Watcher()
     assert [watched.feed(m) for m in EVERYTHING] == used
     assert max(apart(watched, at_once)) < 1e-9
 

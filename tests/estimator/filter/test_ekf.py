@@ -6,12 +6,13 @@ import sys
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter
-from icreckon.estimator.engine.lane_filter import LaneEkf
 from scipy.integrate import quad
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import arc_factors, compose
+from icreckon.estimator.engine.lane_filter import LaneEkf
 from icreckon.estimator.filter.ekf import IcrEkf, ProcessNoise
+from icreckon.estimator.filter.update import normalised_square
 from icreckon.estimator.motion.bounds import BOUND_MARGIN, ROUNDING
 from icreckon.estimator.motion.index_model import InertiaMotion
 from icreckon.estimator.robot.robot_file import load_robot
@@ -289,7 +290,7 @@ def test_update_that_must_not_move_the_pose_leaves_it_and_its_covariance():
     pose, P = ekf.x[s.POSE].copy(), ekf.P.copy()
     row = np.random.default_rng(14).normal(size=s.SIZE)
     row[s.POSE] = 0.0
-    ekf.update_scalar(0.3, row, 0.01, kept=(s.X, s.Y, s.YAW))
+    ekf.update_scalar(0.3, row, 0.01, fixed=(s.X, s.Y, s.YAW))
     free.update_scalar(0.3, row, 0.01)
     assert (ekf.x[s.POSE] == pose).all()
     assert ekf.P[s.POSE, s.POSE] == pytest.approx(P[s.POSE, s.POSE], abs=1e-15)
@@ -300,14 +301,14 @@ def test_update_that_must_not_move_the_pose_leaves_it_and_its_covariance():
     assert np.linalg.eigvalsh(ekf.P)[0] > -1e-14
 
 
-def test_innovation_is_residual_and_its_variance():
+def test_innovation_covariance_is_that_of_prediction_and_measurement():
     ekf = make(np.random.default_rng(8))
     row = np.zeros(s.SIZE)
     row[s.X] = 2.0
-    innovation = ekf.innovation(3.0, row, 0.5)
+    S = ekf.innovation_covariance(row[None], np.array([[0.5]]))
     expected = 4.0 * ekf.P[s.X, s.X] + 0.5
-    assert innovation.variance == pytest.approx(expected)
-    assert innovation.nis == pytest.approx(9.0 / expected)
+    assert pytest.approx(np.array([[expected]])) == S
+    assert normalised_square(np.array([3.0]), S) == pytest.approx(9.0 / expected)
 
 
 def test_new_fast_slip_is_independent_of_all_else():

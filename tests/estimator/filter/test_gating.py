@@ -10,7 +10,7 @@ from icreckon.estimator.filter.gate import (
     REACQUIRED,
     REJECTED,
     Gate,
-    reopening,
+    inflation,
 )
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
@@ -46,9 +46,9 @@ def test_one_admitted_sample_starts_the_count_anew():
 
 
 def test_a_state_is_made_as_uncertain_as_the_residual_is_large_but_not_beyond_all_bounds():
-    assert reopening(4.0, 0.01) == 4.0
+    assert inflation(4.0, 0.01) == 4.0
     # Beside what is left, the variance of the measurement must still be seen in double precision.
-    assert reopening(1e30, 0.01) + 1e-5 * 0.01 > reopening(1e30, 0.01)
+    assert inflation(1e30, 0.01) + 1e-5 * 0.01 > inflation(1e30, 0.01)
 
 
 def second(value):

@@ -5,7 +5,6 @@ import pytest
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.look_ahead import component, pose_ahead, pose_now, twist_ahead
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -16,6 +15,8 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.motion.index_model import InertiaMotion
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.measurement_models import MODELS
+from icreckon.estimator.sensors.predictions import pose_ahead, pose_now, twist_ahead
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -40,34 +41,36 @@ def some_ekf():
 def test_pose_ahead_is_that_of_the_motion_without_fast_slip_and_so_are_its_derivatives():
     ekf, elapsed = some_ekf(), 0.05
 
-    def foretold(x):
+    def predicted(x):
         ekf.x = x
         return pose_ahead(x, ekf.twist_model(0.2, 0.6), NO_DENSITY, elapsed)
 
     x = ekf.x.copy()
-    found = foretold(x)
+    found = predicted(x)
     still = x.copy()
     still[s.FAST_SLIP] = 0.0
-    assert found.values == pytest.approx(foretold(still).values, abs=1e-12)
+    assert found.values == pytest.approx(predicted(still).values, abs=1e-12)
     for column in range(s.SIZE):
         step = np.zeros(s.SIZE)
         step[column] = 1e-6
-        slope = (foretold(x + step).values - foretold(x - step).values) / 2e-6
-        assert slope == pytest.approx(found.by_state[:, column], rel=1e-4, abs=1e-7)
+        slope = (predicted(x + step).values - predicted(x - step).values) / 2e-6
+        assert slope == pytest.approx(found.H[:, column], rel=1e-4, abs=1e-7)
 
 
-def test_what_is_not_told_is_the_fast_slip_to_come():
+def test_the_noise_of_a_prediction_is_the_fast_slip_to_come():
     ekf = some_ekf()
     model, density = ekf.twist_model(0.2, 0.6), np.diag([1e-6, 2e-6, 3e-4])
     pose = pose_ahead(ekf.x, model, density, 0.01)
-    assert pose.covariance.diagonal().sum() == pytest.approx(1e-2 * np.trace(density), rel=1e-3)
+    assert pose.R.diagonal().sum() == pytest.approx(1e-2 * np.trace(density), rel=1e-3)
     twist = twist_ahead(ekf.x, model, density, 0.01)
-    assert twist.covariance == pytest.approx(density / 0.01)
+    assert pytest.approx(density / 0.01) == twist.R
     without = model.twist - ekf.x[s.FAST_SLIP]
     assert twist.values == pytest.approx(without, abs=1e-12)
-    assert (pose_now(ekf.x).covariance == 0.0).all()
-    reading = component(2, 1.0, 0.5, twist, ekf.x, ekf.x)
-    assert reading.variance == pytest.approx(0.5 + 3e-2)
+    assert (pose_now(ekf.x).R == 0.0).all()
+    velocity = BodyVelocity(EPOCH, 0.2, 0.0, 0.5)
+    assert np.diag(MODELS[BodyVelocity].linearise(velocity, twist).R) == pytest.approx(
+        [0.5 + 1e-4, 0.5 + 2e-4]
+    )
 
 
 # --- the estimator ------------------------------------------------------------------------------------

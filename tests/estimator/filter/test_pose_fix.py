@@ -7,7 +7,6 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
-from icreckon.estimator.filter.look_ahead import pose_ahead
 from icreckon.estimator.log.measurements import (
     HeadingFix,
     ImuSample,
@@ -17,6 +16,7 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.sensors.predictions import pose_ahead
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -73,7 +73,7 @@ def test_it_is_the_dense_update(engine, seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_between_imu_samples_it_is_the_dense_update_of_what_is_foretold(seed):
+def test_between_imu_samples_it_is_the_dense_update_of_the_prediction(seed):
     rng = np.random.default_rng(seed)
     estimator, R = driven(), random_covariance(rng, (0.01, 0.01, 0.005))
     x, P, stamp = estimator.state, estimator.covariance, estimator.stamp
@@ -81,15 +81,13 @@ def test_between_imu_samples_it_is_the_dense_update_of_what_is_foretold(seed):
     model, later = reckoning.model(), stamp + round(elapsed * 1e9)
     density = 1e4 * reckoning._fast_slip_density(later, model)
     reckoning._fast_slip_density = lambda *_: density
-    foretold = pose_ahead(x, model, density, elapsed)
-    assert np.abs(foretold.covariance / R).max() > 0.1, "or its correlations count for nothing"
+    predicted = pose_ahead(x, model, density, elapsed)
+    assert np.abs(predicted.R / R).max() > 0.1, "or its correlations count for nothing"
     residual = rng.normal(size=3) * np.sqrt(R.diagonal())
-    fix = PoseFix(later, *(foretold.values + residual).tolist(), R)
+    fix = PoseFix(later, *(predicted.values + residual).tolist(), R)
     assert estimator.feed(fix) is True
     assert estimator.stamp == stamp
-    assert_close(
-        estimator, *dense_update(x, P, residual, foretold.by_state, R + foretold.covariance)
-    )
+    assert_close(estimator, *dense_update(x, P, residual, predicted.H, R + predicted.R))
 
 
 def test_without_correlations_it_is_a_position_and_a_heading_fix():
@@ -167,11 +165,11 @@ def test_a_used_pose_fix_ends_the_row_of_refused_position_fixes():
     x, y, yaw = estimator.pose
     for k in range(5):
         assert not estimator.feed(PositionFix(estimator.stamp + k, x + 30.0, y, 0.01))
-    assert len(estimator._reckoning._refused_fixes) == 5
+    assert len(estimator._reckoning._rejected_fixes) == 5
     assert not estimator.feed(PoseFix(estimator.stamp + 7, x + 30.0, y, yaw, SMALL))
-    assert len(estimator._reckoning._refused_fixes) == 5
+    assert len(estimator._reckoning._rejected_fixes) == 5
     assert estimator.feed(PoseFix(estimator.stamp + 8, *estimator.pose, SMALL))
-    assert estimator._reckoning._refused_fixes == ()
+    assert estimator._reckoning._rejected_fixes == ()
 
 
 def with_element(row, column, value):

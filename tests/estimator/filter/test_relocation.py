@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.filter.reacquisition import RefusedFix, relocation
+from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import load_robot
@@ -27,9 +27,9 @@ def turned(points: np.ndarray, angle: float) -> np.ndarray:
     return points @ np.array([[cos, sin], [-sin, cos]])
 
 
-def refused(measured: np.ndarray, sigma: float = 0.05) -> tuple[RefusedFix, ...]:
+def refused(measured: np.ndarray, sigma: float = 0.05) -> tuple[RejectedFix, ...]:
     return tuple(
-        RefusedFix(*z, sigma**2, *p) for z, p in zip(measured.tolist(), PATH.tolist(), strict=True)
+        RejectedFix(*z, sigma**2, *p) for z, p in zip(measured.tolist(), PATH.tolist(), strict=True)
     )
 
 
@@ -53,7 +53,7 @@ def test_what_is_no_turned_path_is_left_alone() -> None:
     # A shift needs no turn, a robot that stands shows none, and a mirrored path is no turned one.
     assert relocation(refused(PATH + np.array([5.0, 5.0]))) is None
     assert relocation(refused(turned(PATH, 1.0))[:4]) is None
-    standing = tuple(RefusedFix(5.0, 5.0, 0.01, 0.0, 0.0) for _ in range(11))
+    standing = tuple(RejectedFix(5.0, 5.0, 0.01, 0.0, 0.0) for _ in range(11))
     assert relocation(standing) is None
 
 

@@ -145,8 +145,8 @@ class _Batch(smoother._Tape):
             each[s.FAST_SLIP] = 0.0
         self._new_source(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
 
-    def reopened(self, states, variance):
-        super().reopened(states, variance)
+    def inflated(self, states, variance):
+        super().inflated(states, variance)
         for index in states:
             self._new_source(np.array([[variance]]), np.eye(s.SIZE)[:, [index]])
 

@@ -1,0 +1,310 @@
+"""Measurement models: for each sensor a class that returns z, H and R.
+
+`MODELS` is the table of sensors. The filter updates with any of them in the same way: predict a pose or
+a twist, linearise, gate, update, record. `register` adds a sensor that is no part of the package.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.input_checks import add_stream, remove_stream
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    Measurement,
+    PoseFix,
+    PositionFix,
+    ZeroVelocity,
+)
+from icreckon.estimator.motion.motion_model import TwistModel
+from icreckon.estimator.sensors.predictions import Prediction
+from icreckon.estimator.sensors.sensor_models import (
+    SensorModels,
+    TrackChange,
+    accelerometer_forecast,
+    gyro_variance,
+    shift,
+)
+
+# A twist measurement does not move the pose, which is to be continuous.
+POSE_FIXED = (s.X, s.Y, s.YAW)
+# The IMU does not move the track scale either. It sees that only through other errors of the yaw rate,
+# and would attribute them to the scale; fixes and body velocities measure it.
+IMU_FIXED = (*POSE_FIXED, s.TRACK_SCALE)
+# A zero velocity moves only the slip. That was another before the stop, and its error would go into
+# biases and parameters.
+STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop))
+
+M = TypeVar("M", bound=Measurement)
+Quantity = Literal["pose", "twist"]
+
+
+class Linearised(NamedTuple):
+    """Measurement linearised at a state.
+
+    Attributes:
+        z: (n,) innovation: measured less predicted.
+        H: (n, SIZE) Jacobian of the predicted measurement.
+        R: (n, n) covariance of the measurement noise.
+    """
+
+    z: Floats
+    H: Floats
+    R: Floats
+
+
+class MeasurementModel:
+    """Properties of a sensor that its updates depend on.
+
+    Attributes:
+        name: name of the sensor in health, checkpoints and the order of streams.
+        components: names of the components of its innovation; their number is the gate's degrees of
+            freedom.
+        inflated: states whose variance is inflated in re-acquisition, one for each component.
+        inflated_jointly: inflate each state by the joint square of the innovation, not by that of its
+            own component.
+        fixed: states that updates do not move; the covariance takes that into account.
+        correlated: updates use the correlations of R. If not, only the gate does.
+    """
+
+    name: ClassVar[str]
+    components: ClassVar[tuple[str, ...]]
+    inflated: ClassVar[tuple[int, ...]]
+    inflated_jointly: ClassVar[bool] = False
+    fixed: ClassVar[tuple[int, ...]] = ()
+    correlated: ClassVar[bool] = True
+
+
+class FixModel(MeasurementModel, Generic[M]):
+    """Sensor that measures the pose or the twist, apart from tracks and IMU.
+
+    Attributes:
+        predicts: predicted quantity that `linearise` takes.
+        standing: the robot stands while it is measured.
+    """
+
+    predicts: ClassVar[Quantity]
+    standing: ClassVar[bool] = False
+
+    def linearise(self, measurement: M, predicted: Prediction) -> Linearised:
+        """Compare a measurement with its prediction.
+
+        Args:
+            measurement: the measurement.
+            predicted: pose or twist at its stamp, as `predicts` names it.
+        """
+        raise NotImplementedError
+
+
+class Position(FixModel[PositionFix]):
+    """Position of base_link in odom."""
+
+    name, predicts = "position", "pose"
+    components = ("position_x", "position_y")
+    inflated, inflated_jointly = (s.X, s.Y), True
+    correlated = False
+
+    def linearise(self, measurement: PositionFix, predicted: Prediction) -> Linearised:
+        """Compare x and y with the predicted pose."""
+        z = np.array((measurement.x, measurement.y)) - predicted.values[:2]
+        return Linearised(
+            z, predicted.H[:2], predicted.R[:2, :2] + measurement.variance * np.eye(2)
+        )
+
+
+class Heading(FixModel[HeadingFix]):
+    """Yaw of base_link in odom."""
+
+    name, predicts = "heading", "pose"
+    components = ("heading",)
+    inflated = (s.YAW,)
+
+    def linearise(self, measurement: HeadingFix, predicted: Prediction) -> Linearised:
+        """Compare the yaw with the predicted pose."""
+        z = np.array([wrap_angle(measurement.yaw - predicted.values.item(2))])
+        return Linearised(z, predicted.H[2:], predicted.R[2:, 2:] + measurement.variance)
+
+
+class BodyTwist(FixModel[BodyVelocity]):
+    """Velocity of base_link, forward and to the left."""
+
+    name, predicts = "body velocity", "twist"
+    components = ("body_velocity_x", "body_velocity_y")
+    inflated, inflated_jointly = (s.SLIP_X, s.SLIP_Y), True
+    fixed = POSE_FIXED
+    correlated = False
+
+    def linearise(self, measurement: BodyVelocity, predicted: Prediction) -> Linearised:
+        """Compare v_x and v_y with the predicted twist."""
+        z = np.array((measurement.v_x, measurement.v_y)) - predicted.values[:2]
+        return Linearised(
+            z, predicted.H[:2], predicted.R[:2, :2] + measurement.variance * np.eye(2)
+        )
+
+
+class Pose(FixModel[PoseFix]):
+    """Pose of base_link in odom."""
+
+    name, predicts = "pose", "pose"
+    components = ("pose_x", "pose_y", "pose_yaw")
+    inflated = (s.X, s.Y, s.YAW)
+
+    def linearise(self, measurement: PoseFix, predicted: Prediction) -> Linearised:
+        """Compare the pose with its prediction."""
+        z = np.array((measurement.x, measurement.y, measurement.yaw)) - predicted.values
+        z[2] = wrap_angle(z[2])
+        covariance = np.array(measurement.covariance)
+        return Linearised(z, predicted.H, predicted.R + 0.5 * (covariance + covariance.T))
+
+
+class Standing(FixModel[ZeroVelocity]):
+    """Zero velocity of a robot that stands."""
+
+    name, predicts = "zero velocity", "twist"
+    components = ("zero_velocity_x", "zero_velocity_y", "zero_velocity_w")
+    inflated = (s.SLIP_X, s.SLIP_Y, s.SLIP_W)
+    fixed = STANDING_FIXED
+    standing = True
+
+    def linearise(self, measurement: ZeroVelocity, predicted: Prediction) -> Linearised:
+        """Compare zero with the predicted twist."""
+        R = predicted.R + np.diag(np.square(measurement.sigma))
+        return Linearised(-predicted.values, predicted.H, R)
+
+
+class StepTwist(NamedTuple):
+    """Twist of a step, and the other inputs of the IMU's predicted measurements.
+
+    Attributes:
+        model: the twist at `x`.
+        x: (SIZE,) state of the linearisation.
+        interval: time between samples [s].
+        change: change of the track speeds.
+    """
+
+    model: TwistModel
+    x: Floats
+    interval: float
+    change: TrackChange
+
+
+class Gyro(MeasurementModel):
+    """Yaw rate: that of the robot times scale, plus bias.
+
+    Args:
+        sensors: mounting and noise of the IMU.
+    """
+
+    name = "gyro"
+    components = ("gyro",)
+    inflated = (s.SLIP_W,)
+    fixed = IMU_FIXED
+
+    def __init__(self, sensors: SensorModels) -> None:
+        self._constants = sensors.constants
+
+    def linearise(self, rate: float, at: StepTwist) -> Linearised:
+        """Compare a yaw rate, see `SensorModels.yaw_rate` [rad/s], with its prediction."""
+        model, x = at.model, at.x
+        w, scale = model.twist.item(2), 1.0 + x.item(s.GYRO_SCALE)
+        H = scale * model.jacobian[2:]
+        H[0, s.GYRO_BIAS] += 1.0
+        H[0, s.GYRO_SCALE] += w
+        variance = gyro_variance(
+            self._constants, at.interval, model.by_speeds[2].tolist(), at.change
+        )
+        z = rate - scale * w - x.item(s.GYRO_BIAS)
+        return Linearised(np.array([z]), H, np.array([[variance]]))
+
+
+class Accelerometer(MeasurementModel):
+    """Specific force to the left: dv_y/dt + w v_x at the IMU, plus bias.
+
+    The forward component carries little information: the track speeds give it more accurately.
+
+    Args:
+        sensors: mounting and noise of the IMU.
+    """
+
+    name = "accelerometer"
+    components = ("accelerometer",)
+    inflated = (s.ACCELEROMETER_BIAS,)
+    fixed = IMU_FIXED
+
+    def __init__(self, sensors: SensorModels) -> None:
+        self._constants = sensors.constants
+
+    def linearise(self, force: float, at: StepTwist, x: Floats, slip_density: float) -> Linearised:
+        """Compare a specific force with its prediction.
+
+        Args:
+            force: specific force to the left [m/s²].
+            at: twist and inputs at the state of the linearisation.
+            x: (SIZE,) the state, which updates may have moved since then.
+            slip_density: density of the change of the sideways slip [m²/s³].
+        """
+        model = at.model
+        forecast = accelerometer_forecast(
+            self._constants,
+            at.interval,
+            model.twist.tolist(),
+            model.by_speeds.tolist(),
+            at.change,
+            slip_density,
+        )
+        row = forecast.by_w * model.jacobian[2] + forecast.by_v_x * model.jacobian[0]
+        row[s.ACCELEROMETER_BIAS] += 1.0
+        predicted = forecast.predicted + at.x.item(s.ACCELEROMETER_BIAS)
+        z = force - predicted - shift(row, x, at.x)
+        return Linearised(np.array([z]), row[None], np.array([[forecast.variance]]))
+
+
+# Sensors by type of measurement; tracks and IMU have steps of their own in the filter.
+MODELS: dict[type[Measurement], FixModel[Any]] = {
+    PositionFix: Position(),
+    HeadingFix: Heading(),
+    BodyVelocity: BodyTwist(),
+    PoseFix: Pose(),
+    ZeroVelocity: Standing(),
+}
+
+
+def register(kind: type[M], model: FixModel[M]) -> None:
+    """Add a sensor; estimators that are made afterwards take its measurements.
+
+    Args:
+        kind: type of its measurements: a frozen dataclass or msgspec struct with `stamp` [ns] first and
+            floats, triples or (3, 3) tuples after it. Fields named `variance`, `sigma` and `covariance`
+            are noise and must be positive; all others must be finite.
+        model: its measurement model.
+
+    Raises:
+        EstimatorError: the type or the name is taken, the first field is not `stamp`, or the model
+            inflates another number of states than it has components.
+    """
+    if len(model.inflated) != len(model.components):
+        raise EstimatorError(f"{model.name}: one inflated state for each component is needed")
+    if model.name in (Gyro.name, Accelerometer.name):
+        raise EstimatorError(f"{model.name!r}: there is such a sensor already")
+    add_stream(kind, model.name)
+    MODELS[kind] = model
+
+
+def unregister(kind: type[Measurement]) -> None:
+    """Remove a sensor that `register` added."""
+    del MODELS[kind]
+    remove_stream(kind)
+
+
+def innovation_components() -> dict[str, tuple[str, ...]]:
+    """Names of the innovation's components, by sensor."""
+    models: tuple[MeasurementModel | type[MeasurementModel], ...]
+    models = (Gyro, Accelerometer, *MODELS.values())
+    return {model.name: model.components for model in models}

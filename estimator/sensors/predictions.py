@@ -1,0 +1,80 @@
+"""Predicted pose and twist: now, or a little after the newest step.
+
+A measurement between two IMU samples must not end the step: the pose would follow the track speeds alone,
+and since the IMU moves no pose, the next sample could not take back what was slip. Such a measurement is
+compared with a prediction ahead, and corrects the state where it stands. Until then the motion is assumed
+constant, except for a new fast slip of unknown value.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.motion_model import TwistModel
+from icreckon.estimator.motion.propagation import step_on_se2
+
+NO_NOISE = np.zeros((3, 3))
+
+
+class Prediction(NamedTuple):
+    """Predicted pose or twist at a stamp.
+
+    Attributes:
+        values: (3,) x, y [m], yaw [rad], or v_x, v_y [m/s], w [rad/s].
+        H: (3, SIZE) Jacobian by the present state.
+        R: (3, 3) covariance of the part that the state does not hold: the fast slip until then.
+    """
+
+    values: Floats
+    H: Floats
+    R: Floats
+
+
+def pose_now(x: Floats) -> Prediction:
+    """Pose of a state (SIZE,)."""
+    return Prediction(x[s.POSE].copy(), np.eye(s.SIZE)[s.POSE], NO_NOISE)
+
+
+def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) -> Prediction:
+    """Predict the pose after the newest step.
+
+    Args:
+        x: (SIZE,) the state.
+        model: the twist at `x`.
+        density: (3, 3) density of the fast slip, see `estimator.filter.process_noise`.
+        elapsed: time since the newest step [s].
+    """
+    twist, jacobian = _without_fast_slip(x, model)
+    step, by_yaw, by_motion = step_on_se2(x.item(s.YAW), (twist * elapsed).tolist())
+    turned = np.array(by_motion)
+    H = turned @ jacobian * elapsed
+    H[s.POSE, s.POSE] += np.eye(3)
+    H[s.POSITION, s.YAW] += by_yaw
+    return Prediction(x[s.POSE] + step, H, turned @ density @ turned.T * elapsed)
+
+
+def twist_now(model: TwistModel) -> Prediction:
+    """Twist of the present step."""
+    return Prediction(model.twist, model.jacobian, NO_NOISE)
+
+
+def twist_ahead(x: Floats, model: TwistModel, density: Floats, interval: float) -> Prediction:
+    """Predict the twist of the next step.
+
+    Args:
+        x: (SIZE,) the state.
+        model: the twist at `x`.
+        density: (3, 3) density of the fast slip, see `estimator.filter.process_noise`.
+        interval: expected length of the next step [s].
+    """
+    return Prediction(*_without_fast_slip(x, model), density / interval)
+
+
+def _without_fast_slip(x: Floats, model: TwistModel) -> tuple[Floats, Floats]:
+    jacobian = model.jacobian.copy()
+    jacobian[:, s.FAST_SLIP] = 0.0
+    return model.twist - model.jacobian[:, s.FAST_SLIP] @ x[s.FAST_SLIP], jacobian

@@ -1,0 +1,249 @@
+"""A sensor that is no part of the package: a radar that measures the forward speed at its place."""
+
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement, TrackSpeeds
+from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.sensors.measurement_models import (
+    POSE_FIXED,
+    FixModel,
+    Linearised,
+    register,
+    unregister,
+)
+from icreckon.estimator.sensors.predictions import Prediction, twist_ahead, twist_now
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.smoother import smooth
+
+# --- the sensor ---------------------------------------------------------------------------------------
+
+
+class GroundSpeed(msgspec.Struct, frozen=True):
+    """Forward speed of the ground under a radar."""
+
+    stamp: int
+    speed: float  # [m/s]
+    variance: float  # [m²/s²]
+
+
+class Radar(FixModel[GroundSpeed]):
+    """Radar at the left edge of the robot: v_x - w y."""
+
+    name, predicts = "radar", "twist"
+    components = ("radar",)
+    inflated = (s.SLIP_X,)
+    fixed = POSE_FIXED
+    y = 0.2  # position in base_link, to the left [m]
+
+    def linearise(self, measurement: GroundSpeed, predicted: Prediction) -> Linearised:
+        """Compare the speed with the predicted twist."""
+        along = np.array([[1.0, 0.0, -self.y]])
+        z = measurement.speed - along @ predicted.values
+        return Linearised(
+            z, along @ predicted.H, along @ predicted.R @ along.T + measurement.variance
+        )
+
+
+# --- its tests ----------------------------------------------------------------------------------------
+
+ALPHA = load_robot("auriga-alpha")
+EPOCH = 1_700_000_000_000_000_000
+STEP = 10_000_000
+TRUE_SPEED, TRUE_W = 0.45, 0.3
+
+
+@pytest.fixture(autouse=True)
+def radar() -> Iterator[Radar]:
+    model = Radar()
+    register(GroundSpeed, model)
+    yield model
+    unregister(GroundSpeed)
+
+
+def seen(stamp: int, wrong: float = 0.0) -> GroundSpeed:
+    return GroundSpeed(stamp, TRUE_SPEED - Radar.y * TRUE_W + wrong, 1e-4)
+
+
+def drive(seconds: float = 4.0, *, offset: int = 3_000_000) -> list[Measurement]:
+    """A bend in which the tracks slip, and a radar reading between two IMU samples at 10 Hz."""
+    found: list[Measurement] = []
+    for k in range(round(seconds * 100)):
+        stamp = EPOCH + k * STEP
+        if k % 2 == 0:
+            found.append(TrackSpeeds(stamp, 0.45, 0.60))
+        found.append(ImuSample(stamp, (0.0, 0.0, TRUE_W), (0.0, 0.13, 9.81)))
+        if k % 10 == 5:
+            found.append(seen(stamp + offset))
+    return found
+
+
+def fed(measurements: list[Measurement], engine: str = "compiled", **gates: int) -> PoseEstimator:
+    settings = Settings(engine=engine, gates=GateSettings(**gates))
+    estimator = PoseEstimator(ALPHA, settings=settings)
+    for measurement in measurements:
+        estimator.feed(measurement)
+    return estimator
+
+
+@pytest.mark.parametrize("ahead", [False, True])
+def test_its_jacobian_is_the_derivative_of_its_predicted_measurement(radar: Radar, ahead: bool):
+    ekf = IcrEkf(InertiaMotion(ALPHA.constants))
+    ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
+    ekf.x[s.SLIP] = 0.01, -0.02, 0.05
+    at = ekf.x.copy()
+
+    def linearised(x: np.ndarray) -> Linearised:
+        ekf.x = x
+        model = ekf.twist_model(0.2, 0.6)
+        density = np.diag([1e-6, 2e-6, 3e-4])
+        predicted = twist_ahead(x, model, density, 0.01) if ahead else twist_now(model)
+        return radar.linearise(GroundSpeed(0, 0.3, 1e-4), predicted)
+
+    found = linearised(at)
+    for column in range(s.SIZE):
+        step = np.zeros(s.SIZE)
+        step[column] = 1e-6
+        slope = (linearised(at - step).z - linearised(at + step).z) / 2e-6
+        assert slope == pytest.approx(found.H[:, column], rel=1e-4, abs=1e-7)
+    noise = 1e-4 + ahead * (1e-4 + Radar.y**2 * 3e-2)
+    assert found.R.item() == pytest.approx(noise)
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_it_corrects_the_speed_and_is_counted_in_health(engine: str):
+    without = fed([m for m in drive() if not isinstance(m, GroundSpeed)], engine)
+    estimator = fed(drive(), engine)
+    assert without.twist[0] - TRUE_SPEED > 0.05
+    assert abs(estimator.twist[0] - TRUE_SPEED) < 0.5 * (without.twist[0] - TRUE_SPEED)
+    counts = estimator.health.sensors["radar"]
+    assert (counts.used, counts.degrees, counts.rejected) == (40, 40 - counts.reacquired, {})
+    assert counts.newest is not None
+    assert counts.newest.stamp == drive()[-1].stamp - 4 * STEP + 3_000_000
+
+
+def test_the_engines_agree_on_it():
+    plain, compiled = fed(drive(), "plain"), fed(drive(), "compiled")
+    sigma = np.sqrt(np.diagonal(plain.covariance))
+    estimated = sigma > 0.0
+    off = (compiled.state - plain.state)[estimated] / sigma[estimated]
+    assert np.abs(off).max() < 1e-9
+
+
+def test_its_gate_rejects_an_outlier_and_reacquires_after_some_in_a_row():
+    estimator = fed(drive(), patience=3)
+    state, stamp = estimator.state, estimator.stamp
+    assert stamp is not None
+    for k in range(1, 4):
+        assert not estimator.feed(seen(stamp + k * 1_000_000, wrong=2.0))
+    assert (estimator.state == state).all()
+    assert estimator.feed(seen(stamp + 4_000_000, wrong=2.0))
+    counts = estimator.health.sensors["radar"]
+    assert (counts.rejected, counts.reacquired) == ({"gate": 3}, 1)
+    assert estimator.twist[0] == pytest.approx(TRUE_SPEED + 2.0, abs=0.05)
+    assert (estimator.pose == state[s.POSE]).all(), "it must not move the pose"
+
+
+@pytest.mark.parametrize("offset", [0, 3_000_000])
+def test_late_is_as_in_order_to_the_last_bit(offset: int):
+    measurements = drive(2.0, offset=offset)
+    late = [m for m in measurements if isinstance(m, GroundSpeed)][-3:]
+    one, other = (
+        fed(measurements),
+        fed([*(m for m in measurements if m not in late), *reversed(late)]),
+    )
+    assert (one.state == other.state).all()
+    assert (one.covariance == other.covariance).all()
+    assert other.health.sensors["radar"].late == 3
+
+
+def test_bad_readings_are_refused():
+    estimator = fed(drive(1.0))
+    stamp = estimator.stamp
+    assert stamp is not None
+    for bad in (
+        GroundSpeed(stamp, float("nan"), 1e-4),
+        GroundSpeed(stamp, 0.4, 0.0),
+        GroundSpeed(EPOCH + 5 * STEP + 3_000_000, 0.4, 1e-4),
+    ):
+        assert not estimator.feed(bad)
+    rejected = estimator.health.sensors["radar"].rejected
+    assert rejected == {"not finite": 1, "variance not positive": 1, "duplicate stamp": 1}
+    with pytest.raises(EstimatorError, match="all but the stamp must be numbers"):
+        estimator.feed(GroundSpeed(stamp, "fast", 1e-4))  # type: ignore[arg-type]
+    assert estimator.feed(GroundSpeed(np.int64(stamp), 1, np.float32(1.0)))  # type: ignore[arg-type]
+
+
+def test_its_innovations_are_in_the_rows_of_a_run():
+    log = Log.from_measurements(drive())
+    found = run(log, ALPHA, "inertia-online")
+    assert found.innovation_names == ("gyro", "accelerometer", "radar")
+    radar = found.innovations[:, 2]
+    assert np.isfinite(radar).sum() == 40
+    assert np.abs(radar[np.isfinite(radar)][5:]).max() < 1.0
+    smoothed = smooth(log, ALPHA, "inertia-online").smoothed
+    assert smoothed.trajectory.twists[20, 0] == pytest.approx(TRUE_SPEED, abs=0.03)
+
+
+def test_a_saved_estimator_goes_on_with_it(tmp_path):
+    measurements = drive()
+    half = len(measurements) // 2
+    before = fed(measurements[:half])
+    before.save(tmp_path / "saved.json")
+    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    late = seen(measurements[half].stamp - 200_000_001)
+    for estimator in (before, restored):
+        assert estimator.feed(late)
+        for measurement in measurements[half:]:
+            estimator.feed(measurement)
+    assert (before.state == restored.state).all()
+    assert before.health == restored.health
+    unregister(GroundSpeed)
+    try:
+        with pytest.raises(EstimatorError, match=r"not as icreckon writes it: .radar"):
+            PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    finally:
+        register(GroundSpeed, Radar())
+
+
+class Unnamed(msgspec.Struct, frozen=True):
+    """Measurement with a field that cannot be checked."""
+
+    stamp: int
+    text: str
+
+
+class Without(msgspec.Struct, frozen=True):
+    """Measurement without a stamp."""
+
+    speed: float
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "message"),
+    [
+        (GroundSpeed, "another", "there is such a sensor already"),
+        (Without, "radar", "there is such a sensor already"),
+        (Without, "gyro", "there is such a sensor already"),
+        (Mark, "mark", "there is such a sensor already"),
+        (Without, "without", "the first field must be stamp"),
+        (Unnamed, "unnamed", "Unnamed.text: cannot be"),
+    ],
+)
+def test_what_cannot_be_a_sensor_is_refused(kind: type, name: str, message: str):
+    model = type("Other", (Radar,), {"name": name})()
+    with pytest.raises(EstimatorError, match=message):
+        register(kind, model)
+    uneven = type("Uneven", (Radar,), {"name": name, "components": ("one", "two")})()
+    with pytest.raises(EstimatorError, match="one inflated state for each component"):
+        register(kind, uneven)
