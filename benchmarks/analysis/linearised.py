@@ -21,6 +21,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
 
 
@@ -117,9 +118,7 @@ class LinearisedModel:
         model, self.start, self.sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._ekf = IcrEkf(model)
         self._models = SensorModels(robot)
-        self._tracks = HeldTrackSpeeds(
-            settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
-        )
+        self._tracks = HeldTrackSpeeds(settings=input_settings(robot, settings))
         self._tracks.take(0, 0.0, 0.0)
         self._sensors, self._dt, self._count = sensors, dt, 0
 

@@ -15,10 +15,16 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import TELLING, ReplayRows
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, Measured, front_settings
+from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS
-from icreckon.estimator.engine.log_steps import Bytes, LogSteps, steps_of_log
-from icreckon.estimator.engine.schedule import MOVE, MOVE_AND_UPDATE, UPDATE
+from icreckon.estimator.engine.schedule import (
+    MOVE,
+    MOVE_AND_UPDATE,
+    UPDATE,
+    Bytes,
+    LogSteps,
+    steps_of_log,
+)
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.filter import Reckoning
@@ -29,6 +35,7 @@ from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import smoothing_share
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.pose_estimator import Snapshot
@@ -129,7 +136,7 @@ def _go(
 ) -> FrontEnd:
     """Work through all steps, and write down what is told; `smoothed` if there is something to smooth."""
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
-    front = FrontEnd(measured, steps, front_settings(filters[0].robot, filters[0].settings))
+    front = FrontEnd(measured, steps, input_settings(filters[0].robot, filters[0].settings))
     inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.told), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
@@ -139,7 +146,7 @@ def _go(
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
         told = inputs[: end - begin]
-        front.tell(begin, end, told)
+        front.fill(begin, end, told)
         for tau, table in tables.items():
             fill_entry(table, part.starts, part.ends, part.intervals, tau)
             if begin <= first_moving < end and not smoothed:

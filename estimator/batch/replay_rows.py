@@ -14,8 +14,15 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.front_end import Measured
-from icreckon.estimator.engine.log_steps import Bytes, LogSteps
-from icreckon.estimator.engine.schedule import HEADING, POSITION, TICK, UPDATE, Steps
+from icreckon.estimator.engine.schedule import (
+    HEADING,
+    POSITION,
+    TICK,
+    UPDATE,
+    Bytes,
+    LogSteps,
+    Steps,
+)
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.gate import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
 from icreckon.estimator.filter.health import RECENT, Health, Judged

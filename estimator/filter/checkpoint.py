@@ -13,7 +13,8 @@ from icreckon.estimator.filter.clones import Marks
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.filter.reacquisition import RefusedFix
 from icreckon.estimator.motion.motion_model import NO_MEMORY
-from icreckon.estimator.sensors.held_tracks import TrackMemory
+from icreckon.estimator.sensors.held_tracks import TrackRecord
+from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.standstill import StandstillMemory
 
 
@@ -26,10 +27,9 @@ class FilterMemory(msgspec.Struct, frozen=True):
         covariance: (SIZE, SIZE).
         step_under_way: whether the fast slip of the next step is drawn already.
         stands: whether the robot was found standing.
-        tracks: the newest track speeds.
-        standstill: what the standstill detection goes by.
-        imu_stamp: of the newest IMU sample [ns], or None.
-        imu_interval: time between the newest two IMU samples [s].
+        tracks: record of the track speeds.
+        standstill: checkpoint of the standstill detection.
+        imu: clock of the IMU.
         rejected_in_a_row: of each gate.
         health: counts.
         marks: the motion since each mark, None where there is none.
@@ -44,10 +44,9 @@ class FilterMemory(msgspec.Struct, frozen=True):
     covariance: np.ndarray[Any, Any]
     step_under_way: bool
     stands: bool
-    tracks: TrackMemory
+    tracks: TrackRecord
     standstill: StandstillMemory
-    imu_stamp: int | None
-    imu_interval: float
+    imu: ClockRecord
     rejected_in_a_row: dict[str, int]
     health: Health
     marks: Marks | None = None
@@ -68,19 +67,11 @@ class FilterMemory(msgspec.Struct, frozen=True):
         def later(stamp: int | None) -> int | None:
             return None if stamp is None else stamp + by
 
-        tracks, standstill = self.tracks, self.standstill
-        repeating = tracks.repeating and tuple(
-            replace(track, since=track.since + by, newest=track.newest + by)
-            for track in tracks.repeating
-        )
         return replace(
             self,
             stamp=later(self.stamp),
-            tracks=replace(tracks, stamp=later(tracks.stamp), repeating=repeating),
-            standstill=StandstillMemory(
-                later(standstill.stopped_since),
-                tuple((stamp + by, reading) for stamp, reading in standstill.readings),
-            ),
-            imu_stamp=later(self.imu_stamp),
+            tracks=self.tracks.shifted(by),
+            standstill=self.standstill.shifted(by),
+            imu=self.imu.shifted(by),
             stood_at=later(self.stood_at),
         )

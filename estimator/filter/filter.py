@@ -9,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.filter.checkpoint import FilterMemory
 from icreckon.estimator.filter.clones import Marks
 from icreckon.estimator.filter.ekf import IMU_KEPT, POSE_KEPT, STANDING_KEPT
@@ -51,6 +52,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 from icreckon.estimator.sensors.imu_clock import ImuClock
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import (
     STANDSTILL_VARIANCE,
     SensorModels,
@@ -58,7 +60,6 @@ from icreckon.estimator.sensors.sensor_models import (
     twist_component,
 )
 from icreckon.estimator.sensors.standstill import StandstillDetector
-from icreckon.estimator.sensors.stuck_tracks import Repeating
 
 
 class Reckoning:
@@ -109,10 +110,9 @@ class Reckoning:
         self._sensors = SensorModels(robot)
         # Whether the fast slip of the next step is drawn, and the pose has not got there yet.
         self._step_under_way = False
-        self._tracks = HeldTrackSpeeds(
-            settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
-        )
-        self._imu = ImuClock(settings.hold)
+        for_inputs = input_settings(robot, settings)
+        self._tracks = HeldTrackSpeeds(settings=for_inputs)
+        self._imu = ImuClock(hold=settings.hold)
         self._refused_fixes: tuple[RefusedFix, ...] = ()
         # Stamp of the newest zero velocity that was used.
         self._stood_at: int | None = None
@@ -125,7 +125,7 @@ class Reckoning:
             "pose": Gate(3, settings.gates),
             "zero velocity": Gate(3, settings.gates),
         }
-        self._standstill = StandstillDetector(settings.standstill, robot.imu.gyro_noise_density)
+        self._standstill = StandstillDetector(for_inputs, settings.standstill.bias_margin)
         self._at_once = engine.make_step(
             self.ekf,
             self._disturbances,
@@ -151,8 +151,7 @@ class Reckoning:
             self.stands,
             self._tracks.memory(),
             self._standstill.memory(),
-            self._imu.stamp,
-            self._imu.interval,
+            self._imu.memory(),
             {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
             self.health.copy(),
             self.ekf.marks,
@@ -177,7 +176,7 @@ class Reckoning:
         self.stands = memory.stands
         self._tracks.recall(memory.tracks)
         self._standstill.recall(memory.standstill)
-        self._imu.stamp, self._imu.interval = memory.imu_stamp, memory.imu_interval
+        self._imu.recall(memory.imu)
         for name, count in memory.rejected_in_a_row.items():
             self._gates[name].rejected_in_a_row = count
         self.health = memory.health.copy()
@@ -243,7 +242,7 @@ class Reckoning:
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         tracks = self._tracks
-        if tracks.stamp is None:
+        if tracks.stamp == NEVER:
             self.stamp = m.stamp
         else:
             # The old speeds have nothing to say beyond their own stamp, unless they are all there is
@@ -252,11 +251,8 @@ class Reckoning:
             until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
             self._advance(until)
             self.health.track_gaps += hole
-        begins, before = tracks.stamp is None, tracks.repeating
-        repeats = m.left == tracks.left or m.right == tracks.right
-        tracks.take(m.stamp, m.left, m.right)
-        if repeats:
-            self._count_stuck_tracks(before, tracks.repeating)
+        begins = tracks.stamp == NEVER
+        self.health.stuck_tracks += tracks.take(m.stamp, m.left, m.right)
         if begins:
             # The robot may be on its way already, and its slip with it.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -268,7 +264,7 @@ class Reckoning:
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        began = self._tracks.stamp is not None
+        began = self._tracks.stamp != NEVER
         self._imu.tick(m.stamp, used=began)
         if not began:
             # Not a robot at rest, but one of which nothing is known yet.
@@ -405,7 +401,7 @@ class Reckoning:
 
     def _take_zero_velocity(self, m: ZeroVelocity) -> bool:
         # At the estimate's own stamp it is about the next step, too: the one before is done with.
-        over = self.stamp == m.stamp and self._tracks.stamp is not None
+        over = self.stamp == m.stamp and self._tracks.stamp != NEVER
         waits = over or self._waits_for_imu(m.stamp)
         if not waits:
             self._begin_step(m.stamp)
@@ -450,15 +446,6 @@ class Reckoning:
         """Of a sensor's measurement at a stamp [ns]."""
         return Judge(stamp, self._gates[sensor], self.health.sensor(sensor))
 
-    def _count_stuck_tracks(
-        self, before: tuple[Repeating, ...] | None, after: tuple[Repeating, ...] | None
-    ) -> None:
-        """Those that were found stuck with the newest sample."""
-        hold = self._settings.hold
-        for one, other in zip(before or (), after or (), strict=False):
-            if other.stuck_from(hold) is not None and one.stuck_from(hold) is None:
-                self.health.stuck_tracks += 1
-
     def _may_be_pushed(self) -> bool:
         """Whether it may be turning with its tracks at rest."""
         tracks = self._tracks
@@ -472,7 +459,7 @@ class Reckoning:
 
     def _waits_for_imu(self, stamp: int) -> bool:
         """Whether a stamp [ns] lies in a step that the next IMU sample is to end."""
-        if self.stamp is None or self._tracks.stamp is None:
+        if self.stamp is None or self._tracks.stamp == NEVER:
             return False
         return stamp > self.stamp and self._imu.is_due_after(stamp)
 
