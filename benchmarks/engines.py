@@ -29,13 +29,14 @@ from step_time import filter_microseconds, plain_microseconds
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, front_settings
+from icreckon.estimator.engine.front_end import FrontEnd
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import Steps, steps_of
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
@@ -68,11 +69,11 @@ class Drive:
         self.steps: Steps = steps_of(
             measured.track_stamps, measured.imu_stamps, none, none, heading=False
         )
-        front = FrontEnd(measured, self.steps, front_settings(robot, Settings()))
+        front = FrontEnd(measured, self.steps, input_settings(robot, Settings()))
         count = BEGIN + STEPS
         shape = (count, len(INPUTS), self.filters.width)
         self.inputs = aligned(int(np.prod(shape)), self.filters.number).reshape(shape)
-        front.tell(0, count, self.inputs)
+        front.fill(0, count, self.inputs)
         self.table = self.filters.prepare(self.steps)
         zero = np.zeros(3)
         self.lanes = self.filters.begin(measured.tracks[:, 0], zero, zero)

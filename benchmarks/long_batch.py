@@ -22,12 +22,13 @@ from icreckon.estimator.base.frames import compose
 from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.engine.filters import PRECISIONS, BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.fixes import AS_USUAL, NOT_AT_ALL
-from icreckon.estimator.engine.front_end import FrontEnd, front_settings
+from icreckon.estimator.engine.front_end import FrontEnd
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
@@ -64,7 +65,7 @@ class Laps:
         count = len(self.steps.kinds)
         shape = count, len(INPUTS), width
         self.inputs = aligned(int(np.prod(shape)), PRECISIONS[bits]).reshape(shape)
-        FrontEnd(measured, self.steps, front_settings(robot, Settings())).tell(
+        FrontEnd(measured, self.steps, input_settings(robot, Settings())).fill(
             0, count, self.inputs
         )
         self.table = self.filters.prepare(self.steps)

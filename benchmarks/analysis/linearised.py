@@ -21,6 +21,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
 
@@ -119,9 +120,7 @@ class LinearisedModel:
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
         self._gyro, self._accelerometer = Gyro(models), Accelerometer(models)
-        self._tracks = HeldTrackSpeeds(
-            settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
-        )
+        self._tracks = HeldTrackSpeeds(settings=input_settings(robot, settings))
         self._tracks.take(0, 0.0, 0.0)
         self._sensors, self._dt, self._count = sensors, dt, 0
 

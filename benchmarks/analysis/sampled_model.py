@@ -37,6 +37,7 @@ from icreckon.estimator.robot.robot_file import Indices, Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
 from icreckon.simulation.base.errors import SimulationError
@@ -166,11 +167,7 @@ class ModelSampler:
         x = self._draw_start(rng)
         states[0] = begins[0] = x
         twists[0] = self._twist(x, *speeds[0].tolist())
-        tracks = HeldTrackSpeeds(
-            self._settings.hold,
-            self._settings.gap_acceleration,
-            self._robot.vehicle.max_track_speed,
-        )
+        tracks = HeldTrackSpeeds(settings=input_settings(self._robot, self._settings))
         tracks.take(int(stamps[0]), *speeds[0].tolist())
         measurements: list[Measurement] = [TrackSpeeds(int(stamps[0]), *speeds[0].tolist())]
         for k in range(1, count):

@@ -13,12 +13,18 @@ from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
-from icreckon.estimator.batch.replay_rows import TELLING, ReplayRows
+from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, Measured, front_settings
+from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS
-from icreckon.estimator.engine.log_steps import Bytes, LogSteps, steps_of_log
-from icreckon.estimator.engine.schedule import MOVE, MOVE_AND_UPDATE, UPDATE
+from icreckon.estimator.engine.schedule import (
+    MOVE,
+    MOVE_AND_UPDATE,
+    UPDATE,
+    Bytes,
+    LogSteps,
+    steps_of_log,
+)
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.filter import Reckoning
@@ -29,6 +35,7 @@ from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import smoothing_share
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.pose_estimator import Snapshot
@@ -53,9 +60,9 @@ def run_side_by_side(
 
     What comes out is what `run` says of each of them, to rounding, but for the accelerometer where the
     robot comes to rest: its innovation is NaN in the row before which the robot was found standing, even
-    if it was judged at an earlier IMU sample since the last row; and where the robot stands for the last
-    `TELLING` steps, the newest and recent NIS in `health` are those of the innovations in rows. A variant
-    is compiled when it runs for the first time ever, which takes some seconds.
+    if it was judged at an earlier IMU sample since the last row. If the robot stands for the last
+    `OUTPUT_AT_END` steps, the newest and recent NIS in `health` are those of the innovations in rows. A
+    variant is compiled when it runs for the first time ever, which takes some seconds.
 
     Args:
         log: the measurements; its truth is not looked at.
@@ -87,7 +94,7 @@ def run_side_by_side(
         of_filters = msgspec.structs.replace(settings, use_accelerometer=False)
     filters = [BatchFilter(robot, find_variant(name), of_filters, width=1) for name in variants]
     stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
-    steps = steps_of_log(*stamps, headings, settings, TELLING)
+    steps = steps_of_log(*stamps, headings, settings, OUTPUT_AT_END)
     for one in filters:
         one.compile_for(steps)
     if not filters:
@@ -127,9 +134,9 @@ def _go(
     *,
     smoothed: bool,
 ) -> FrontEnd:
-    """Work through all steps, and write down what is told; `smoothed` if there is something to smooth."""
+    """Work through all steps and fill the rows; `smoothed` if regressors exist already."""
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
-    front = FrontEnd(measured, steps, front_settings(filters[0].robot, filters[0].settings))
+    front = FrontEnd(measured, steps, input_settings(filters[0].robot, filters[0].settings))
     inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.told), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
@@ -138,15 +145,15 @@ def _go(
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
-        told = inputs[: end - begin]
-        front.tell(begin, end, told)
+        of_part = inputs[: end - begin]
+        front.fill(begin, end, of_part)
         for tau, table in tables.items():
             fill_entry(table, part.starts, part.ends, part.intervals, tau)
             if begin <= first_moving < end and not smoothed:
                 table[first_moving - begin, STEP_CONSTANTS.index("share")] = 1.0
         for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
             table = tables[one.time_constant][: end - begin]
-            one.work_through(lanes, told, part, table, room, all_told=True)
+            one.work_through(lanes, of_part, part, table, room, all_told=True)
             of_one.take(begin, end, part, room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))
@@ -156,7 +163,7 @@ def _go(
 def fill_step_constants(
     table: Floats, starts: Stamps, ends: Stamps, intervals: Floats, tau: float
 ) -> None:
-    """What belongs to each step, see `estimator.engine.layout.STEP_CONSTANTS`; the IMU's interval last.
+    """Fill the constants of each step, see `STEP_CONSTANTS`; the IMU's interval last.
 
     Args:
         table: (n, k) written to.
@@ -189,10 +196,10 @@ fill_entry = entry(fill_step_constants)
 
 
 def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
-    """What a log holds of track speeds, IMU and fixes, as a robot's filter takes it.
+    """Track speeds, IMU and fixes of a log, in the axes and units of a robot's filter.
 
     Returns:
-        That; of each fix whether it has a heading; and whether the IMU has accelerometers.
+        The measurements; 1 for each fix with a heading; True if the IMU has accelerometers.
 
     Raises:
         EstimatorError: there are no track speeds.
@@ -248,7 +255,7 @@ def _begin(
     start: tuple[float, float, float],
     start_sigma: tuple[float, float, float],
 ) -> Reckoning:
-    """The streaming filter with the first track speeds, and with what was measured before."""
+    """Streaming filter after the first track speeds and all measurements before."""
     found = Reckoning(
         robot, find_variant(variant), settings, start, start_sigma, engine_of(settings.engine)
     )

@@ -1,4 +1,4 @@
-"""What filters side by side tell of a replay, made into the rows and counts of a run."""
+"""Rows and counts of a replay, from the estimates that filters side by side output."""
 
 from __future__ import annotations
 
@@ -14,24 +14,30 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.front_end import Measured
-from icreckon.estimator.engine.log_steps import Bytes, LogSteps
-from icreckon.estimator.engine.schedule import HEADING, POSITION, TICK, UPDATE, Steps
+from icreckon.estimator.engine.schedule import (
+    HEADING,
+    POSITION,
+    TICK,
+    UPDATE,
+    Bytes,
+    LogSteps,
+    Steps,
+)
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.gate import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
 from icreckon.estimator.filter.health import RECENT, Health, Judged
-from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.sensors.measurement_models import innovation_components
-from icreckon.estimator.streaming.innovation_rows import Singles
 from icreckon.estimator.streaming.pose_estimator import Snapshot
 from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.run import Rows
 
-# Of so many steps at the end what gates judge is told, row or not: of the mean over the recent ones,
-# which fades by a hundredth with each, less than 1e-13 is then older.
-TELLING = 3000
-# So many rows have their indices worked out at once.
+# Number of steps at the end whose innovations are output, rows or not. The mean NIS over recent ones
+# fades by a hundredth with each, so less than 1e-13 of it is older.
+OUTPUT_AT_END = 3000
+# Number of rows whose indices are computed at once.
 AT_ONCE = 8192
 IMU_GATES = ("gyro", "accelerometer")
 FIRST_OF_TWIST = ESTIMATE.index("v_x")
@@ -44,7 +50,7 @@ Truths = NDArray[np.bool_]
 
 
 class Gated(NamedTuple):
-    """The newest of a sensor that was judged: stamp [ns], residual, covariance, NIS."""
+    """Newest innovation of a sensor: stamp [ns], innovation, its covariance, NIS."""
 
     stamp: int
     residual: tuple[float, ...]
@@ -53,14 +59,14 @@ class Gated(NamedTuple):
 
 
 class ReplayRows:
-    """The rows of one filter's run.
+    """Rows of one filter's run.
 
     Args:
         one: the filter.
         robot: the robot.
-        steps: of the log.
-        measured: what the filter is told of.
-        headings: of each fix whether it has a heading.
+        steps: steps of the log.
+        measured: measurements of the log.
+        headings: 1 for each fix with a heading.
         stamps: (k,) of the rows [ns], which the runs share.
     """
 
@@ -75,89 +81,80 @@ class ReplayRows:
     ) -> None:
         count = len(steps.row_stamps)
         self._steps, self._measured, self._headings = steps, measured, headings
-        self._stamps = stamps
+        self._rows = Rows(count)
+        self._rows.stamps[:], self._rows.states[:] = stamps, one.start
         self._robot = robot
         fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
-        self._states_told = [i for i in (*one.layout.states, *fast) if i >= s.POSE.stop]
+        self._output_states = [i for i in (*one.layout.states, *fast) if i >= s.POSE.stop]
         self._places = {name: len(ESTIMATE) + place for place, name in enumerate(one.layout.told)}
-        self._states, self._sigmas = np.empty((count, s.SIZE)), np.zeros((count, s.SIZE))
-        self._states[:] = one.start
-        self._pose_covariances = np.empty((count, 3, 3))
-        self._twists, self._twist_covariances = np.empty((count, 3)), np.empty((count, 3, 3))
-        self._indices = np.empty((count, 3))
         # Friction models report the indices of the newest turns, index models those of the motion.
         of_turn = [place for name, place in self._places.items() if name.startswith("memory")]
         self._of_turn = of_turn
-        self._innovations: dict[str, Singles] = {}
         self._known = np.zeros(count, np.int32)
         self._newest: dict[str, Gated] = {}
         self._nis: dict[str, deque[float]] = {}
 
     def put_first(self, estimate: Snapshot) -> None:
-        """The first row is the estimate before any step."""
-        self._states[0] = estimate.state
-        self._sigmas[0] = np.sqrt(np.diagonal(estimate.covariance))
-        self._pose_covariances[0] = estimate.covariance[s.POSE, s.POSE]
-        self._twists[0], self._twist_covariances[0] = estimate.twist, estimate.twist_covariance
-        self._indices[0] = estimate.indices
+        """Fill the first row with the estimate before any step."""
+        self._rows.put(0, estimate)
         self._known[0] = 1
 
     def take(self, begin: int, end: int, part: Steps, room: Floats) -> None:
-        """Write down what was told.
+        """Fill the rows of some steps.
 
         Args:
             begin: the first of the steps.
             end: one after the last.
             part: the steps.
-            room: (n, k) what was told at their ticks.
+            room: (n, k) estimates at their ticks.
         """
-        told = np.flatnonzero(part.extras & TICK)
-        if not len(told):
+        at = np.flatnonzero(part.extras & TICK)
+        if not len(at):
             return
-        values = room[: len(told)]
-        self._judge(part, told, values)
-        rows = self._steps.rows[begin:end][told]
+        values = room[: len(at)]
+        self._judge(part, at, values)
+        rows = self._steps.rows[begin:end][at]
         is_row = rows >= 0
-        # Of those that are told again after a fix, the last.
+        # If an estimate is output again after a fix, the last counts.
         is_row[:-1] &= rows[:-1] != rows[1:]
         if not is_row.any():
             return
-        values, rows, known = values[is_row], rows[is_row], part.known[told[is_row]]
+        values, rows, known = values[is_row], rows[is_row], part.known[at[is_row]]
         kept = slice(int(rows[0]), int(rows[-1]) + 1)
         self._known[kept] = known
-        states, sigmas = self._states[kept], self._sigmas[kept]
+        states, sigmas = self._rows.states[kept], self._rows.sigmas[kept]
         states[:, s.POSE] = values[:, :3]
-        covariances = self._pose_covariances[kept]
+        covariances = self._rows.pose_covariances[kept]
         covariances[:] = values[:, 3:9][:, SYMMETRIC].reshape(-1, 3, 3)
         sigmas[:, s.POSE] = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-        count, first = len(self._states_told), len(ESTIMATE)
-        states[:, self._states_told] = values[:, first : first + count]
-        sigmas[:, self._states_told] = np.sqrt(values[:, first + count : first + 2 * count])
+        count, first = len(self._output_states), len(ESTIMATE)
+        states[:, self._output_states] = values[:, first : first + count]
+        sigmas[:, self._output_states] = np.sqrt(values[:, first + count : first + 2 * count])
         twist = FIRST_OF_TWIST
-        self._twists[kept] = values[:, twist : twist + 3]
+        self._rows.twists[kept] = values[:, twist : twist + 3]
         spread = values[:, twist + 3 : twist + 9]
-        self._twist_covariances[kept] = spread[:, SYMMETRIC].reshape(-1, 3, 3)
+        self._rows.twist_covariances[kept] = spread[:, SYMMETRIC].reshape(-1, 3, 3)
         if self._of_turn:
-            self._indices[kept] = values[:, self._of_turn]
+            self._rows.indices[kept] = values[:, self._of_turn]
         self._write_innovations(kept, values)
 
     def _column(self, values: Floats, name: str) -> Floats:
         return values[:, self._places[name]]
 
-    def _judge(self, part: Steps, told: Indices, values: Floats) -> None:
-        """Remember what the gates judged last."""
-        extras = part.extras[told]
-        when = dict.fromkeys(IMU_GATES, part.kinds[told] <= UPDATE)
+    def _judge(self, part: Steps, at: Indices, values: Floats) -> None:
+        """Keep the newest innovations of the gates."""
+        extras = part.extras[at]
+        when = dict.fromkeys(IMU_GATES, part.kinds[at] <= UPDATE)
         when["heading"] = (extras & HEADING) > 0
         for gate, may_be in when.items():
             residual = self._column(values, f"{gate}_r")
             expected = self._column(values, f"{gate}_rr")
-            asked = np.flatnonzero(may_be & (expected > 0.0))[-TELLING:]
+            asked = np.flatnonzero(may_be & (expected > 0.0))[-OUTPUT_AT_END:]
             if len(asked):
                 last, nis = asked[-1], residual[asked] ** 2 / expected[asked]
                 judged = (float(residual[last]),), ((float(expected[last]),),)
-                self._remember(gate, int(part.ends[told[last]]), *judged, nis)
-        asked = np.flatnonzero(extras & POSITION)[-TELLING:]
+                self._remember(gate, int(part.ends[at[last]]), *judged, nis)
+        asked = np.flatnonzero(extras & POSITION)[-OUTPUT_AT_END:]
         if len(asked):
             x, y, xx, xy, yy = (
                 self._column(values, f"position_{name}")[asked]
@@ -166,7 +163,7 @@ class ReplayRows:
             nis = (x * (x * yy - y * xy) + y * (y * xx - x * xy)) / (xx * yy - xy * xy)
             across = float(xy[-1])
             spread = (float(xx[-1]), across), (across, float(yy[-1]))
-            stamp = int(part.ends[told[asked[-1]]])
+            stamp = int(part.ends[at[asked[-1]]])
             self._remember("position", stamp, (float(x[-1]), float(y[-1])), spread, nis)
 
     def _remember(
@@ -177,10 +174,10 @@ class ReplayRows:
         covariance: tuple[tuple[float, ...], ...],
         nis: Floats,
     ) -> None:
-        """The newest that a gate has judged, and the NIS of all that are new."""
+        """Keep the newest innovation of a gate, and the NIS of all new ones."""
         begin = int(self._measured.track_stamps[0])
         self._newest[gate] = Gated(begin + stamp, residual, covariance, float(nis[-1]))
-        self._nis.setdefault(gate, deque(maxlen=TELLING)).extend(nis.tolist())
+        self._nis.setdefault(gate, deque(maxlen=OUTPUT_AT_END)).extend(nis.tolist())
 
     def _write_innovations(self, kept: slice, values: Floats) -> None:
         with_sample = self._steps.row_samples[kept] > 0
@@ -205,68 +202,42 @@ class ReplayRows:
         when = when & (expected > 0.0)
         if not when.any():
             return
-        if name not in self._innovations:
-            self._innovations[name] = np.full(len(self._states), np.nan, np.float32)
-        column = self._innovations[name][kept]
+        column = self._rows.innovations.column(name)[kept]
         column[when] = residual[when] / np.sqrt(expected[when])
 
     def finish(self, variant: str, one: BatchFilter, lanes: Lanes, health: Health) -> Run:
-        """The run.
+        """Run of the filter.
 
         Args:
-            variant: its name.
+            variant: name of the variant.
             one: the filter.
-            lanes: at the end.
-            health: of the measurements that no gate judges; it is added to.
+            lanes: the filter's lanes at the end.
+            health: counts of the measurements without gates; those of the gates are added.
         """
         if not self._of_turn:
             self._write_indices(one)
         self._innovate_first(health)
         self._count(one, lanes, health)
-        known = (name for names in innovation_components().values() for name in names)
-        names = tuple(name for name in known if name in self._innovations)
-        innovations = np.empty((len(self._states), len(names)), np.float32)
-        for column, name in enumerate(names):
-            innovations[:, column] = self._innovations.pop(name)
-        trajectory = Trajectory(
-            self._stamps,
-            self._states[:, s.POSE],
-            self._pose_covariances,
-            self._twists,
-            self._twist_covariances,
-        )
-        return Run(
-            variant,
-            trajectory,
-            self._indices,
-            state_names(variant),
-            self._states,
-            self._sigmas,
-            health,
-            names,
-            innovations,
-        )
+        return self._rows.finish(len(self._known), variant, state_names(variant), health)
 
     def _innovate_first(self, health: Health) -> None:
-        """The first row has those of fixes before the first track speeds, where none came since."""
+        """Fill the first row with innovations of fixes before the first track speeds."""
         components = innovation_components()
         for sensor, counts in health.sensors.items():
-            if counts.newest_judged is None or not len(self._states):
+            if counts.newest_judged is None or not len(self._known):
                 continue
             _, _, residual, covariance = counts.newest_judged
             for axis, name in enumerate(components[sensor]):
-                column = self._innovations.setdefault(
-                    name, np.full(len(self._states), np.nan, np.float32)
-                )
+                column = self._rows.innovations.column(name)
                 if np.isnan(column[0]):
                     column[0] = residual[axis] / math.sqrt(covariance[axis][axis])
 
     def _write_indices(self, one: BatchFilter) -> None:
-        """Of the motion at the track speeds that are known at each row."""
+        """Compute the indices at the track speeds that are known at each row."""
         vehicle, settings = self._robot.constants, one.settings
-        for begin in range(0, len(self._states), AT_ONCE):
+        for begin in range(0, len(self._known), AT_ONCE):
             kept = slice(begin, begin + AT_ONCE)
-            x = self._states[kept].T
+            x = self._rows.states[kept].T
             speeds = self._measured.tracks[0, self._known[kept] - 1]
             left, right = (speeds * (1.0 + x[s.TRACK_SCALE, :, None])).T
             slip = x[s.SLIP] + x[s.FAST_SLIP]
@@ -280,7 +251,7 @@ class ReplayRows:
                 slip_in_inertia=settings.inertia == "imu",
             )
             for column, values in enumerate(motion.indices):
-                self._indices[kept, column] = values
+                self._rows.indices[kept, column] = values
 
     def _count(self, one: BatchFilter, lanes: Lanes, health: Health) -> None:
         counts = {name: float(values[0]) for name, values in one.counts(lanes).items()}
@@ -310,7 +281,7 @@ class ReplayRows:
             )
 
     def _in_order_of_time(self) -> list[tuple[str, int]]:
-        """Gates and their degrees of freedom, the gate first that was asked first."""
+        """Gates and their degrees of freedom, in the order of their first innovations."""
         fixes, began = self._measured.fix_stamps, self._measured.track_stamps[0]
         of_imu, of_fixes = [("gyro", 1), ("accelerometer", 1)], [("position", 2), ("heading", 1)]
         samples = self._measured.imu_stamps
@@ -320,7 +291,7 @@ class ReplayRows:
 
 
 def _recent(nis: Iterable[float], count: int, degrees: int, before: float) -> float:
-    """See `SensorHealth.recent_nis`, of the newest of so many that were judged; `before` it was this."""
+    """Mean NIS as in `SensorHealth.recent_nis` after `count` innovations."""
     values, mean = list(nis), before
     for number, value in enumerate(values, count - len(values) + 1):
         mean += (value / degrees - mean) / min(number, RECENT)

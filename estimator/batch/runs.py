@@ -10,10 +10,11 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.batch.scoring import Scores, Segments, TrueTicks
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, FrontSettings, Measured, front_settings
+from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import TICK, Steps
 from icreckon.estimator.engine.work import ESTIMATE
+from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 
 # Steps that are worked through by one filter before it is the next one's turn: what they are told stays
 # in the processor's cache meanwhile.
@@ -58,10 +59,10 @@ def work_through_runs(
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
     keys = [
-        (id(data), front_settings(one.robot, one.settings), one.number)
+        (id(data), input_settings(one.robot, one.settings), one.number)
         for one, data in zip(filters, measured, strict=True)
     ]
-    fronts: dict[tuple[int, FrontSettings, Any], FrontEnd] = {}
+    fronts: dict[tuple[int, InputSettings, Any], FrontEnd] = {}
     for key, data in zip(keys, measured, strict=True):
         if key not in fronts:
             fronts[key] = FrontEnd(data, steps, key[1])
@@ -80,7 +81,7 @@ def work_through_runs(
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
         for key, front in fronts.items():
-            front.tell(begin, end, inputs[key][: end - begin])
+            front.fill(begin, end, inputs[key][: end - begin])
         told = np.flatnonzero(part.extras & TICK)
         for number, one in enumerate(filters):
             table = tables[number][begin:end]

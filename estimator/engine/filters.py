@@ -16,7 +16,6 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
-from icreckon.estimator.engine.log_steps import LogSteps
 from icreckon.estimator.engine.model import SlipConstants, traced_model
 from icreckon.estimator.engine.schedule import (
     AHEAD,
@@ -24,6 +23,7 @@ from icreckon.estimator.engine.schedule import (
     MOVE,
     MOVE_AND_UPDATE,
     POSITION,
+    LogSteps,
     Steps,
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel

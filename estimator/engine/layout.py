@@ -8,30 +8,10 @@ from dataclasses import dataclass
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.model import TracedModel
 from icreckon.estimator.motion.friction_layout import TURN
+from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Inputs of a step: those of each lane, and those that all lanes share.
-STEP_INPUTS = (
-    "smooth_left",
-    "smooth_right",
-    "left",
-    "right",
-    "mean_left",
-    "mean_right",
-    "left_density",
-    "right_density",
-    "gap_density",
-    "acceleration_left",
-    "acceleration_right",
-    "window",
-    "speed_variance",
-    "age",
-    "slow",
-    "quiet_mean",
-    "rate",
-    "force",
-    "now_left",
-    "now_right",
-)
+STEP_INPUTS = (*StepInputs._fields, "quiet_mean", "rate", "force", "now_left", "now_right")
 FIX_INPUTS = ("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "how")
 STEP_CONSTANTS = ("dt", "share", "decay", "mean", "integral", "cross", "final")
 CONSTANTS = (

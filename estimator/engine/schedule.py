@@ -1,45 +1,73 @@
-"""When the steps of a run are: the same for all filters that run side by side."""
+"""Schedule of the steps of filters that run side by side, from the stamps of their measurements alone.
+
+`walk` decides as `estimator.filter.filter` does for one filter: to where the filter moves with each
+measurement, and which fixes wait for the IMU. With a log it also decides, as `estimator.streaming.run`
+does, which estimates become rows.
+"""
 
 from __future__ import annotations
 
-import math
-from collections import deque
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.sensors.imu_clock import LEAST_WAIT, USUAL_INTERVAL
+from icreckon.estimator.base.records import NEVER, record_array
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.robot.settings import LONGEST_TIME, Settings
+from icreckon.estimator.sensors.held_tracks import USUAL_TRACK_INTERVAL, is_hole
+from icreckon.estimator.sensors.imu_clock import (
+    LEAST_WAIT,
+    ClockRecord,
+    interval_start,
+    is_alive,
+    is_due_after,
+    take_stamp,
+)
+from icreckon.estimator.tracing.jit_kernel import entry
 
-# What a step is: with time passing and an IMU sample at its end, such a sample alone, time alone, or no
-# step at all but a fix on the way to the next.
+Bytes = NDArray[np.int8]
+Places = NDArray[np.int32]
+
+# Kinds of steps: propagation up to an IMU sample, an IMU sample alone, propagation alone, and no step
+# but a fix on the way to the next.
 MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
-# What there is at the end of a step besides, or on the way to it; and that the IMU has long been silent
-# at its start.
+# Bits of a step: a fix at its end or on the way to it, with a heading; an estimate to output; and an IMU
+# that has stopped before its start.
 POSITION, HEADING, TICK, SILENT = 1, 2, 4, 8
+# After the last measurement.
+END = 2**62
+# Reasons for which a log cannot be walked through, by number.
+REASONS = (
+    "",
+    "there is an IMU sample at a stamp that the filter has reached without it",
+    "there is a stamp further ahead than Settings.longest_gap",
+)
 
 
 class Steps(NamedTuple):
-    """The steps of a run.
+    """Steps of a run, in columns.
 
     Attributes:
-        starts: (n,) since the first stamp [ns].
-        ends: (n,) [ns]; for a fix on the way its own stamp.
-        kinds: (n,) what each is.
-        intervals: (n,) between the newest two IMU samples [s].
-        extras: (n,) what there is at its end besides, as bits.
-        tracks: (n,) so many samples of the track speeds come before the end of the step.
-        samples: (n,) which IMU sample is at its end.
-        fixes: (n,) which fix is at its end.
-        ticks: (n,) which tick is at its end.
-        known: (n,) so many samples of the track speeds are known when its estimate is looked at.
+        starts: (n,) stamps of their starts, since the first stamp [ns].
+        ends: (n,) stamps of their ends [ns]; for a fix on the way, its own stamp.
+        kinds: (n,) kinds.
+        intervals: (n,) time between the newest two IMU samples [s].
+        extras: (n,) bits of what is at the end besides.
+        tracks: (n,) number of track-speed samples before the end of the step.
+        samples: (n,) index of the IMU sample at the end.
+        fixes: (n,) index of the fix at the end.
+        ticks: (n,) index of the tick at the end.
+        known: (n,) number of track-speed samples before the output of the estimate.
     """
 
     starts: Stamps
     ends: Stamps
     kinds: Stamps
-    intervals: np.ndarray
+    intervals: NDArray[Any]
     extras: Stamps
     tracks: Stamps
     samples: Stamps
@@ -48,12 +76,75 @@ class Steps(NamedTuple):
     known: Stamps
 
     def part(self, begin: int, end: int) -> Steps:
-        """Some of them."""
+        """Steps from `begin` to before `end`."""
         return Steps(*(column[begin:end] for column in self))
 
 
+class LogSteps(NamedTuple):
+    """Steps of a log and its rows, in columns; stamps are since the first track speeds [ns].
+
+    Attributes:
+        starts: (n,) see `Steps`, as are those up to `known`.
+        ends: (n,).
+        kinds: (n,).
+        intervals: (n,).
+        extras: (n,).
+        tracks: (n,).
+        samples: (n,).
+        fixes: (n,).
+        rows: (n,) index of the row that is the estimate at the end of the step; -1 for none.
+        known: (n,).
+        row_stamps: (k,) stamps of the estimates that are rows [ns].
+        row_samples: (k,) 1 if there was an IMU sample since the row before.
+        row_fixes: (k,) index of the newest fix since the row before; -1 for none.
+        gaps: number of gaps in the track speeds.
+        early_samples: number of IMU samples before the first track speeds.
+    """
+
+    starts: Stamps
+    ends: Stamps
+    kinds: Bytes
+    intervals: Floats
+    extras: Bytes
+    tracks: Places
+    samples: Places
+    fixes: Places
+    rows: Places
+    known: Places
+    row_stamps: Stamps
+    row_samples: Bytes
+    row_fixes: Places
+    gaps: int
+    early_samples: int
+
+    @property
+    def before_steps(self) -> bool:
+        """True if the first row is the estimate before any step."""
+        return bool(len(self.row_stamps)) and not (self.rows == 0).any()
+
+    def part(self, begin: int, end: int) -> Steps:
+        """Steps from `begin` to before `end`; each estimate to output is a tick of its own."""
+
+        def long(column: NDArray[Any]) -> Stamps:
+            return np.asarray(column[begin:end].astype(np.int64))
+
+        extras = long(self.extras)
+        return Steps(
+            self.starts[begin:end],
+            self.ends[begin:end],
+            long(self.kinds),
+            self.intervals[begin:end],
+            extras,
+            long(self.tracks),
+            long(self.samples),
+            long(self.fixes),
+            np.maximum(np.cumsum((extras & TICK) > 0) - 1, 0),
+            long(self.known),
+        )
+
+
 def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> str | None:
-    """Why filters cannot run side by side with sensors at these stamps [ns]; None where they can."""
+    """Reason why filters with sensors at these stamps [ns] cannot run side by side, or None."""
     if len(tracks) == 0 or len(imu) == 0:
         return "there are no track speeds, or no IMU samples"
     if tracks[0] != imu[0]:
@@ -64,19 +155,22 @@ def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> 
         return "there are fixes before the first IMU sample or after the last"
     early = fixes[(fixes > imu[0]) & (fixes < imu[min(1, len(imu) - 1)])]
     if len(early) and (early[-1] - imu[0]) * NANOSECOND > LEAST_WAIT:
-        return "there are fixes before the second IMU sample, which nothing is known to wait for"
+        return "there are fixes before the second IMU sample, too early to wait for it"
     return None
 
 
 def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, heading: bool) -> Steps:
-    """The steps of a run whose sensors sample at these stamps [ns].
+    """Steps of runs that share the stamps of their sensors, up to the last IMU sample.
+
+    Gaps in the track speeds of a run are not bridged, since other runs have none there: the IMU must be
+    fast enough that filters never wait for it.
 
     Args:
-        tracks: (n,) of the track speeds, ascending.
-        imu: of the IMU.
-        fixes: of the fixes.
-        ticks: when the estimate is wanted.
-        heading: whether fixes have a heading.
+        tracks: (n,) stamps of the track speeds, ascending [ns].
+        imu: stamps of the IMU [ns].
+        fixes: stamps of the fixes [ns].
+        ticks: stamps of the estimates to output [ns].
+        heading: True if fixes have a heading.
 
     Raises:
         BatchError: filters cannot run side by side with such stamps.
@@ -84,45 +178,272 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
     reason = why_not_steps(tracks, imu, fixes, ticks)
     if reason is not None:
         raise BatchError(f"these runs cannot be worked through side by side: {reason}")
-    begin = int(imu[0])
-    rows = []
-    now, taken = 0, 1
-    track_stamps = (tracks - begin).tolist()
-    between_samples = (fixes[~np.isin(fixes, imu)] - begin).tolist()
-    waiting = deque([*between_samples, math.inf])
-    for sample, stamp in enumerate((imu - begin).tolist()):
-        while True:
-            track = track_stamps[taken] if taken < len(track_stamps) else math.inf
-            if track <= min(waiting[0], stamp):
-                # New speeds end what the old ones had to say, where no IMU sample has done so.
-                old = track_stamps[taken - 1]
-                if old > now:
-                    rows.append((now, old, MOVE, taken, sample))
-                    now = old
-                taken += 1
-            elif waiting[0] < stamp:
-                rows.append((now, int(waiting.popleft()), AHEAD, taken, sample))
-            else:
-                break
-        rows.append((now, stamp, MOVE_AND_UPDATE if stamp > now else UPDATE, taken, sample))
-        now = stamp
-    starts, ends, kinds, counts, samples = (np.array(column) for column in zip(*rows, strict=True))
-    between = np.concatenate([[USUAL_INTERVAL], np.diff(imu) * NANOSECOND])
-    at_imu = (kinds == MOVE_AND_UPDATE) | (kinds == UPDATE)
-    absolute = ends + begin
-    is_fix = (kinds == AHEAD) | (np.isin(absolute, fixes) & at_imu)
-    is_tick = np.isin(absolute, ticks) & at_imu
-    fix_bits = POSITION | (HEADING if heading else 0)
-    extras = np.where(is_fix, fix_bits, 0) | np.where(is_tick, TICK, 0)
-    return Steps(
-        starts,
-        ends,
-        kinds,
-        between[samples],
-        extras.astype(np.int64),
-        counts,
-        samples,
-        np.searchsorted(fixes, absolute),
-        np.searchsorted(ticks, absolute),
-        counts,
+    headings = np.full(len(fixes), heading, dtype=np.int8)
+    begin, known = int(imu[0]), tracks[tracks <= imu[-1]]
+    found = _walked(SensorStamps(known, imu, fixes, headings), WalkLimits(LONGEST_TIME, END))
+    steps, absolute = found.part(0, len(found.kinds)), found.ends + begin
+    is_tick = np.isin(absolute, ticks) & (steps.kinds <= UPDATE)
+    return steps._replace(
+        extras=(steps.extras & ~TICK) | np.where(is_tick, TICK, 0),
+        ticks=np.searchsorted(ticks, absolute),
+        known=steps.tracks,
     )
+
+
+def steps_of_log(
+    tracks: Stamps, imu: Stamps, fixes: Stamps, headings: Bytes, settings: Settings, output: int
+) -> LogSteps:
+    """Steps of a log from its first track speeds on.
+
+    Args:
+        tracks: stamps of the track speeds, at least one [ns].
+        imu: stamps of the IMU [ns].
+        fixes: stamps of the fixes [ns].
+        headings: 1 for each fix with a heading.
+        settings: settings of the filters.
+        output: number of steps at the end whose estimates are output, rows or not.
+
+    Raises:
+        BatchError: filters side by side cannot process such stamps.
+    """
+    limits = WalkLimits(float(settings.hold), int(settings.longest_gap / NANOSECOND))
+    steps = _walked(SensorStamps(tracks, imu, fixes, headings), limits)
+    at_end = slice(max(0, len(steps.kinds) - output), None)
+    steps.extras[at_end] |= np.where(steps.kinds[at_end] <= UPDATE, TICK, 0).astype(np.int8)
+    return steps
+
+
+class SensorStamps(NamedTuple):
+    """Stamps of all measurements of a log [ns].
+
+    Attributes:
+        tracks: (n,) of the track speeds.
+        imu: (m,) of the IMU.
+        fixes: (k,) of the fixes.
+        headings: (k,) 1 for each fix with a heading.
+    """
+
+    tracks: Stamps
+    imu: Stamps
+    fixes: Stamps
+    headings: Bytes
+
+
+class WalkLimits(NamedTuple):
+    """Limits of times between stamps.
+
+    Attributes:
+        hold: see `Settings` [s].
+        longest_gap: see `Settings` [ns].
+    """
+
+    hold: float
+    longest_gap: int
+
+
+class Walk(msgspec.Struct):
+    """State of a walk through the stamps of a log, see `estimator.base.records`.
+
+    Attributes:
+        now: stamp that the filter has reached [ns].
+        newest: stamp of the newest measurement [ns].
+        written: stamp of the newest row [ns].
+        due: 1 if a row is due as soon as a later measurement comes.
+        steps: number of steps so far.
+        rows: number of rows so far.
+        tracks: number of track-speed samples so far.
+        samples: number of IMU samples so far.
+        fixes: number of fixes so far.
+        last_step: index of the newest step that is not a fix on the way; -1 for none.
+        last_sample: index of the newest step with an IMU sample since the last row; -1 for none.
+        newest_fix: index of the newest fix since the last row; -1 for none.
+        gaps: number of gaps in the track speeds.
+        early_samples: number of IMU samples before the first track speeds.
+        reason: number of the one of `REASONS` that ended the walk.
+    """
+
+    now: int = 0
+    newest: int = NEVER
+    written: int = NEVER
+    due: int = 0
+    steps: int = 0
+    rows: int = 0
+    tracks: int = 0
+    samples: int = 0
+    fixes: int = 0
+    last_step: int = -1
+    last_sample: int = -1
+    newest_fix: int = -1
+    gaps: int = 0
+    early_samples: int = 0
+    reason: int = 0
+
+
+def _walked(stamps: SensorStamps, limits: WalkLimits) -> LogSteps:
+    """Walk through stamps [ns]; see `steps_of_log`."""
+    tracks, imu, fixes, headings = stamps
+    begin = int(tracks[0])
+    most = 2 * (len(tracks) + len(imu)) + len(fixes)
+    of_steps = (np.int64, np.int64, np.int8, np.float64, np.int8, *(np.int32,) * 5)
+    columns: list[Any] = [np.empty(most, kind) for kind in of_steps]
+    columns += [np.empty(len(tracks), kind) for kind in (np.int64, np.int8, np.int32)]
+    state = record_array(Walk(), 1)
+    clocks = record_array(ClockRecord(), 2)
+    clocks["interval"][0] = USUAL_TRACK_INTERVAL
+    since = SensorStamps(tracks - begin, imu - begin, fixes - begin, headings)
+    empty: list[Any] = [*columns, 0, 0]
+    walk_entry(state, clocks, since, limits, LogSteps(*empty))
+    walk = state[0]
+    if walk["reason"]:
+        raise BatchError(REASONS[walk["reason"]])
+    counts = [walk["steps"]] * len(of_steps) + [walk["rows"]] * 3
+    filled: list[Any] = [column[:count] for column, count in zip(columns, counts, strict=True)]
+    filled += [int(walk["gaps"]), int(walk["early_samples"])]
+    return LogSteps(*filled)
+
+
+def walk_stamps(
+    state: Any,
+    clocks: Any,
+    stamps: SensorStamps,
+    limits: WalkLimits,
+    steps: LogSteps,
+) -> None:
+    """Walk through the stamps of a log.
+
+    Args:
+        state: (1,) state of the walk; a reason not to go on is left there.
+        clocks: (2,) clocks of the track speeds and of the IMU.
+        stamps: stamps since the first track speeds.
+        limits: limits of times between them.
+        steps: written to; two for each sample and one for each fix must fit, and a row for each sample of
+            the track speeds.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    most = 2 * (len(stamps.tracks) + len(stamps.imu)) + len(stamps.fixes)
+    sizes_fit = len(state) == 1 and len(clocks) == 2 and len(stamps.headings) == len(stamps.fixes)
+    sizes_fit &= min(len(steps.starts), len(steps.ends), len(steps.intervals)) >= most
+    sizes_fit &= min(len(steps.kinds), len(steps.extras), len(steps.tracks)) >= most
+    sizes_fit &= min(len(steps.samples), len(steps.fixes)) >= most
+    sizes_fit &= min(len(steps.rows), len(steps.known)) >= most
+    sizes_fit &= min(len(steps.row_stamps), len(steps.row_samples)) >= len(stamps.tracks)
+    if not sizes_fit or len(steps.row_fixes) < len(stamps.tracks):
+        raise ValueError(WRONG_SIZE)
+    walk, tracks, imu = state[0], clocks[0], clocks[1]
+    while True:
+        track = stamps.tracks[walk.tracks] if walk.tracks < len(stamps.tracks) else END
+        sample = stamps.imu[walk.samples] if walk.samples < len(stamps.imu) else END
+        fix = stamps.fixes[walk.fixes] if walk.fixes < len(stamps.fixes) else END
+        stamp = min(track, sample, fix)
+        if walk.due and walk.now != walk.written and stamp > walk.newest:
+            add_row(walk, steps)
+        if stamp == END:
+            return
+        walk.newest = stamp
+        if walk.tracks > 0 and stamp - walk.now > limits.longest_gap:
+            walk.reason = 2
+            return
+        if stamp == track:
+            walk_to_tracks(walk, tracks, imu, stamp, limits.hold, steps)
+        elif stamp == sample:
+            walk_to_sample(walk, imu, stamp, limits.hold, steps)
+        else:
+            bits = POSITION | (HEADING if stamps.headings[walk.fixes] else 0)
+            walk_to_fix(walk, imu, stamp, limits.hold, bits, steps)
+        if walk.reason:
+            return
+
+
+def walk_to_tracks(
+    walk: Walk, tracks: ClockRecord, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps
+) -> None:
+    """Take track speeds: the old ones count up to their own stamp, or up to the new ones' interval."""
+    begun = walk.tracks > 0
+    if begun and is_hole(tracks, stamp, hold):
+        move(walk, imu, interval_start(tracks, stamp), hold, steps)
+        walk.gaps += 1
+    elif begun:
+        move(walk, imu, tracks.stamp, hold, steps)
+    take_stamp(tracks, stamp, hold)
+    walk.tracks += 1
+    walk.due = 1
+    if not is_alive(imu, stamp, hold):
+        move(walk, imu, stamp, hold, steps)
+
+
+def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps) -> None:
+    """Take an IMU sample: it ends a step, and measures nothing of a gap before."""
+    number = walk.samples
+    walk.samples += 1
+    if walk.tracks == 0:
+        imu.stamp = stamp
+        walk.early_samples += 1
+        return
+    take_stamp(imu, stamp, hold)
+    if (stamp - walk.now) * NANOSECOND > hold:
+        move(walk, imu, interval_start(imu, stamp), hold, steps)
+    if stamp <= walk.now and walk.steps > 0:
+        walk.reason = 1
+        return
+    step = add_step(walk, imu, stamp, MOVE_AND_UPDATE if stamp > walk.now else UPDATE, steps)
+    steps.samples[step] = number
+    walk.last_step, walk.last_sample, walk.now = step, step, stamp
+
+
+def walk_to_fix(
+    walk: Walk, imu: ClockRecord, stamp: int, hold: float, bits: int, steps: LogSteps
+) -> None:
+    """Take a fix: at the end of a step, or on the way to the one that an IMU sample will end."""
+    number = walk.fixes
+    walk.fixes += 1
+    if walk.tracks == 0:
+        return
+    # Before the first step there is none that the fix could be at the end of.
+    waits = walk.steps == 0 if stamp == walk.now else stamp > walk.now and is_due_after(imu, stamp)
+    if not waits:
+        move(walk, imu, stamp, hold, steps)
+    walk.newest_fix = number
+    # Innovations of fixes are output in any case; on the way, with the step before.
+    for k in range(max(walk.last_step, 0), walk.steps):
+        steps.extras[k] |= TICK
+    step = add_step(walk, imu, stamp, AHEAD, steps) if waits else walk.steps - 1
+    steps.extras[step] |= bits | TICK
+    steps.fixes[step] = number
+
+
+def move(walk: Walk, imu: ClockRecord, to: int, hold: float, steps: LogSteps) -> None:
+    """Add a step of propagation to a stamp [ns], unless the filter is there already."""
+    if to > walk.now:
+        step = add_step(walk, imu, to, MOVE, steps)
+        steps.extras[step] = 0 if is_alive(imu, walk.now, hold) else SILENT
+        walk.last_step, walk.now = step, to
+
+
+def add_step(walk: Walk, imu: ClockRecord, end: int, kind: int, steps: LogSteps) -> int:
+    """Add a step from the present stamp to another [ns]; return its index."""
+    step = walk.steps
+    steps.starts[step], steps.ends[step], steps.kinds[step] = walk.now, end, kind
+    steps.intervals[step], steps.extras[step] = imu.interval, 0
+    steps.tracks[step] = steps.known[step] = walk.tracks
+    steps.samples[step], steps.fixes[step], steps.rows[step] = 0, 0, -1
+    walk.steps = step + 1
+    return step
+
+
+def add_row(walk: Walk, steps: LogSteps) -> None:
+    """Make the present estimate the next row."""
+    row = walk.rows
+    if walk.last_sample >= 0:
+        steps.extras[walk.last_sample] |= TICK
+    for k in range(max(walk.last_step, 0), walk.steps):
+        steps.extras[k] |= TICK
+        steps.rows[k], steps.known[k] = row, walk.tracks
+    steps.row_stamps[row], steps.row_fixes[row] = walk.now, walk.newest_fix
+    steps.row_samples[row] = walk.last_sample >= 0
+    walk.rows, walk.written, walk.due = row + 1, walk.now, 0
+    walk.last_sample = walk.newest_fix = -1
+
+
+walk_entry = entry(walk_stamps)

@@ -13,7 +13,8 @@ from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.filter.reacquisition import RejectedFix
 from icreckon.estimator.motion.motion_model import NO_MEMORY
-from icreckon.estimator.sensors.held_tracks import TrackMemory
+from icreckon.estimator.sensors.held_tracks import TrackRecord
+from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.standstill import StandstillMemory
 
 
@@ -28,10 +29,9 @@ class FilterCheckpoint(
         covariance: (SIZE, SIZE).
         step_under_way: the fast slip of the next step has begun.
         stands: the robot was found standing.
-        tracks: the newest track speeds.
+        tracks: record of the track speeds.
         standstill: checkpoint of the standstill detection.
-        imu_stamp: stamp of the newest IMU sample [ns], or None.
-        imu_interval: time between the newest two IMU samples [s].
+        imu: clock of the IMU.
         rejected_in_a_row: rejections in a row, by sensor.
         health: counts.
         clones: stochastic clones, None if there are none.
@@ -46,10 +46,9 @@ class FilterCheckpoint(
     covariance: np.ndarray[Any, Any]
     step_under_way: bool
     stands: bool
-    tracks: TrackMemory
+    tracks: TrackRecord
     standstill: StandstillMemory
-    imu_stamp: int | None
-    imu_interval: float
+    imu: ClockRecord
     rejected_in_a_row: dict[str, int]
     health: Health
     clones: Clones | None = None
@@ -70,19 +69,11 @@ class FilterCheckpoint(
         def later(stamp: int | None) -> int | None:
             return None if stamp is None else stamp + by
 
-        tracks, standstill = self.tracks, self.standstill
-        repeating = tracks.repeating and tuple(
-            replace(track, since=track.since + by, newest=track.newest + by)
-            for track in tracks.repeating
-        )
         return replace(
             self,
             stamp=later(self.stamp),
-            tracks=replace(tracks, stamp=later(tracks.stamp), repeating=repeating),
-            standstill=StandstillMemory(
-                later(standstill.stopped_since),
-                tuple((stamp + by, reading) for stamp, reading in standstill.readings),
-            ),
-            imu_stamp=later(self.imu_stamp),
+            tracks=self.tracks.shifted(by),
+            standstill=self.standstill.shifted(by),
+            imu=self.imu.shifted(by),
             stood_at=later(self.stood_at),
         )

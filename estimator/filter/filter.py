@@ -9,6 +9,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.gate import Gate
@@ -34,6 +35,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 from icreckon.estimator.sensors.imu_clock import ImuClock
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
     IMU_FIXED,
     MODELS,
@@ -58,7 +60,6 @@ from icreckon.estimator.sensors.sensor_models import (
     TrackChange,
 )
 from icreckon.estimator.sensors.standstill import StandstillDetector
-from icreckon.estimator.sensors.stuck_tracks import Repeating
 
 
 class Reckoning:
@@ -110,10 +111,9 @@ class Reckoning:
         self._gyro, self._accelerometer = Gyro(self._sensors), Accelerometer(self._sensors)
         # The fast slip of the next step has begun, and the pose is still at its start.
         self._step_under_way = False
-        self._tracks = HeldTrackSpeeds(
-            settings.hold, settings.gap_acceleration, robot.vehicle.max_track_speed
-        )
-        self._imu = ImuClock(settings.hold)
+        for_inputs = input_settings(robot, settings)
+        self._tracks = HeldTrackSpeeds(settings=for_inputs)
+        self._imu = ImuClock(hold=settings.hold)
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
         # Stamp of the newest zero velocity that was used.
@@ -122,7 +122,7 @@ class Reckoning:
             name: Gate(len(components), settings.gates)
             for name, components in innovation_components().items()
         }
-        self._standstill = StandstillDetector(settings.standstill, robot.imu.gyro_noise_density)
+        self._standstill = StandstillDetector(for_inputs, settings.standstill.bias_margin)
         self._at_once = engine.make_step(
             self.ekf,
             self._disturbances,
@@ -149,8 +149,7 @@ class Reckoning:
             self.stands,
             self._tracks.memory(),
             self._standstill.memory(),
-            self._imu.stamp,
-            self._imu.interval,
+            self._imu.memory(),
             {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
             self.health.copy(),
             self.ekf.clones,
@@ -175,7 +174,7 @@ class Reckoning:
         self.stands = checkpoint.stands
         self._tracks.recall(checkpoint.tracks)
         self._standstill.recall(checkpoint.standstill)
-        self._imu.stamp, self._imu.interval = checkpoint.imu_stamp, checkpoint.imu_interval
+        self._imu.recall(checkpoint.imu)
         for gate in self._gates.values():
             gate.rejected_in_a_row = 0
         for name, count in checkpoint.rejected_in_a_row.items():
@@ -241,7 +240,7 @@ class Reckoning:
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         tracks = self._tracks
-        if tracks.stamp is None:
+        if tracks.stamp == NEVER:
             self.stamp = m.stamp
         else:
             # The old speeds hold up to their own stamp. A gap is bridged with them, up to the start of
@@ -250,11 +249,8 @@ class Reckoning:
             until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
             self._advance(until)
             self.health.track_gaps += hole
-        begins, before = tracks.stamp is None, tracks.repeating
-        repeats = m.left == tracks.left or m.right == tracks.right
-        tracks.take(m.stamp, m.left, m.right)
-        if repeats:
-            self._count_stuck_tracks(before, tracks.repeating)
+        begins = tracks.stamp == NEVER
+        self.health.stuck_tracks += tracks.take(m.stamp, m.left, m.right)
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -266,7 +262,7 @@ class Reckoning:
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        began = self._tracks.stamp is not None
+        began = self._tracks.stamp != NEVER
         self._imu.tick(m.stamp, used=began)
         if not began:
             # The motion is unknown, not at rest.
@@ -349,7 +345,7 @@ class Reckoning:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, ekf = MODELS[type(m)], self.ekf
         # Predict. A zero velocity at the end of a step is about the next one.
-        at_end = self.stamp == m.stamp and self._tracks.stamp is not None
+        at_end = self.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
         if not ahead and model.predicts == "pose":
             self._advance(m.stamp)
@@ -413,15 +409,6 @@ class Reckoning:
             self.ekf.replace_pose(*found.pose(self.ekf.x[s.POSE]))
         return found is not None
 
-    def _count_stuck_tracks(
-        self, before: tuple[Repeating, ...] | None, after: tuple[Repeating, ...] | None
-    ) -> None:
-        """Count tracks that were found stuck with the newest sample."""
-        hold = self._settings.hold
-        for one, other in zip(before or (), after or (), strict=False):
-            if other.stuck_from(hold) is not None and one.stuck_from(hold) is None:
-                self.health.stuck_tracks += 1
-
     def _may_be_pushed(self) -> bool:
         """Return True if the robot may be turning with its tracks at rest."""
         tracks = self._tracks
@@ -435,7 +422,7 @@ class Reckoning:
 
     def _waits_for_imu(self, stamp: int) -> bool:
         """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""
-        if self.stamp is None or self._tracks.stamp is None:
+        if self.stamp is None or self._tracks.stamp == NEVER:
             return False
         return stamp > self.stamp and self._imu.is_due_after(stamp)
 

@@ -1,4 +1,7 @@
-"""Held track speeds: newest values, age, acceleration, and error density if stale."""
+"""Held track speeds: newest values, age, acceleration, and error density if stale.
+
+The functions are written for plain Python and for numba, see `estimator.base.records`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,15 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.sensors.stuck_tracks import Repeating
+from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.sensors.imu_clock import Clocked
+from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.stuck_tracks import (
+    Repeating,
+    copy_of_repeating,
+    repeating_after,
+    stuck_from,
+)
 
 # Time over which the change of the track speeds is averaged [s].
 ACCELERATION_AVERAGING = 0.05
@@ -15,18 +26,61 @@ ACCELERATION_AVERAGING = 0.05
 SMOOTHING = 0.2
 # Time constant with which stale speeds decay [s].
 DYING_AWAY = 2.0
+# Assumed interval before it is measured [s].
+USUAL_TRACK_INTERVAL = 0.02
 
 
-class TrackMemory(msgspec.Struct, frozen=True):
-    """Checkpoint of `HeldTrackSpeeds`, with its attributes."""
+class TrackRecord(msgspec.Struct):
+    """Record of the track speeds; each is the average since the previous sample.
 
-    stamp: int | None = None
+    Attributes:
+        stamp: stamp of the newest sample [ns], or NEVER.
+        left: newest speed of the left track [m/s].
+        right: newest speed of the right track [m/s].
+        interval: time between the newest two samples [s].
+        acceleration_left: averaged acceleration of the left track [m/s²].
+        acceleration_right: averaged acceleration of the right track [m/s²].
+        smooth_left: smoothed speed of the left track [m/s].
+        smooth_right: smoothed speed of the right track [m/s].
+        repeating_left: repetition record of the left track.
+        repeating_right: repetition record of the right track.
+    """
+
+    stamp: int = NEVER
     left: float = 0.0
     right: float = 0.0
-    interval: float = 0.02
-    acceleration: tuple[float, float] = (0.0, 0.0)
-    smooth: tuple[float, float] = (0.0, 0.0)
-    repeating: tuple[Repeating, Repeating] | None = None
+    interval: float = USUAL_TRACK_INTERVAL
+    acceleration_left: float = 0.0
+    acceleration_right: float = 0.0
+    smooth_left: float = 0.0
+    smooth_right: float = 0.0
+    repeating_left: Repeating = msgspec.field(default_factory=Repeating)
+    repeating_right: Repeating = msgspec.field(default_factory=Repeating)
+
+    def copied(self) -> TrackRecord:
+        """Copy for a checkpoint."""
+        return TrackRecord(
+            self.stamp,
+            self.left,
+            self.right,
+            self.interval,
+            self.acceleration_left,
+            self.acceleration_right,
+            self.smooth_left,
+            self.smooth_right,
+            copy_of_repeating(self.repeating_left),
+            copy_of_repeating(self.repeating_right),
+        )
+
+    def shifted(self, by: int) -> TrackRecord:
+        """Copy for a clock that is ahead by so much [ns]."""
+        twin = self.copied()
+        if twin.stamp != NEVER:
+            twin.stamp += by
+            for track in (twin.repeating_left, twin.repeating_right):
+                track.since += by
+                track.newest += by
+        return twin
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
@@ -34,27 +88,12 @@ def smoothing_share(interval: float, time_constant: float) -> float:
     return -math.expm1(-interval / time_constant)
 
 
-def acceleration_after(
-    acceleration: float, interval: float, speed: float, speed_before: float
-) -> float:
-    """Averaged acceleration of a track after one more sample [m/s²].
-
-    Args:
-        acceleration: average before it [m/s²].
-        interval: time since the previous sample [s].
-        speed: speed of the sample [m/s].
-        speed_before: speed of the previous sample [m/s].
-    """
-    weight = min(1.0, interval / ACCELERATION_AVERAGING) / interval
-    return acceleration + weight * (speed - speed_before - acceleration * interval)
+def decay_factor(stale: float) -> float:
+    """Factor of a held speed that has been stale for so long [s]."""
+    return math.exp(-stale / DYING_AWAY)
 
 
-def left_of_speed(too_old: float) -> float:
-    """Decay factor of a held speed that has been stale for `too_old` seconds."""
-    return math.exp(-too_old / DYING_AWAY)
-
-
-def mean_left_of_speed(dt: float, from_age: float, to_age: float) -> float:
+def mean_decay_factor(dt: float, from_age: float, to_age: float) -> float:
     """Mean decay factor of a held speed over a step.
 
     Args:
@@ -63,8 +102,8 @@ def mean_left_of_speed(dt: float, from_age: float, to_age: float) -> float:
         to_age: time that it has been stale at the end, more than zero [s].
     """
     fresh = dt - (to_age - from_age)
-    dying = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
-    return (fresh + DYING_AWAY * dying) / dt
+    decayed = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
+    return (fresh + DYING_AWAY * decayed) / dt
 
 
 def walked_density(
@@ -87,84 +126,126 @@ def walked_density(
     return min(gap_acceleration * gap_acceleration * square, 4.0 * fastest * fastest * age)
 
 
-class HeldTrackSpeeds:
-    """Track speeds held from sample to sample; each is the average since the previous.
+def take_tracks(
+    held: TrackRecord, stamp: int, left: float, right: float, settings: InputSettings
+) -> int:
+    """Add a later sample; return the number of tracks newly found stuck.
 
     Args:
-        hold: age from which speeds are stale [s].
-        gap_acceleration: random walk of stale speeds [m/s/√s].
-        fastest: highest speed of a track [m/s].
+        held: record of the track speeds, changed in place.
+        stamp: stamp of the sample [ns].
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+        settings: settings of the filter.
+    """
+    hold, weight = settings.hold, 1.0
+    interval = (stamp - held.stamp) * NANOSECOND
+    if interval <= hold:
+        held.interval = interval
+        weight = smoothing_share(interval, SMOOTHING)
+        # Averaged changes over the time between samples.
+        rate = min(1.0, interval / ACCELERATION_AVERAGING) / interval
+        a_l, a_r = held.acceleration_left, held.acceleration_right
+        held.acceleration_left = a_l + rate * (left - held.left - a_l * interval)
+        held.acceleration_right = a_r + rate * (right - held.right - a_r * interval)
+    else:
+        held.acceleration_left = held.acceleration_right = 0.0
+    held.smooth_left += weight * (left - held.smooth_left)
+    held.smooth_right += weight * (right - held.smooth_right)
+    held.stamp, held.left, held.right = stamp, left, right
+    left_found = repeating_after(held.repeating_left, stamp, left, right, hold)
+    right_found = repeating_after(held.repeating_right, stamp, right, left, hold)
+    return left_found + right_found
+
+
+def is_hole(held: Clocked, stamp: int, hold: float) -> bool:
+    """Return True if a sample at a stamp [ns] follows a gap longer than `hold` [s]."""
+    return held.stamp != NEVER and (stamp - held.stamp) * NANOSECOND > hold
+
+
+def age_at(held: TrackRecord, now: int, hold: float) -> float:
+    """Age of the speeds at a stamp [ns], from their interval's middle, at most `hold`."""
+    if held.stamp == NEVER:
+        return 0.0
+    age = (now - held.stamp) * NANOSECOND + 0.5 * held.interval
+    return age if age < hold else hold
+
+
+def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
+    """Speeds of the left and the right track at a stamp [ns]; stale ones decay [m/s]."""
+    stale = now - held.stamp - hold_ns
+    if stale <= 0 or held.stamp == NEVER:
+        return held.left, held.right
+    decay = decay_factor(stale * NANOSECOND)
+    return decay * held.left, decay * held.right
+
+
+def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> tuple[float, float]:
+    """Mean speeds of the left and the right track between two stamps [ns] [m/s]."""
+    stale = end - held.stamp - hold_ns
+    if stale <= 0 or held.stamp == NEVER or end <= start:
+        return held.left, held.right
+    from_age = max(0, start - held.stamp - hold_ns) * NANOSECOND
+    decay = mean_decay_factor((end - start) * NANOSECOND, from_age, stale * NANOSECOND)
+    return decay * held.left, decay * held.right
+
+
+def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
+    """Error density of stale speeds over a step between two stamps [ns] [m²/s]."""
+    if end - held.stamp <= settings.hold_ns or held.stamp == NEVER:
+        return 0.0
+    return unknown_density(held.stamp + settings.hold_ns, start, end, settings)
+
+
+def stuck_density(track: Repeating, start: int, end: int, settings: InputSettings) -> float:
+    """Error density over a step between two stamps [ns] of a track, if stuck [m²/s]."""
+    if track.since == track.newest:
+        return 0.0
+    since = stuck_from(track, settings.hold)
+    return 0.0 if since == NEVER else unknown_density(since, start, end, settings)
+
+
+def unknown_density(since: int, start: int, end: int, settings: InputSettings) -> float:
+    """Error density over a step of speeds that are unknown since a stamp [ns] [m²/s]."""
+    dt = (end - start) * NANOSECOND
+    if dt <= 0.0:
+        return 0.0
+    from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
+    return walked_density(dt, from_age, to_age, settings.gap_acceleration, settings.fastest)
+
+
+class HeldTrackSpeeds(TrackRecord, kw_only=True):
+    """Record of the track speeds of one streaming filter, with its settings.
 
     Attributes:
-        stamp: stamp of the newest sample [ns], or None.
-        left: newest speed of the left track [m/s].
-        right: newest speed of the right track [m/s].
-        interval: time between the newest two samples [s].
-        acceleration: averaged acceleration of the left and the right track [m/s²].
-        smooth: smoothed speeds of the left and the right track [m/s].
-        repeating: repetition record of each track; None before the first sample.
+        settings: settings of the filter.
     """
 
-    def __init__(self, hold: float, gap_acceleration: float, fastest: float) -> None:
-        self._hold = float(hold)
-        self._hold_ns = int(hold / NANOSECOND)
-        self._gap_acceleration = gap_acceleration
-        self._fastest = fastest
-        self.recall(TrackMemory())
+    settings: InputSettings
 
-    def memory(self) -> TrackMemory:
+    def memory(self) -> TrackRecord:
         """Checkpoint of the present state."""
-        return TrackMemory(
-            self.stamp,
-            self.left,
-            self.right,
-            self.interval,
-            self.acceleration,
-            self.smooth,
-            self.repeating,
-        )
+        return self.copied()
 
-    def recall(self, memory: TrackMemory) -> None:
+    def recall(self, memory: TrackRecord) -> None:
         """Restore a checkpoint."""
-        self.stamp: int | None = memory.stamp
-        self.left, self.right = memory.left, memory.right
-        self.interval = memory.interval
-        self.acceleration = memory.acceleration
-        self.smooth = memory.smooth
-        self.repeating = memory.repeating
+        twin = memory.copied()
+        for name in TrackRecord.__struct_fields__:
+            setattr(self, name, getattr(twin, name))
 
-    def take(self, stamp: int, left: float, right: float) -> None:
-        """Add a new sample, later than the previous one."""
-        share = 1.0
-        if self.stamp is not None:
-            interval = (stamp - self.stamp) * NANOSECOND
-            if interval <= self._hold:
-                self.interval = interval
-                share = smoothing_share(interval, SMOOTHING)
-                a_l, a_r = self.acceleration
-                self.acceleration = (
-                    acceleration_after(a_l, interval, left, self.left),
-                    acceleration_after(a_r, interval, right, self.right),
-                )
-            else:
-                self.acceleration = (0.0, 0.0)
-        smooth_left, smooth_right = self.smooth
-        self.smooth = (
-            smooth_left + share * (left - smooth_left),
-            smooth_right + share * (right - smooth_right),
-        )
-        if self.repeating is None:
-            self.repeating = (
-                Repeating(left, stamp, stamp, (right,)),
-                Repeating(right, stamp, stamp, (left,)),
-            )
-        else:
-            of_left, of_right = self.repeating
-            self.repeating = (
-                of_left.after(stamp, left, right, self._hold),
-                of_right.after(stamp, right, left, self._hold),
-            )
-        self.left, self.right, self.stamp = left, right, stamp
+    def take(self, stamp: int, left: float, right: float) -> int:
+        """Add a later sample; return the number of tracks newly found stuck."""
+        return take_tracks(self, stamp, left, right, self.settings)
+
+    @property
+    def acceleration(self) -> tuple[float, float]:
+        """Averaged acceleration of the left and the right track [m/s²]."""
+        return self.acceleration_left, self.acceleration_right
+
+    @property
+    def smooth(self) -> tuple[float, float]:
+        """Smoothed speeds of the left and the right track [m/s]."""
+        return self.smooth_left, self.smooth_right
 
     @property
     def stopped(self) -> bool:
@@ -174,65 +255,33 @@ class HeldTrackSpeeds:
     @property
     def acceleration_window(self) -> float:
         """Averaging time of `acceleration` [s]."""
-        return max(ACCELERATION_AVERAGING, self.interval)
+        return self.interval if self.interval > ACCELERATION_AVERAGING else ACCELERATION_AVERAGING
 
     def age(self, now: int) -> float:
         """Age of the speeds at a stamp [ns], from the middle of their interval [s]."""
-        if self.stamp is None:
-            return 0.0
-        return min((now - self.stamp) * NANOSECOND + 0.5 * self.interval, self._hold)
+        return age_at(self, now, self.settings.hold)
 
     def speeds_at(self, now: int | None) -> tuple[float, float]:
         """Speeds of the left and the right track at a stamp [ns]; stale ones decay [m/s]."""
-        if self.stamp is None or now is None or now - self.stamp <= self._hold_ns:
+        if now is None:
             return self.left, self.right
-        share = left_of_speed(self._too_old(now))
-        return share * self.left, share * self.right
+        return speeds_at(self, now, self.settings.hold_ns)
 
     def mean_speeds(self, start: int, end: int) -> tuple[float, float]:
         """Mean speeds of the left and the right track between two stamps [ns] [m/s]."""
-        if self.stamp is None or end - self.stamp <= self._hold_ns:
-            return self.left, self.right
-        dt = (end - start) * NANOSECOND
-        share = mean_left_of_speed(dt, self._too_old(start), self._too_old(end))
-        return share * self.left, share * self.right
-
-    def _too_old(self, now: int) -> float:
-        """Time [s] that the speeds have been stale at a stamp [ns]."""
-        if self.stamp is None:
-            return 0.0
-        return max(0, now - self.stamp - self._hold_ns) * NANOSECOND
+        return mean_speeds(self, start, end, self.settings.hold_ns)
 
     def is_hole(self, stamp: int) -> bool:
         """Return True if a sample at a stamp [ns] follows a gap longer than `hold`."""
-        return self.stamp is not None and (stamp - self.stamp) * NANOSECOND > self._hold
+        return is_hole(self, stamp, self.settings.hold)
 
     def gap_density(self, start: int, end: int) -> float:
-        """Error density of stale speeds over a step [m²/s].
-
-        Args:
-            start: stamp of the step's start [ns].
-            end: stamp of its end, later [ns].
-        """
-        if self.stamp is None or end - self.stamp <= self._hold_ns:
-            return 0.0
-        return self._walked(start, end, self.stamp + self._hold_ns)
+        """Error density of stale speeds over a step between two stamps [ns] [m²/s]."""
+        return gap_density(self, start, end, self.settings)
 
     def stuck_densities(self, start: int, end: int) -> tuple[float, float]:
         """Error densities over a step of the left and the right track if stuck [m²/s]."""
-        if self.repeating is None:
-            return 0.0, 0.0
-        left, right = self.repeating
-        return self._stuck_density(left, start, end), self._stuck_density(right, start, end)
-
-    def _stuck_density(self, track: Repeating, start: int, end: int) -> float:
-        since = track.stuck_from(self._hold) if track.repeats else None
-        return 0.0 if since is None else self._walked(start, end, since)
-
-    def _walked(self, start: int, end: int, since: int) -> float:
-        """Error density over a step of speeds that are unknown since a stamp [m²/s]."""
-        from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
-        dt = (end - start) * NANOSECOND
-        if dt <= 0.0:
-            return 0.0
-        return walked_density(dt, from_age, to_age, self._gap_acceleration, self._fastest)
+        return (
+            stuck_density(self.repeating_left, start, end, self.settings),
+            stuck_density(self.repeating_right, start, end, self.settings),
+        )

@@ -1,8 +1,16 @@
-"""Clock of the IMU: sample interval, and expectation of the next sample."""
+"""Clock of a sensor: newest stamp, interval, expectation of the next sample.
+
+The functions are written for plain Python and for numba, see `estimator.base.records`.
+"""
 
 from __future__ import annotations
 
+from typing import Protocol
+
+import msgspec
+
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import NEVER
 
 # Assumed interval before it is measured [s].
 USUAL_INTERVAL = 0.01
@@ -10,35 +18,87 @@ USUAL_INTERVAL = 0.01
 INTERVALS_TO_WAIT, LEAST_WAIT = 1.5, 0.02
 
 
-class ImuClock:
-    """Clock of the IMU samples.
+class Clocked(Protocol):
+    """Record with the stamp [ns] and the interval [s] of the newest sample."""
 
-    Args:
-        hold: an IMU without samples for longer has stopped [s].
+    stamp: int
+    interval: float
+
+
+class ClockRecord(msgspec.Struct):
+    """Clock of the samples of one sensor.
 
     Attributes:
-        stamp: stamp of the newest sample [ns], or None.
+        stamp: stamp of the newest sample [ns], or NEVER.
         interval: newest interval between samples that was not longer than `hold` [s].
     """
 
-    def __init__(self, hold: float) -> None:
-        self._hold = hold
-        self.stamp: int | None = None
-        self.interval = USUAL_INTERVAL
+    stamp: int = NEVER
+    interval: float = USUAL_INTERVAL
+
+    def shifted(self, by: int) -> ClockRecord:
+        """Copy for a clock that is ahead by so much [ns]."""
+        return ClockRecord(self.stamp if self.stamp == NEVER else self.stamp + by, self.interval)
+
+
+def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:
+    """Add a sample at a stamp [ns]; an interval longer than `hold` [s] does not count."""
+    interval = (stamp - clock.stamp) * NANOSECOND
+    if interval <= hold:
+        clock.interval = interval
+    clock.stamp = stamp
+
+
+def is_alive(clock: Clocked, stamp: int, hold: float) -> bool:
+    """Return True if a sample is expected that covers the motion up to a stamp [ns].
+
+    Args:
+        clock: clock of the sensor.
+        stamp: the stamp [ns].
+        hold: a sensor without samples for longer has stopped [s].
+    """
+    return (stamp - clock.stamp) * NANOSECOND <= hold
+
+
+def is_due_after(clock: Clocked, stamp: int) -> bool:
+    """Return True if a stamp [ns] lies in a step that the next sample will end soon."""
+    patience = max(INTERVALS_TO_WAIT * clock.interval, LEAST_WAIT)
+    return (stamp - clock.stamp) * NANOSECOND <= patience
+
+
+def interval_start(clock: Clocked, stamp: int) -> int:
+    """Stamp [ns] at which the interval of a sample at a stamp [ns] begins."""
+    return stamp - int(clock.interval / NANOSECOND)
+
+
+class ImuClock(ClockRecord, kw_only=True):
+    """Clock of the IMU samples of one streaming filter.
+
+    Attributes:
+        hold: an IMU without samples for longer has stopped [s].
+    """
+
+    hold: float
+
+    def memory(self) -> ClockRecord:
+        """Checkpoint of the present state."""
+        return ClockRecord(self.stamp, self.interval)
+
+    def recall(self, memory: ClockRecord) -> None:
+        """Restore a checkpoint."""
+        self.stamp, self.interval = memory.stamp, memory.interval
 
     def tick(self, stamp: int, *, used: bool) -> None:
-        """Record a sample at a stamp [ns]; its interval counts if it is used."""
-        if used and self.stamp is not None and self.is_alive(stamp):
-            self.interval = (stamp - self.stamp) * NANOSECOND
-        self.stamp = stamp
+        """Add a sample at a stamp [ns]; its interval counts if it is used."""
+        if used:
+            take_stamp(self, stamp, self.hold)
+        else:
+            self.stamp = stamp
 
     def is_alive(self, stamp: int) -> bool:
         """Return True if a sample is expected that covers the motion up to a stamp [ns]."""
-        return self.stamp is not None and (stamp - self.stamp) * NANOSECOND <= self._hold
+        return is_alive(self, stamp, self.hold)
 
     def is_due_after(self, stamp: int) -> bool:
         """Return True if a stamp [ns] lies in a step that the next sample will end soon."""
-        if self.stamp is None:
-            return False
-        patience = max(INTERVALS_TO_WAIT * self.interval, LEAST_WAIT)
-        return (stamp - self.stamp) * NANOSECOND <= patience
+        return is_due_after(self, stamp)

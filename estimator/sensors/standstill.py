@@ -1,52 +1,169 @@
-"""Standstill detection: both tracks stopped, and a gyro that reads only its bias."""
+"""Standstill detection: both tracks stopped, and a gyro that reads only its bias.
+
+The functions are written for plain Python and for numba, see `estimator.base.records`. Yaw-rate readings
+lie in a buffer beside the record, for their number is known only when a log is.
+"""
 
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections.abc import MutableSequence
 
 import msgspec
 
-from icreckon.estimator.robot.settings import StandstillSettings
+from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.sensors.input_settings import InputSettings
+
+# Size of a buffer of readings that grows.
+ROOM = 64
+
+
+class StandstillRecord(msgspec.Struct):
+    """Record of a standstill.
+
+    Attributes:
+        stopped_since: stamp of the first track speeds that were slow enough [ns], or NEVER.
+        first: place in the buffer of the oldest reading that counts.
+        end: place after the newest.
+    """
+
+    stopped_since: int = NEVER
+    first: int = 0
+    end: int = 0
 
 
 class StandstillMemory(msgspec.Struct, frozen=True):
     """Checkpoint of a `StandstillDetector`.
 
     Attributes:
-        stopped_since: stamp of the first track speeds that were slow enough [ns], or None.
-        readings: yaw-rate readings since then: stamp [ns], reading [rad/s].
+        stopped_since: stamp of the first track speeds that were slow enough [ns], or NEVER.
+        stamps: stamps of the yaw-rate readings since then [ns].
+        rates: the readings [rad/s].
     """
 
-    stopped_since: int | None = None
-    readings: tuple[tuple[int, float], ...] = ()
+    stopped_since: int = NEVER
+    stamps: tuple[int, ...] = ()
+    rates: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.stamps) != len(self.rates):
+            raise ValueError("each yaw-rate reading of a standstill needs a stamp")
+
+    def shifted(self, by: int) -> StandstillMemory:
+        """Copy for a clock that is ahead by so much [ns]."""
+        since = self.stopped_since if self.stopped_since == NEVER else self.stopped_since + by
+        return StandstillMemory(since, tuple(stamp + by for stamp in self.stamps), self.rates)
+
+
+def stopped_after(
+    still: StandstillRecord, stamp: int, left: float, right: float, track_speed: float
+) -> None:
+    """Add track speeds.
+
+    Args:
+        still: record, changed in place.
+        stamp: stamp of the speeds [ns].
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+        track_speed: slower tracks are stopped [m/s].
+    """
+    if abs(left) >= track_speed or abs(right) >= track_speed:
+        if still.stopped_since != NEVER:
+            still.stopped_since = NEVER
+            still.first = still.end = 0
+    elif still.stopped_since == NEVER:
+        still.stopped_since = stamp
+
+
+def quiet_mean(
+    still: StandstillRecord,
+    stamps: MutableSequence[int],
+    rates: MutableSequence[float],
+    stamp: int,
+    rate: float,
+    settings: InputSettings,
+) -> float:
+    """Add a yaw-rate reading; return the mean of quiet readings at standstill.
+
+    Args:
+        still: record, changed in place.
+        stamps: buffer for stamps of readings [ns], as long as the readings of `duration_ns` and three.
+        rates: buffer of the same length for readings [rad/s].
+        stamp: stamp of the reading [ns].
+        rate: the reading [rad/s].
+        settings: settings of the filter.
+
+    Returns:
+        The mean [rad/s]; NaN if the tracks move, have not stopped for long enough, or the gyro is not
+        quiet.
+
+    Raises:
+        ValueError: the buffers are too short.
+    """
+    if still.stopped_since == NEVER:
+        return math.nan
+    oldest_needed = stamp - settings.duration_ns
+    first, end = still.first, still.end
+    while first + 1 < end and stamps[first + 1] <= oldest_needed:
+        first += 1
+    if end >= len(stamps):
+        for k in range(first, end):
+            stamps[k - first], rates[k - first] = stamps[k], rates[k]
+        first, end = 0, end - first
+        if end >= min(len(stamps), len(rates)):
+            raise ValueError(WRONG_SIZE)
+    stamps[end], rates[end] = stamp, rate
+    end += 1
+    still.first, still.end = first, end
+    if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
+        return math.nan
+    total = 0.0
+    for k in range(first, end):
+        total += rates[k]
+    mean = total / (end - first)
+    per_second = (end - first - 1) * 1e9 / (stamp - stamps[first])
+    quiet = max(settings.quiet_gyro, 5.0 * settings.gyro_noise_density * math.sqrt(per_second))
+    for k in range(first, end):
+        if abs(rates[k] - mean) > quiet:
+            return math.nan
+    return mean
 
 
 class StandstillDetector:
-    """Detector of standstill from track speeds and yaw-rate readings."""
+    """Detector of standstill of one streaming filter.
 
-    def __init__(self, settings: StandstillSettings, gyro_noise_density: float) -> None:
+    Args:
+        settings: settings of the filter.
+        bias_margin: mean readings this close to the bias are those of a standing robot [rad/s].
+    """
+
+    def __init__(self, settings: InputSettings, bias_margin: float) -> None:
         self._settings = settings
-        self._density = gyro_noise_density
-        self._stopped_since: int | None = None
-        self._readings: deque[tuple[int, float]] = deque()
+        self._bias_margin = bias_margin
+        self._record = StandstillRecord()
+        self._stamps, self._rates = [0] * ROOM, [0.0] * ROOM
 
     def memory(self) -> StandstillMemory:
         """Checkpoint of the present state."""
-        return StandstillMemory(self._stopped_since, tuple(self._readings))
+        record = self._record
+        if record.end == 0:
+            return StandstillMemory(record.stopped_since)
+        kept = slice(record.first, record.end)
+        return StandstillMemory(
+            record.stopped_since, tuple(self._stamps[kept]), tuple(self._rates[kept])
+        )
 
     def recall(self, memory: StandstillMemory) -> None:
         """Restore a checkpoint."""
-        self._stopped_since = memory.stopped_since
-        self._readings = deque(memory.readings)
+        count = len(memory.stamps)
+        self._record = StandstillRecord(memory.stopped_since, 0, count)
+        self._stamps = [*memory.stamps, *[0] * ROOM]
+        self._rates = [*memory.rates, *[0.0] * ROOM]
 
     def track_speeds(self, stamp: int, left: float, right: float) -> None:
         """Add track speeds [m/s] at a stamp [ns]."""
-        if max(abs(left), abs(right)) >= self._settings.track_speed:
-            self._stopped_since = None
-            self._readings.clear()
-        elif self._stopped_since is None:
-            self._stopped_since = stamp
+        stopped_after(self._record, stamp, left, right, self._settings.track_speed)
 
     def yaw_rate(self, stamp: int, reading: float, bias: float, bias_sigma: float) -> bool:
         """Add a yaw-rate reading; return True if the robot stands.
@@ -57,20 +174,12 @@ class StandstillDetector:
             bias: present estimate of the gyro's bias [rad/s].
             bias_sigma: standard deviation of that estimate [rad/s].
         """
-        if self._stopped_since is None:
+        record, stamps, rates = self._record, self._stamps, self._rates
+        if record.stopped_since == NEVER:
             return False
-        settings = self._settings
-        readings = self._readings
-        readings.append((stamp, reading))
-        oldest_needed = stamp - int(settings.duration * 1e9)
-        while len(readings) > 1 and readings[1][0] <= oldest_needed:
-            readings.popleft()
-        if self._stopped_since > oldest_needed or readings[0][0] > oldest_needed:
-            return False
-        values = [value for _, value in readings]
-        mean = math.fsum(values) / len(values)
-        rate = (len(values) - 1) * 1e9 / (readings[-1][0] - readings[0][0])
-        quiet = max(settings.quiet_gyro, 5.0 * self._density * math.sqrt(rate))
-        if max(abs(value - mean) for value in values) > quiet:
-            return False
-        return abs(mean - bias) <= max(settings.bias_margin, 4.0 * bias_sigma)
+        if record.end == len(stamps) and record.first < len(stamps) // 2:
+            stamps += [0] * len(stamps)
+            rates += [0.0] * len(rates)
+        mean = quiet_mean(record, stamps, rates, stamp, reading, self._settings)
+        # A mean that is not a number is no standstill.
+        return abs(mean - bias) <= max(self._bias_margin, 4.0 * bias_sigma)

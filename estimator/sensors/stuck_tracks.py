@@ -3,13 +3,19 @@
 Many sensors repeat readings: those sampled less often than they are published, and those of coarse
 resolution at a steady speed. So repetition counts only if the other track has read many different values
 meanwhile, and if it lasts much longer than this track's earlier repetitions.
+
+The functions are written for plain Python and for numba, see `estimator.base.records`.
 """
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
+from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import NEVER
 
 # Required number of different readings of the other track, and of its own before.
 OTHERS, OWN = 10, 20
@@ -17,58 +23,80 @@ OTHERS, OWN = 10, 20
 UNUSUAL = 3.0
 
 
-class Repeating(msgspec.Struct, frozen=True):
+class Repeating(msgspec.Struct):
     """Repetition record of one track's readings.
 
     Attributes:
         reading: newest reading [m/s].
         since: stamp of the first of the consecutive samples with this reading [ns].
         newest: stamp of the last of them [ns].
-        others: distinct readings of the other track since then, at most `OTHERS` [m/s].
         changes: number of changes of the reading, at most `OWN`.
         longest: longest time of one reading while moving and not stuck [s].
+        other_count: number of distinct readings of the other track since then, at most `OTHERS`.
+        others: those readings [m/s]; the rest is unused.
     """
 
-    reading: float
-    since: int
-    newest: int
-    others: tuple[float, ...]
+    reading: float = 0.0
+    since: int = NEVER
+    newest: int = NEVER
     changes: int = 0
     longest: float = 0.0
+    other_count: int = 0
+    others: Annotated[list[float], msgspec.Meta(min_length=OTHERS, max_length=OTHERS)] = (
+        msgspec.field(default_factory=lambda: [0.0] * OTHERS)
+    )
 
-    def after(self, stamp: int, reading: float, other: float, hold: float) -> Repeating:
-        """Record after one more sample.
 
-        Args:
-            stamp: stamp of the sample [ns].
-            reading: reading of the track [m/s].
-            other: reading of the other track [m/s].
-            hold: a longer gap between samples starts a new record [s].
-        """
-        if (stamp - self.newest) * NANOSECOND > hold:
-            return Repeating(reading, stamp, stamp, (other,), self.changes, self.longest)
-        if reading != self.reading:
-            longest = self.longest
-            if self.repeats and self.reading != 0.0 and self.stuck_from(hold) is None:
-                longest = max(longest, (self.newest - self.since) * NANOSECOND)
-            return Repeating(reading, stamp, stamp, (other,), min(self.changes + 1, OWN), longest)
-        others = self.others
-        if len(others) < OTHERS and other not in others:
-            others = (*others, other)
-        return Repeating(reading, self.since, stamp, others, self.changes, self.longest)
+def copy_of_repeating(track: Repeating) -> Repeating:
+    """Copy of a record, for a checkpoint."""
+    return replace(track, others=track.others.copy())
 
-    @property
-    def repeats(self) -> bool:
-        """True if the newest two samples have the same reading."""
-        return self.since != self.newest
 
-    def stuck_from(self, hold: float) -> int | None:
-        """Stamp from which the reading is stuck [ns]; None if it is not.
+def repeating_after(
+    track: Repeating, stamp: int, reading: float, other: float, hold: float
+) -> bool:
+    """Add a sample; return True if the track is found stuck by it.
 
-        Args:
-            hold: age up to which a reading is valid in any case [s].
-        """
-        if not self.repeats or len(self.others) < OTHERS or self.changes < OWN:
-            return None
-        start = self.since + int(max(hold, UNUSUAL * self.longest) / NANOSECOND)
-        return start if self.newest > start and self.reading != 0.0 else None
+    Args:
+        track: record of the track, changed in place.
+        stamp: stamp of the sample [ns].
+        reading: reading of the track [m/s].
+        other: reading of the other track [m/s].
+        hold: a longer gap between samples starts a new record [s].
+    """
+    after_gap = (stamp - track.newest) * NANOSECOND > hold
+    if after_gap or reading != track.reading:
+        if not after_gap:
+            repeated = track.since != track.newest and track.reading != 0.0
+            if repeated and stuck_from(track, hold) == NEVER:
+                track.longest = max(track.longest, (track.newest - track.since) * NANOSECOND)
+            if track.changes < OWN:
+                track.changes += 1
+        track.reading = reading
+        track.since = track.newest = stamp
+        track.other_count = 1
+        track.others[0] = other
+        return False
+    was_stuck = stuck_from(track, hold) != NEVER
+    track.newest = stamp
+    count = track.other_count
+    if count < OTHERS:
+        for k in range(count):
+            if track.others[k] == other:
+                return False
+        track.others[count] = other
+        track.other_count = count + 1
+    return not was_stuck and stuck_from(track, hold) != NEVER
+
+
+def stuck_from(track: Repeating, hold: float) -> int:
+    """Stamp from which the reading is stuck [ns]; NEVER if it is not.
+
+    Args:
+        track: record of the track.
+        hold: age up to which a reading is valid in any case [s].
+    """
+    if track.since == track.newest or track.other_count < OTHERS or track.changes < OWN:
+        return NEVER
+    start = track.since + int(max(hold, UNUSUAL * track.longest) / NANOSECOND)
+    return start if track.newest > start and track.reading != 0.0 else NEVER

@@ -39,9 +39,10 @@ class InnovationRows:
             for axis, name in enumerate(self._components[sensor]):
                 variance = covariance[axis][axis]
                 if variance > 0.0:
-                    self._column(name)[row] = residual[axis] / math.sqrt(variance)
+                    self.column(name)[row] = residual[axis] / math.sqrt(variance)
 
-    def _column(self, name: str) -> Singles:
+    def column(self, name: str) -> Singles:
+        """Column (most,) of a component, NaN where nothing is written."""
         found = self._columns.get(name)
         if found is None:
             found = self._columns[name] = np.full(self._most, np.nan, np.float32)

@@ -119,50 +119,60 @@ def work_through(
 
 
 class Rows:
-    """Rows of a run, filled one at a time.
+    """Rows of a run, filled by the filters.
 
     Args:
-        most: so many at most.
+        most: highest number of rows.
+
+    Attributes:
+        stamps: (n,) stamps of the estimates [ns].
+        indices: (n, 3) zeta [m], epsilon [m], eta [-].
+        states: (n, SIZE) states.
+        sigmas: (n, SIZE) their standard deviations.
+        pose_covariances: (n, 3, 3) covariances of the pose.
+        twists: (n, 3) v_x, v_y [m/s], w [rad/s].
+        twist_covariances: (n, 3, 3) their covariances.
+        innovations: normalised innovations.
     """
 
     def __init__(self, most: int) -> None:
-        self._stamps = np.zeros(most, dtype=np.int64)
-        self._indices = np.zeros((most, 3))
-        self._states = np.zeros((most, s.SIZE))
-        self._sigmas = np.zeros((most, s.SIZE))
-        self._pose_covariances = np.zeros((most, 3, 3))
-        self._twists = np.zeros((most, 3))
-        self._twist_covariances = np.zeros((most, 3, 3))
-        self._innovations = InnovationRows(most)
+        self.stamps = np.zeros(most, dtype=np.int64)
+        self.indices = np.zeros((most, 3))
+        self.states = np.zeros((most, s.SIZE))
+        self.sigmas = np.zeros((most, s.SIZE))
+        self.pose_covariances = np.zeros((most, 3, 3))
+        self.twists = np.zeros((most, 3))
+        self.twist_covariances = np.zeros((most, 3, 3))
+        self.innovations = InnovationRows(most)
 
     def put(self, row: int, estimate: Snapshot, judged: Iterable[tuple[str, Judged]] = ()) -> None:
-        """Write down an estimate in a row, and with it the newest innovation of each sensor."""
-        self._innovations.put(row, judged)
-        self._stamps[row] = estimate.stamp
-        self._states[row] = estimate.state
-        self._sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
-        self._pose_covariances[row] = estimate.covariance[s.POSE, s.POSE]
-        self._twists[row] = estimate.twist
-        self._twist_covariances[row] = estimate.twist_covariance
-        self._indices[row] = estimate.indices
+        """Fill a row with an estimate and the newest innovation of each sensor."""
+        self.innovations.put(row, judged)
+        self.stamps[row] = estimate.stamp
+        self.states[row] = estimate.state
+        self.sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
+        self.pose_covariances[row] = estimate.covariance[s.POSE, s.POSE]
+        self.twists[row] = estimate.twist
+        self.twist_covariances[row] = estimate.twist_covariance
+        self.indices[row] = estimate.indices
 
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
-        """The run of the first `count` rows."""
+        """Run of the first `count` rows."""
         kept = slice(0, count)
         trajectory = Trajectory(
-            self._stamps[kept],
-            self._states[kept, s.POSE],
-            self._pose_covariances[kept],
-            self._twists[kept],
-            self._twist_covariances[kept],
+            self.stamps[kept],
+            self.states[kept, s.POSE],
+            self.pose_covariances[kept],
+            self.twists[kept],
+            self.twist_covariances[kept],
         )
         return Run(
             variant,
             trajectory,
-            self._indices[kept],
+            self.indices[kept],
             state_names,
-            self._states[kept],
-            self._sigmas[kept],
+            self.states[kept],
+            self.sigmas[kept],
             health,
-            *self._innovations.finish(count),
+            *self.innovations.finish(count),
         )

@@ -1,6 +1,6 @@
 """A saved estimator: all that it knows as one JSON file, for people to read and programs to go on from.
 
-    {"format": "icreckon estimator", "version": 1, "checksum": "...", "content": {
+    {"format": "icreckon estimator", "version": 2, "checksum": "...", "content": {
         "variant", "robot", "settings"      what the estimator was made from
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
@@ -31,7 +31,7 @@ from icreckon.estimator.robot.variants import find_variant, state_names
 from icreckon.estimator.streaming.late_measurements import HistoryMemory
 
 FORMAT = "icreckon estimator"
-VERSION = 1
+VERSION = 2
 # What of a robot file has no part in what the estimator does.
 ASIDE = ("log", "note", "format")
 # What learnt parameters, scales and biases are about; the rest is how far sensors are to be trusted.

@@ -298,7 +298,7 @@ def test_real_logs(data_dir: Path, name: str, robot_name: str, part: str | None)
 
 
 def test_older_judgements_matter_less_than_rounding() -> None:
-    assert 0.99**replay_rows.TELLING < 1e-12
+    assert 0.99**replay_rows.OUTPUT_AT_END < 1e-12
 
 
 def test_what_cannot_be_taken_is_refused_by_name() -> None:

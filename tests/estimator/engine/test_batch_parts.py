@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numba import njit
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.engine import model, stuck
+from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance
 from icreckon.estimator.engine.filters import BatchFilter, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, FrontSettings, Measured, front_settings
+from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import steps_of, why_not_steps
 from icreckon.estimator.engine.step import StepKind, step_kernel
@@ -29,11 +29,10 @@ from icreckon.estimator.robot.variants import (
     slip_of,
 )
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 from icreckon.estimator.sensors.standstill import StandstillDetector
-from icreckon.estimator.sensors.stuck_tracks import Repeating
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel, Store, compiled_kernel, lanes_of_machine
-from icreckon.estimator.tracing.jit_kernel import entry
 
 WIDTH = lanes_of_machine(64)
 ROBOT = load_robot("auriga-alpha")
@@ -159,36 +158,8 @@ def test_updates_that_are_put_off_come_to_the_same() -> None:
         assert np.allclose([lazy.times({0: 1.0, 3: 2.0})[i] for i in range(5)], P[0] + 2.0 * P[3])
 
 
-READINGS = st.lists(
-    st.tuples(st.sampled_from([0.0, 0.1, 0.2, 0.3]), st.sampled_from([0.0, 0.1, 0.2, 0.4, 0.5])),
-    min_size=2,
-    max_size=300,
-)
-
-
-@settings(max_examples=40, deadline=None)
-@given(READINGS, st.integers(0, 20), st.integers(1, 400))
-def test_stuck_sensors_are_found_as_by_the_streaming_filter(readings, hole, repeat) -> None:
-    begin, after = entry(stuck.begin_repeating), entry(stuck.repeating_after)
-    since = entry(stuck.stuck_from)
-    of, plain = np.zeros(stuck.STUCK_MEMORY), None
-    # A beginning with many different readings, so that being stuck can be noticed at all.
-    prelude = [(0.01 * k, 0.02 * k) for k in range(30)] + [(0.7, 0.01 * k) for k in range(repeat)]
-    stamp = 0
-    for number, (reading, other) in enumerate(prelude + readings):
-        stamp += 20_000_000 * (50 if number == 30 + hole else 1)
-        if plain is None:
-            plain = Repeating(reading, stamp, stamp, (other,))
-            begin(of, float(stamp), reading, other)
-        else:
-            plain = plain.after(stamp, reading, other, 0.3)
-            after(of, float(stamp), reading, other, 0.3)
-        expected, found = plain.stuck_from(0.3), since(of, 0.3)
-        assert math.isnan(found) if expected is None else found == expected
-
-
-def tell_all(tracks, present, rates, track_rate, imu_rate, settings):
-    """The steps of a run and what they are told."""
+def all_inputs(tracks, present, rates, track_rate, imu_rate, settings):
+    """Steps of a run, and their inputs."""
     count = len(rates)
     imu = np.rint(np.arange(count) / imu_rate * 1e9).astype(np.int64)
     stamps = np.rint(np.arange(len(tracks)) / track_rate * 1e9).astype(np.int64)
@@ -202,14 +173,14 @@ def tell_all(tracks, present, rates, track_rate, imu_rate, settings):
     inputs = np.zeros((len(steps.kinds), len(INPUTS), 1))
     front = FrontEnd(measured, steps, settings)
     half = len(inputs) // 2
-    front.tell(0, half, inputs[:half])
-    front.tell(half, len(inputs), inputs[half:])
+    front.fill(0, half, inputs[:half])
+    front.fill(half, len(inputs), inputs[half:])
     return steps, measured, inputs[:, :, 0]
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from([(50.0, 100.0), (20.0, 100.0), (50.0, 50.0)]))
-def test_steps_are_told_what_the_streaming_filter_goes_by(seed, rates) -> None:
+def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
     rng = np.random.default_rng(seed)
     track_rate, imu_rate = rates
     count = 400
@@ -220,12 +191,12 @@ def test_steps_are_told_what_the_streaming_filter_goes_by(seed, rates) -> None:
     present[150:180] = False
     present[0] = True
     gyro = 1e-3 * rng.standard_normal(count)
-    chosen = front_settings(ROBOT, Settings())
-    steps, measured, inputs = tell_all(tracks, present, gyro, track_rate, imu_rate, chosen)
+    chosen = input_settings(ROBOT, Settings())
+    steps, measured, inputs = all_inputs(tracks, present, gyro, track_rate, imu_rate, chosen)
 
     variant = VARIANTS["constant-online"]
     noise = Disturbances(ROBOT, slip_of(ROBOT, variant), np.zeros(8))
-    held = HeldTrackSpeeds(chosen.hold, chosen.gap_acceleration, chosen.fastest)
+    held = HeldTrackSpeeds(settings=chosen)
     taken = 0
     for k, (start, end) in enumerate(zip(steps.starts.tolist(), steps.ends.tolist(), strict=True)):
         while taken < steps.tracks[k]:
@@ -258,11 +229,11 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
     count = 400
     tracks = np.where(rng.random((count, 1)) < 0.98, 0.0, 0.2) * np.ones(2)
     gyro = size * rng.standard_normal(count) + 0.01
-    chosen = front_settings(ROBOT, Settings())
-    steps, measured, inputs = tell_all(
+    chosen = input_settings(ROBOT, Settings())
+    steps, measured, inputs = all_inputs(
         tracks, np.ones(count, dtype=bool), gyro, 50.0, 100.0, chosen
     )
-    detector = StandstillDetector(Settings().standstill, chosen.gyro_noise_density)
+    detector = StandstillDetector(chosen, Settings().standstill.bias_margin)
     taken, bias, sigma = 0, 0.0, 1e-3
     for k, end in enumerate(steps.ends.tolist()):
         while taken < steps.tracks[k]:
@@ -353,7 +324,7 @@ def test_time_is_counted_in_nanoseconds_that_doubles_hold() -> None:
 
 
 def test_settings_of_the_front_end_are_the_filters_own() -> None:
-    found = front_settings(ROBOT, Settings(hold=0.4))
-    assert isinstance(found, FrontSettings)
+    found = input_settings(ROBOT, Settings(hold=0.4))
+    assert isinstance(found, InputSettings)
     assert found.hold == 0.4
     assert found.fastest == ROBOT.vehicle.max_track_speed

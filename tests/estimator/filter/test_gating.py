@@ -14,7 +14,8 @@ from icreckon.estimator.filter.gate import (
 )
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import GateSettings, StandstillSettings
+from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import StandstillDetector
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
@@ -55,6 +56,12 @@ def second(value):
     return round(value * 1e9)
 
 
+def detector_of(gyro_noise_density):
+    settings = input_settings(load_robot("auriga-alpha"), Settings())
+    settings = settings._replace(gyro_noise_density=gyro_noise_density)
+    return StandstillDetector(settings, Settings().standstill.bias_margin)
+
+
 def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0)):
     """When the detector first said that the robot stands [s], or None; 100 Hz from 0 s."""
     for k, rate in enumerate(rates):
@@ -66,13 +73,13 @@ def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0))
 
 
 def test_robot_stands_after_half_a_second_of_rest():
-    assert standing_since(StandstillDetector(StandstillSettings(), 5e-4), [0.0] * 100) == 0.5
+    assert standing_since(detector_of(5e-4), [0.0] * 100) == 0.5
 
 
 def test_noise_of_the_gyro_does_not_hide_the_standstill():
     density = 5e-3  # 0.05 rad/s in each of 100 samples per second, more than quiet_gyro
     rates = np.random.default_rng(0).normal(scale=density * 10.0, size=100).tolist()
-    assert standing_since(StandstillDetector(StandstillSettings(), density), rates) == 0.5
+    assert standing_since(detector_of(density), rates) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -87,19 +94,19 @@ def test_noise_of_the_gyro_does_not_hide_the_standstill():
     ],
 )
 def test_what_moves_does_not_stand(rates, more):
-    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    detector = detector_of(5e-4)
     assert standing_since(detector, rates, **more) is None
 
 
 def test_a_bias_that_may_be_so_large_is_no_motion():
-    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    detector = detector_of(5e-4)
     assert standing_since(detector, [0.2] * 100, bias_sigma=0.06) == 0.5
-    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    detector = detector_of(5e-4)
     assert standing_since(detector, [0.2] * 100, bias=0.19) == 0.5
 
 
 def test_driving_on_ends_the_standstill_at_once():
-    detector = StandstillDetector(StandstillSettings(), 5e-4)
+    detector = detector_of(5e-4)
     assert standing_since(detector, [0.0] * 100) is not None
     detector.track_speeds(second(1.0), 0.3, 0.3)
     assert not detector.yaw_rate(second(1.0), 0.0, 0.0, 0.0)

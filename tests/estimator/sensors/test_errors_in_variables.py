@@ -13,14 +13,16 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, slip_of
 from icreckon.estimator.sensors.held_tracks import SMOOTHING, HeldTrackSpeeds, smoothing_share
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000
+SETTINGS = input_settings(ALPHA, Settings())
 
 
 def held(speeds, rate, tracks=None, start=0):
-    tracks = tracks or HeldTrackSpeeds(0.3, 1.0, 1.0)
+    tracks = tracks or HeldTrackSpeeds(settings=SETTINGS)
     for k, (left, right) in enumerate(speeds):
         tracks.take(start + k * SECOND // rate, left, right)
     return tracks
@@ -40,7 +42,7 @@ def test_smoothed_speeds_begin_anew_after_a_hole():
 
 
 def test_smoothed_speeds_are_remembered():
-    tracks, other = held([(0.2, 0.3), (0.5, 0.1)], 50), HeldTrackSpeeds(0.3, 1.0, 1.0)
+    tracks, other = held([(0.2, 0.3), (0.5, 0.1)], 50), HeldTrackSpeeds(settings=SETTINGS)
     other.recall(tracks.memory())
     assert other.smooth == tracks.smooth
 

@@ -7,15 +7,17 @@ from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000
-RATE, HOLD = 50, 0.3
+RATE = 50
+SETTINGS = input_settings(ALPHA, Settings())
 
 
 def held(left, right):
-    tracks = HeldTrackSpeeds(HOLD, 1.0, 1.0)
+    tracks = HeldTrackSpeeds(settings=SETTINGS)
     for k, speeds in enumerate(zip(left, right, strict=True)):
         tracks.take(k * SECOND // RATE, *map(float, speeds))
     return tracks
@@ -52,7 +54,7 @@ def test_it_is_believed_again_with_its_next_reading():
 
 
 def test_it_is_remembered():
-    tracks, other = held(*with_stuck_left(40)), HeldTrackSpeeds(HOLD, 1.0, 1.0)
+    tracks, other = held(*with_stuck_left(40)), HeldTrackSpeeds(settings=SETTINGS)
     other.recall(tracks.memory())
     assert stuck_density(other) == stuck_density(tracks)
 

@@ -219,10 +219,12 @@ def test_other_files_are_refused(tmp_path):
 
 def test_another_version_of_the_format_is_refused(saved):
     document = json.loads(saved.read_text())
-    document["version"] = 99
-    saved.write_text(json.dumps(document))
-    with pytest.raises(EstimatorError, match=r"version 99 .* is not known; this icreckon reads 1"):
-        PoseEstimator.restore(saved, ALPHA)
+    for version in (1, 99):
+        document["version"] = version
+        saved.write_text(json.dumps(document))
+        message = rf"version {version} .* is not known; this icreckon reads 2"
+        with pytest.raises(EstimatorError, match=message):
+            PoseEstimator.restore(saved, ALPHA)
 
 
 def test_another_variant_is_refused(saved):

@@ -1,0 +1,51 @@
+"""Settings of everything that turns samples into inputs of a step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+
+
+class InputSettings(NamedTuple):
+    """Settings of held track speeds and standstill, for plain Python and for numba.
+
+    Attributes:
+        hold: age from which track speeds are stale [s].
+        hold_ns: `hold` in whole nanoseconds.
+        gap_acceleration: random walk of stale speeds [m/s/√s].
+        fastest: highest speed of a track [m/s].
+        track_density: density of the error of a track's speed, from the noise of its sensor [m²/s].
+        track_speed: slower tracks are stopped [m/s].
+        duration_ns: duration of a standstill before it is detected [ns].
+        quiet_gyro: largest distance of quiet yaw-rate readings from their mean [rad/s].
+        gyro_noise_density: noise density of the gyro [rad/s/√Hz].
+    """
+
+    hold: float
+    hold_ns: int
+    gap_acceleration: float
+    fastest: float
+    track_density: float
+    track_speed: float
+    duration_ns: int
+    quiet_gyro: float
+    gyro_noise_density: float
+
+
+def input_settings(robot: Robot, settings: Settings) -> InputSettings:
+    """Settings of a robot's filter."""
+    standstill = settings.standstill
+    return InputSettings(
+        float(settings.hold),
+        int(settings.hold / NANOSECOND),
+        float(settings.gap_acceleration),
+        float(robot.vehicle.max_track_speed),
+        float(robot.tracks.speed_noise_density**2),
+        float(standstill.track_speed),
+        int(standstill.duration * 1e9),
+        float(standstill.quiet_gyro),
+        float(robot.imu.gyro_noise_density),
+    )

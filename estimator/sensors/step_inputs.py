@@ -1,0 +1,87 @@
+"""Inputs of a filter step from the track speeds; for plain Python and for numba."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from icreckon.estimator.sensors.held_tracks import (
+    ACCELERATION_AVERAGING,
+    TrackRecord,
+    age_at,
+    gap_density,
+    mean_speeds,
+    speeds_at,
+    stuck_density,
+)
+from icreckon.estimator.sensors.input_settings import InputSettings
+
+
+class StepInputs(NamedTuple):
+    """Inputs of a step from the track speeds.
+
+    Attributes:
+        smooth_left: smoothed speed of the left track [m/s].
+        smooth_right: smoothed speed of the right track [m/s].
+        left: speed of the left track at the start [m/s].
+        right: speed of the right track at the start [m/s].
+        mean_left: mean speed of the left track over the step [m/s].
+        mean_right: mean speed of the right track over the step [m/s].
+        left_density: error density of the left track's speed [m²/s].
+        right_density: error density of the right track's speed [m²/s].
+        gap_density: error density of stale speeds [m²/s].
+        acceleration_left: averaged acceleration of the left track [m/s²].
+        acceleration_right: averaged acceleration of the right track [m/s²].
+        window: averaging time of the acceleration [s].
+        speed_variance: variance of each track's speed, from its sensor's noise [m²/s²].
+        age: age of the speeds at the start, from the middle of their interval [s].
+        slow: 1 if both tracks are slow enough for a standstill, else 0.
+    """
+
+    smooth_left: float
+    smooth_right: float
+    left: float
+    right: float
+    mean_left: float
+    mean_right: float
+    left_density: float
+    right_density: float
+    gap_density: float
+    acceleration_left: float
+    acceleration_right: float
+    window: float
+    speed_variance: float
+    age: float
+    slow: float
+
+
+def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings) -> StepInputs:
+    """Inputs of a step.
+
+    Args:
+        held: record of the track speeds.
+        start: stamp of the step's start [ns].
+        end: stamp of its end [ns]; at the start itself no time passes.
+        settings: settings of the filter.
+    """
+    left, right = speeds_at(held, start, settings.hold_ns)
+    mean_left, mean_right = mean_speeds(held, start, end, settings.hold_ns)
+    # Encoders of tracks at rest have no noise.
+    density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
+    slow = max(abs(held.left), abs(held.right)) < settings.track_speed
+    return StepInputs(
+        held.smooth_left,
+        held.smooth_right,
+        left,
+        right,
+        mean_left,
+        mean_right,
+        density + stuck_density(held.repeating_left, start, end, settings),
+        density + stuck_density(held.repeating_right, start, end, settings),
+        gap_density(held, start, end, settings),
+        held.acceleration_left,
+        held.acceleration_right,
+        max(ACCELERATION_AVERAGING, held.interval),
+        density / held.interval,
+        age_at(held, start, settings.hold),
+        1.0 if slow else 0.0,
+    )

@@ -1,0 +1,215 @@
+"""Records that plain Python and compiled code share: one source, the same numbers to the last bit."""
+
+import copy
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+
+from icreckon.estimator.base.records import NEVER, record_array
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
+from icreckon.estimator.sensors.imu_clock import ClockRecord, is_due_after, take_stamp
+from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.sensors.standstill import (
+    StandstillDetector,
+    StandstillRecord,
+    quiet_mean,
+    stopped_after,
+)
+from icreckon.estimator.sensors.step_inputs import step_inputs
+from icreckon.estimator.sensors.stuck_tracks import OTHERS, Repeating, repeating_after, stuck_from
+from icreckon.estimator.tracing.jit_kernel import jit
+
+SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
+STEP = 20_000_000
+EPOCH = 1_700_000_000_123_456_789
+
+
+compiled_take, compiled_inputs = jit(take_tracks), jit(step_inputs)
+compiled_stopped, compiled_mean = jit(stopped_after), jit(quiet_mean)
+compiled_stamp, compiled_due = jit(take_stamp), jit(is_due_after)
+
+
+@njit
+def take_in_lane(records, lane, stamp, left, right, chosen):
+    return compiled_take(records[lane], stamp, left, right, chosen)
+
+
+@njit
+def inputs_of_lane(records, lane, start, end, chosen):
+    return compiled_inputs(records[lane], start, end, chosen)
+
+
+@njit
+def quiet_mean_of_lane(records, lane, stamps, rates, stamp, rate, speed, chosen):
+    compiled_stopped(records[lane], stamp, speed, speed, chosen.track_speed)
+    return compiled_mean(records[lane], stamps, rates, stamp, rate, chosen)
+
+
+@njit
+def clock_of_lane(records, lane, stamp, hold):
+    compiled_stamp(records[lane], stamp, hold)
+    return compiled_due(records[lane], stamp + 25_000_000)
+
+
+def values(record):
+    """Fields of a record of either kind, nested ones flat."""
+    names = record.dtype.names if isinstance(record, np.void) else record.__struct_fields__
+    found = []
+    for name in names:
+        value = record[name] if isinstance(record, np.void) else getattr(record, name)
+        nested = isinstance(value, Repeating) or getattr(value, "dtype", np.dtype(float)).names
+        found += values(value) if nested else np.ravel(value).tolist()
+    return found
+
+
+def drive(seed, count=400):
+    """Stamps and speeds: ordinary, a stop, a stuck left track, a gap, and a decaying end."""
+    rng = np.random.default_rng(seed)
+    speeds = np.cumsum(0.02 * rng.standard_normal((count, 2)), axis=0)
+    speeds[100:140] = 0.0
+    speeds[200:260, 0] = speeds[200, 0]
+    stamps = EPOCH + np.cumsum(STEP + rng.integers(-(10**6), 10**6, count))
+    stamps[150:] += 3 * 10**9
+    return stamps.tolist(), speeds.tolist()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_held_tracks_are_the_same_in_python_and_compiled_to_the_last_bit(seed):
+    """The record of one filter is an element of an array: here of length 1, and as a lane of 3."""
+    plain, alone, lanes = (
+        TrackRecord(),
+        record_array(TrackRecord(), 1),
+        record_array(TrackRecord(), 3),
+    )
+    rng, stuck = np.random.default_rng(seed), 0
+    for stamp, (left, right) in zip(*drive(seed), strict=True):
+        found = take_tracks(plain, stamp, left, right, SETTINGS)
+        assert found == take_in_lane(alone, 0, stamp, left, right, SETTINGS)
+        assert found == take_in_lane(lanes, 1, stamp, left, right, SETTINGS)
+        stuck += found
+        start = stamp + int(rng.integers(0, STEP))
+        end = start + int(rng.choice([0, 10**7, 10**9]))
+        expected = step_inputs(plain, start, end, SETTINGS)
+        assert expected == inputs_of_lane(alone, 0, start, end, SETTINGS)
+    assert stuck == 1
+    assert values(plain) == values(alone[0]) == values(lanes[1])
+    assert values(lanes[0]) == values(TrackRecord())
+
+
+def test_a_checkpoint_is_a_copy():
+    plain, array = TrackRecord(), record_array(TrackRecord(), 1)
+    stamps, speeds = drive(0)
+    for stamp, (left, right) in zip(stamps[:230], speeds[:230], strict=True):
+        take_tracks(plain, stamp, left, right, SETTINGS)
+        take_in_lane(array, 0, stamp, left, right, SETTINGS)
+    checkpoint, of_array = plain.copied(), array.copy()
+    before = values(plain)
+    for stamp, (left, right) in zip(stamps[230:], speeds[230:], strict=True):
+        take_tracks(plain, stamp, left, right, SETTINGS)
+        take_in_lane(array, 0, stamp, left, right, SETTINGS)
+    assert values(checkpoint) == values(of_array[0]) == before != values(plain)
+
+
+def test_a_record_that_is_shifted_goes_on_by_the_other_clock():
+    stamps, speeds = drive(1)
+    plain, shifted, by = TrackRecord(), TrackRecord().shifted(5), 10**12
+    assert values(shifted) == values(plain)
+    for stamp, (left, right) in zip(stamps[:230], speeds[:230], strict=True):
+        take_tracks(plain, stamp, left, right, SETTINGS)
+    shifted = plain.shifted(by)
+    for stamp, (left, right) in zip(stamps[230:], speeds[230:], strict=True):
+        take_tracks(plain, stamp, left, right, SETTINGS)
+        take_tracks(shifted, stamp + by, left, right, SETTINGS)
+    assert values(plain.shifted(by)) == values(shifted)
+
+
+READINGS = st.lists(
+    st.tuples(st.sampled_from([0.0, 0.1, 0.2, 0.3]), st.sampled_from([0.0, 0.1, 0.2, 0.4, 0.5])),
+    min_size=2,
+    max_size=300,
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(READINGS, st.integers(0, 20), st.integers(1, 400))
+def test_a_track_is_found_stuck_once_and_as_the_definition_has_it(readings, hole, repeat):
+    """The record keeps a summary; here the definition is applied to all readings so far."""
+    track, taken = Repeating(), []
+    # A beginning with many different readings, so that being stuck can be noticed at all.
+    prelude = [(0.01 * k, 0.02 * k) for k in range(30)] + [(0.7, 0.01 * k) for k in range(repeat)]
+    stamp, was_stuck = 0, False
+    for number, (reading, other) in enumerate(prelude + readings):
+        stamp += STEP * (50 if number == 30 + hole else 1)
+        found = repeating_after(track, stamp, reading, other, 0.3)
+        taken.append((stamp, reading, other))
+        is_stuck = stuck_from(track, 0.3) != NEVER
+        assert found == (is_stuck and not was_stuck)
+        was_stuck = is_stuck
+        same = [taken[-1]]
+        for before in reversed(taken[:-1]):
+            if before[1] != reading or same[0][0] - before[0] > 3 * 10**8:
+                break
+            same.insert(0, before)
+        assert (track.since, track.newest) == (same[0][0], stamp)
+        assert track.other_count == min(OTHERS, len({row[2] for row in same}))
+        if is_stuck:
+            assert reading != 0.0
+            assert stuck_from(track, 0.3) >= same[0][0] + 3 * 10**8
+
+
+@pytest.mark.parametrize("room", [60, 64, 200])
+def test_quiet_readings_are_the_same_in_python_and_compiled(room):
+    """Whatever the size of the buffer, which is moved when it is full."""
+    plain, array = StandstillRecord(), record_array(StandstillRecord(), 1)
+    lists = [0] * 400, [0.0] * 400
+    arrays = np.zeros(room, np.int64), np.zeros(room)
+    rng, means = np.random.default_rng(0), []
+    for k in range(600):
+        stamp, rate = EPOCH + k * 10**7, float(1e-3 * rng.standard_normal())
+        speed = 0.1 if 300 <= k < 310 else 0.0
+        stopped_after(plain, stamp, speed, speed, SETTINGS.track_speed)
+        expected = quiet_mean(plain, *lists, stamp, rate, SETTINGS)
+        found = quiet_mean_of_lane(array, 0, *arrays, stamp, rate, speed, SETTINGS)
+        assert found == expected or (math.isnan(found) and math.isnan(expected))
+        means.append(expected)
+    assert np.isnan(means[:50]).all()
+    assert np.isfinite(means[50:300]).all()
+    assert np.isnan(means[300:360]).all()
+    assert np.isfinite(means[360:]).all()
+
+
+def test_a_buffer_that_is_too_short_is_refused():
+    still, buffers = StandstillRecord(), ([0] * 40, [0.0] * 40)
+    stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
+    for k in range(40):
+        quiet_mean(still, *buffers, k * 10**7, 0.0, SETTINGS)
+    with pytest.raises(ValueError, match="wrong size"):
+        quiet_mean(still, *buffers, 40 * 10**7, 0.0, SETTINGS)
+
+
+def test_a_detector_makes_room_for_any_number_of_readings():
+    detector = StandstillDetector(SETTINGS, 0.03)
+    detector.track_speeds(0, 0.0, 0.0)
+    stands = [detector.yaw_rate(k * 10**6, 0.01, 0.0, 0.0) for k in range(2000)]
+    assert stands == [False] * 500 + [True] * 1500
+    other = StandstillDetector(SETTINGS, 0.03)
+    other.recall(detector.memory())
+    assert other.memory() == detector.memory()
+    assert len(other.memory().stamps) == 501
+    assert other.yaw_rate(2000 * 10**6, 0.01, 0.0, 0.0)
+
+
+def test_clocks_are_the_same_in_python_and_compiled():
+    plain, array = ClockRecord(), record_array(ClockRecord(), 2)
+    for stamp in (EPOCH, EPOCH + 10**7, EPOCH + 3 * 10**7, EPOCH + 10**9, EPOCH + 10**9 + 1):
+        take_stamp(plain, stamp, 0.3)
+        assert is_due_after(plain, stamp + 25_000_000) == clock_of_lane(array, 1, stamp, 0.3)
+        assert values(plain) == values(array[1])
+    assert copy.copy(plain).shifted(5).stamp == plain.stamp + 5
+    assert values(array[0]) == values(ClockRecord().shifted(5)) == [NEVER, 0.01]
