@@ -25,10 +25,12 @@ from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistMod
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds, smoothing_share
+from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 
-# Inputs of a step from its first, `smooth_left`, to its last, `force`.
-STEP_VALUES = struct.Struct("18d")
-assert tuple(INPUTS.names[:18:17]) == ("smooth_left", "force")  # noqa: S101 - as they are packed
+# Inputs of a step as they are packed: those from the track speeds, then those from the IMU.
+PACKED = (*StepInputs._fields, "quiet_mean", "rate", "force")
+STEP_VALUES = struct.Struct(f"{len(PACKED)}d")
+assert INPUTS.names[: len(PACKED)] == PACKED  # noqa: S101 - one is written as the other
 
 
 class Workspace:
@@ -126,7 +128,7 @@ class LaneStep:
         accelerometer: Gate,
     ) -> None:
         self._made_of = ekf, disturbances, robot, settings, gyro, accelerometer
-        self._ekf, self._disturbances = ekf, disturbances
+        self._ekf = ekf
         self._gyro, self._accelerometer = gyro, accelerometer
         self._time_constant = float(disturbances.slip.time_constant)
         if ekf.considered:
@@ -185,28 +187,14 @@ class LaneStep:
         measured: tuple[float, float, float],
     ) -> tuple[Any, ...]:
         """Advance the motion model, and gather the arguments of a compiled step."""
-        ekf, disturbances, workspace = self._ekf, self._disturbances, self._workspace
+        ekf, workspace = self._ekf, self._workspace
         dt = (end - start) * NANOSECOND
-        mean = tracks.mean_speeds(start, end)
-        ekf.begin_step(dt, *mean)
+        inputs = step_inputs(tracks, start, end, tracks.settings)
+        ekf.begin_step(dt, inputs.mean_left, inputs.mean_right)
         smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
         if ekf.regressors is None:
             ekf.regressors, smoothing = np.zeros((3, 8)), 1.0
-        STEP_VALUES.pack_into(
-            workspace.packed,
-            0,
-            *tracks.smooth,
-            *tracks.speeds_at(start),
-            *mean,
-            *disturbances.track_densities(tracks, start, end),
-            tracks.gap_density(start, end),
-            *tracks.acceleration,
-            tracks.acceleration_window,
-            disturbances.track_density(tracks) / tracks.interval,
-            tracks.age(start),
-            pushed,
-            *measured,
-        )
+        STEP_VALUES.pack_into(workspace.packed, 0, *inputs[:-1], pushed, *measured)
         return (
             ekf.x,
             ekf.P,

@@ -21,7 +21,7 @@ from icreckon.estimator.motion.friction_layout import PARAMETERS as FRICTION_PAR
 from icreckon.estimator.motion.friction_model import FrictionMotion
 from icreckon.estimator.motion.index_model import InertiaMotion
 from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
-from icreckon.estimator.sensors import sensor_models
+from icreckon.estimator.sensors import sensor_models, standstill
 from icreckon.estimator.tracing import trace
 
 # Newton's error is squared in each round: after a change of this share none that matters is left.
@@ -260,6 +260,7 @@ slip_at = trace.traced(process_noise.slip_at)
 fast_slip_density = trace.traced(process_noise.fast_slip_density)
 sideways_density = trace.traced(process_noise.sideways_density)
 share_of_walk = trace.traced(process_noise.share_of_walk)
+stands = trace.traced(standstill.stands)
 gyro_variance = trace.traced(sensor_models.gyro_variance)
 accelerometer_forecast = trace.traced(sensor_models.accelerometer_forecast)
 _step_along_arc = trace.traced(propagation.step_along_arc)

@@ -14,7 +14,7 @@ from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel
-from icreckon.estimator.tracing.trace import maximum, select
+from icreckon.estimator.tracing.trace import select
 
 # Parameters and biases.
 WALKING = range(s.PARAMETERS.start, s.TRACK_SCALE)
@@ -111,9 +111,8 @@ class Step:
         slow = told("slow") > 0.5
         if kind.stands:
             bias_sigma = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS) ** 0.5
-            margin = maximum(constant("bias_margin"), 4.0 * bias_sigma)
-            # Where the readings were not quiet, their mean is not a number.
-            self.stands = abs(told("quiet_mean") - lane.x[s.GYRO_BIAS]) <= margin
+            mean, bias = told("quiet_mean"), lane.x[s.GYRO_BIAS]
+            self.stands = model.stands(mean, bias, bias_sigma, constant("bias_margin"))
             slow = slow & ~self.stands
         elif not kind.imu:
             slow = slow & (lane.row("stood") < 0.5)

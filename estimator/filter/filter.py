@@ -59,7 +59,7 @@ from icreckon.estimator.sensors.sensor_models import (
     SensorModels,
     TrackChange,
 )
-from icreckon.estimator.sensors.standstill import StandstillDetector
+from icreckon.estimator.sensors.standstill import StandstillDetector, stands
 
 
 class Reckoning:
@@ -122,7 +122,7 @@ class Reckoning:
             name: Gate(len(components), settings.gates)
             for name, components in innovation_components().items()
         }
-        self._standstill = StandstillDetector(for_inputs, settings.standstill.bias_margin)
+        self._standstill = StandstillDetector(for_inputs)
         self._at_once = engine.make_step(
             self.ekf,
             self._disturbances,
@@ -273,10 +273,9 @@ class Reckoning:
             self._advance(m.stamp - int(self._imu.interval / NANOSECOND))
         ekf = self.ekf
         rate = self._sensors.yaw_rate(m)
-        bias_sigma = math.sqrt(ekf.P[s.GYRO_BIAS, s.GYRO_BIAS])
-        self.stands = self._standstill.yaw_rate(
-            m.stamp, rate, float(ekf.x[s.GYRO_BIAS]), bias_sigma
-        )
+        mean = self._standstill.yaw_rate(m.stamp, rate)
+        # A mean that is not a number is that of a moving robot.
+        self.stands = mean == mean and self._stands(mean)
         at_once = self._take_imu_at_once(m, rate)
         if at_once is not None:
             return at_once
@@ -297,6 +296,11 @@ class Reckoning:
         # Propagate the pose by the updated twist.
         self._advance(m.stamp)
         return used
+
+    def _stands(self, mean: float) -> bool:
+        """Return True if quiet yaw-rate readings with this mean [rad/s] are those of a standing robot."""
+        bias, variance = self.ekf.x.item(s.GYRO_BIAS), self.ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
+        return stands(mean, bias, math.sqrt(variance), self._settings.standstill.bias_margin)
 
     def _is_hole(self, stamp: int) -> bool:
         """Return True if a stamp [ns] follows a gap longer than `Settings.hold`."""

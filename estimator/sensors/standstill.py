@@ -130,17 +130,27 @@ def quiet_mean(
     return mean
 
 
+def stands(mean: float, bias: float, bias_sigma: float, margin: float) -> bool:
+    """Return True if quiet readings are those of a standing robot.
+
+    Args:
+        mean: their mean; not a number if the robot moves [rad/s].
+        bias: estimated bias of the gyro [rad/s].
+        bias_sigma: standard deviation of that estimate [rad/s].
+        margin: means this close to the bias are those of a standing robot in any case [rad/s].
+    """
+    return abs(mean - bias) <= max(margin, 4.0 * bias_sigma)
+
+
 class StandstillDetector:
     """Detector of standstill of one streaming filter.
 
     Args:
         settings: settings of the filter.
-        bias_margin: mean readings this close to the bias are those of a standing robot [rad/s].
     """
 
-    def __init__(self, settings: InputSettings, bias_margin: float) -> None:
+    def __init__(self, settings: InputSettings) -> None:
         self._settings = settings
-        self._bias_margin = bias_margin
         self._record = StandstillRecord()
         self._stamps, self._rates = [0] * ROOM, [0.0] * ROOM
 
@@ -165,21 +175,12 @@ class StandstillDetector:
         """Add track speeds [m/s] at a stamp [ns]."""
         stopped_after(self._record, stamp, left, right, self._settings.track_speed)
 
-    def yaw_rate(self, stamp: int, reading: float, bias: float, bias_sigma: float) -> bool:
-        """Add a yaw-rate reading; return True if the robot stands.
-
-        Args:
-            stamp: stamp of the reading [ns].
-            reading: measured yaw rate [rad/s].
-            bias: present estimate of the gyro's bias [rad/s].
-            bias_sigma: standard deviation of that estimate [rad/s].
-        """
+    def yaw_rate(self, stamp: int, reading: float) -> float:
+        """Add a yaw-rate reading [rad/s] at a stamp [ns]; return the `quiet_mean`."""
         record, stamps, rates = self._record, self._stamps, self._rates
         if record.stopped_since == NEVER:
-            return False
+            return math.nan
         if record.end == len(stamps) and record.first < len(stamps) // 2:
             stamps += [0] * len(stamps)
             rates += [0.0] * len(rates)
-        mean = quiet_mean(record, stamps, rates, stamp, reading, self._settings)
-        # A mean that is not a number is no standstill.
-        return abs(mean - bias) <= max(self._bias_margin, 4.0 * bias_sigma)
+        return quiet_mean(record, stamps, rates, stamp, reading, self._settings)

@@ -18,10 +18,10 @@ from icreckon.estimator.log.measurements import Mark
 
 # Before any measurement.
 BEFORE_ALL: Key = (-(2**63), -1)
-# What the filter knows is kept after each so many measurements.
-CHECKPOINT_EVERY = 4
-# No more than so many times, however fast measurements come.
-MOST_CHECKPOINTS = 4000
+# Number of measurements between two checkpoints.
+CHECKPOINT_EVERY = 16
+# Highest number of checkpoints, however fast measurements come.
+MOST_CHECKPOINTS = 1000
 
 
 class HistoryMemory(msgspec.Struct, frozen=True):

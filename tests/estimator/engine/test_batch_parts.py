@@ -233,17 +233,16 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
     steps, measured, inputs = all_inputs(
         tracks, np.ones(count, dtype=bool), gyro, 50.0, 100.0, chosen
     )
-    detector = StandstillDetector(chosen, Settings().standstill.bias_margin)
-    taken, bias, sigma = 0, 0.0, 1e-3
+    detector = StandstillDetector(chosen)
+    taken = 0
     for k, end in enumerate(steps.ends.tolist()):
         while taken < steps.tracks[k]:
             detector.track_speeds(
                 int(measured.track_stamps[taken]), *measured.tracks[0, taken].tolist()
             )
             taken += 1
-        stands = detector.yaw_rate(end, float(gyro[k]), bias, sigma)
-        mean = inputs[k, INPUTS["quiet_mean"]]
-        assert stands == (abs(mean - bias) <= max(Settings().standstill.bias_margin, 4.0 * sigma))
+        mean = detector.yaw_rate(end, float(gyro[k]))
+        assert inputs[k, INPUTS["quiet_mean"], 0] == pytest.approx(mean, rel=1e-12, nan_ok=True)
 
 
 def test_the_force_of_inertia_is_found_where_newton_does_not_settle() -> None:
@@ -266,9 +265,9 @@ def test_the_force_of_inertia_is_found_where_newton_does_not_settle() -> None:
 
     def force(left, right, *values):
         x = np.array([trace.lift(0.0)] * 6 + list(values) + [trace.lift(0.0)] * 7, dtype=object)
-        constants = (*vehicle, 0.0, 0.0)
-        states = tuple(range(6, 14))
-        return model.twist_model(x, constants, left, right, 1.0, states, 0.0).twist[2]
+        traced = model.traced_model(motion.InertiaMotion(vehicle))
+        inputs, states = model.ModelInputs(traced, vehicle, ()), tuple(range(6, 14))
+        return model.twist_model(x, inputs, left, right, 1.0, states, 0.0).twist[2]
 
     (found,) = in_lanes(force, *speeds, *parameters)
     for lane in range(WIDTH):

@@ -16,7 +16,7 @@ from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, TrackSp
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.standstill import StandstillDetector
+from icreckon.estimator.sensors.standstill import StandstillDetector, stands
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 
@@ -59,7 +59,7 @@ def second(value):
 def detector_of(gyro_noise_density):
     settings = input_settings(load_robot("auriga-alpha"), Settings())
     settings = settings._replace(gyro_noise_density=gyro_noise_density)
-    return StandstillDetector(settings, Settings().standstill.bias_margin)
+    return StandstillDetector(settings)
 
 
 def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0)):
@@ -67,7 +67,8 @@ def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0))
     for k, rate in enumerate(rates):
         if k % 2 == 0:
             detector.track_speeds(second(k / 100), *speeds)
-        if detector.yaw_rate(second(k / 100), rate, bias, bias_sigma):
+        mean = detector.yaw_rate(second(k / 100), rate)
+        if stands(mean, bias, bias_sigma, Settings().standstill.bias_margin):
             return k / 100
     return None
 
@@ -109,9 +110,9 @@ def test_driving_on_ends_the_standstill_at_once():
     detector = detector_of(5e-4)
     assert standing_since(detector, [0.0] * 100) is not None
     detector.track_speeds(second(1.0), 0.3, 0.3)
-    assert not detector.yaw_rate(second(1.0), 0.0, 0.0, 0.0)
+    assert np.isnan(detector.yaw_rate(second(1.0), 0.0))
     detector.track_speeds(second(1.02), 0.0, 0.0)
-    assert not detector.yaw_rate(second(1.02), 0.0, 0.0, 0.0)
+    assert np.isnan(detector.yaw_rate(second(1.02), 0.0))
 
 
 def test_a_body_velocity_is_used_whole_or_not_at_all():

@@ -194,15 +194,16 @@ def test_a_buffer_that_is_too_short_is_refused():
 
 
 def test_a_detector_makes_room_for_any_number_of_readings():
-    detector = StandstillDetector(SETTINGS, 0.03)
+    detector = StandstillDetector(SETTINGS)
     detector.track_speeds(0, 0.0, 0.0)
-    stands = [detector.yaw_rate(k * 10**6, 0.01, 0.0, 0.0) for k in range(2000)]
-    assert stands == [False] * 500 + [True] * 1500
-    other = StandstillDetector(SETTINGS, 0.03)
+    means = [detector.yaw_rate(k * 10**6, 0.01) for k in range(2000)]
+    assert np.isnan(means[:500]).all()
+    assert means[500:] == pytest.approx([0.01] * 1500)
+    other = StandstillDetector(SETTINGS)
     other.recall(detector.memory())
     assert other.memory() == detector.memory()
     assert len(other.memory().stamps) == 501
-    assert other.yaw_rate(2000 * 10**6, 0.01, 0.0, 0.0)
+    assert other.yaw_rate(2000 * 10**6, 0.01) == pytest.approx(0.01)
 
 
 def test_clocks_are_the_same_in_python_and_compiled():
