@@ -60,7 +60,7 @@ class Smoothing(NamedTuple):
     """A run over a log, forward and smoothed.
 
     Attributes:
-        filtered: the run as `run` returns it.
+        filtered: the run of `run`, to rounding.
         smoothed: the same at the same stamps from all measurements; its `variant` ends in "-smoothed".
             Its `health` is the filter's.
     """
