@@ -25,7 +25,7 @@ DURATION, RATE = 600.0, 100.0
 # Files and functions -> what they do.
 PARTS = {
     "filters": ("batch/work.py", "batch/filters.py"),
-    "front end": ("batch/front_end.py",),
+    "front end": ("engine/front_end.py",),
     "scores": ("batch/scoring.py",),
     "sensor noise": ("inertial.py", "noise_kernel.py", "encoders.py", "fixes.py", "noise.py"),
     "true motion": (
