@@ -2,7 +2,9 @@
 
 A step is a track-speed sample and an IMU sample (gyro and accelerometer), fed from a simulated drive, one
 by one or as arrays. Of arrays the newest second (`Settings.history`) is fed one by one, so their time
-depends on the length of the drive. The plain EKF does the same algebra (a prediction and two scalar updates with as many states) without any
+depends on the length of the drive.
+
+The plain EKF does the same algebra (a prediction and two scalar updates with as many states) without any
 motion model, gate or bookkeeping. It and both engines of the filter are timed in turn, and the best of
 several runs counts: what else the machine does makes a run longer, never shorter. With --cold, it also
 tells how long the compiled engine takes when it is used for the first time, and in a later process.
