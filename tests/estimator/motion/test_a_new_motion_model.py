@@ -29,8 +29,11 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant, motion_model, register, unregister
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
+from icreckon.replay.comparison.compare import compare
+from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
+from icreckon.simulation.study.plan import FilterSpec
 
 # --- the motion model ---------------------------------------------------------------------------------
 
@@ -110,7 +113,7 @@ def test_its_derivatives_are_those_of_a_complex_step():
 
 @pytest.mark.parametrize("engine", ["plain", "compiled"])
 def test_without_its_gain_it_is_the_model_of_constant_icrs(engine: str):
-    log = simulate(Scenario(duration=8.0, trajectory="aggressive", seed=3), ALPHA)
+    log = simulate(Scenario(duration=8.0, truth="kinematic", seed=3), ALPHA)
     shipped, own = (
         PoseEstimator(ALPHA, name, settings=Settings(engine=engine))
         for name in (SHIPPED, "no-gain")
@@ -158,9 +161,13 @@ def test_a_saved_estimator_goes_on_with_it(tmp_path):
     assert (before.state == after.state).all()
 
 
-def test_it_does_not_run_side_by_side():
+def test_replays_stream_it_and_lanes_and_studies_refuse_it():
+    log = drive(2.0)
+    assert list(compare(log, ALPHA, [OWN, SHIPPED]).runs) == [OWN, SHIPPED]
     with pytest.raises(BatchError, match="'fast-turns-online' cannot run side by side"):
-        run_many([drive(2.0)], ALPHA, OWN)
+        run_many([log], ALPHA, OWN)
+    with pytest.raises(SimulationError, match="'fast-turns-online' has a motion model of its own"):
+        FilterSpec(variant=OWN)
 
 
 def test_what_cannot_be_a_variant_is_refused():
