@@ -114,7 +114,8 @@ def run_side_by_side(
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before))
     smoothed = began[0].checkpoint().regressors is not None
-    front = _go(filters, begun, rows, steps, measured, progress, smoothed=smoothed)
+    front = FrontEnd(measured, steps, input_settings(robot, of_filters))
+    work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
@@ -124,19 +125,30 @@ def run_side_by_side(
     return found
 
 
-def _go(
+def work_through_log(
     filters: Sequence[BatchFilter],
     begun: Sequence[Lanes],
     rows: Sequence[ReplayRows],
     steps: LogSteps,
     measured: Measured,
-    progress: Callable[[int], None] | None,
+    front: FrontEnd,
+    progress: Callable[[int], None] | None = None,
     *,
-    smoothed: bool,
-) -> FrontEnd:
-    """Work through all steps and fill the rows; `smoothed` if regressors exist already."""
+    smoothed: bool = True,
+) -> None:
+    """Work through the steps of a log.
+
+    Args:
+        filters: the filters.
+        begun: their lanes, changed in place.
+        rows: their rows, written to.
+        steps: the steps.
+        measured: measurements of the log.
+        front: front end of the steps.
+        progress: called with the stamp that was reached [ns].
+        smoothed: True if the filters have smoothed derivatives from earlier steps.
+    """
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
-    front = FrontEnd(measured, steps, input_settings(filters[0].robot, filters[0].settings))
     inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.told), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
@@ -157,7 +169,6 @@ def _go(
             of_one.take(begin, end, part, room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))
-    return front
 
 
 def fill_step_constants(

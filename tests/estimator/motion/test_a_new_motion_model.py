@@ -29,6 +29,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant, motion_model, register, unregister
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.compare import compare
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario
@@ -163,7 +164,8 @@ def test_a_saved_estimator_goes_on_with_it(tmp_path):
 
 def test_replays_stream_it_and_lanes_and_studies_refuse_it():
     log = drive(2.0)
-    assert list(compare(log, ALPHA, [OWN, SHIPPED]).runs) == [OWN, SHIPPED]
+    found = compare(log, ALPHA, [OWN, SHIPPED], smooth=True).runs
+    assert list(found) == [OWN, SHIPPED, OWN + SMOOTHED, SHIPPED + SMOOTHED]
     with pytest.raises(BatchError, match="'fast-turns-online' cannot run side by side"):
         run_many([log], ALPHA, OWN)
     with pytest.raises(SimulationError, match="'fast-turns-online' has a motion model of its own"):
