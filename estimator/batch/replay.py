@@ -14,7 +14,7 @@ from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
-from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.filters import BatchFilter, aligned
 from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS
 from icreckon.estimator.engine.schedule import (
@@ -25,7 +25,7 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     steps_of_log,
 )
-from icreckon.estimator.engine.work import ESTIMATE
+from icreckon.estimator.engine.work import ESTIMATE, Lanes
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.log.log import Log
@@ -42,7 +42,7 @@ from icreckon.estimator.streaming.pose_estimator import Snapshot
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.tracing.jit_kernel import entry
 
-# Steps that are worked through by one filter before it is the next one's turn.
+# Number of steps of a part; all filters run through a part before the next.
 PART = 1024
 
 
@@ -58,28 +58,28 @@ def run_side_by_side(
 ) -> dict[str, Run]:
     """Run variants over a log in one pass, from its first measurement to its last.
 
-    What comes out is what `run` says of each of them, to rounding, but for the accelerometer where the
-    robot comes to rest: its innovation is NaN in the row before which the robot was found standing, even
-    if it was judged at an earlier IMU sample since the last row. If the robot stands for the last
-    `OUTPUT_AT_END` steps, the newest and recent NIS in `health` are those of the innovations in rows. A
-    variant is compiled when it runs for the first time ever, which takes some seconds.
+    Runs are those of `run`, to rounding, with two exceptions. If the robot is found standing, the
+    accelerometer's innovation is NaN in that row, even if an earlier IMU sample since the row before had
+    one. If the robot stands for the last `OUTPUT_AT_END` steps, the newest and recent NIS in
+    `health` are those of the innovations in rows. A variant is compiled when it runs for the first time,
+    which takes some seconds.
 
     Args:
-        log: the measurements; its truth is not looked at.
+        log: the measurements; its truth is not used.
         robot: the robot.
         variants: names of filter variants.
-        settings: of the filters.
+        settings: settings of the filters.
         start: pose at the start: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        progress: called now and then with the stamp [ns] that was reached.
+        progress: called from time to time with the stamp that was reached [ns].
 
     Returns:
-        The run of each variant.
+        Runs by variant.
 
     Raises:
-        EstimatorError: no such variant, a log without track speeds, or `start` is none.
-        BatchError: a variant, the settings or the log cannot be worked through side by side; the message
-            says why, and `run` takes them.
+        EstimatorError: no such variant, a log without track speeds, or `start` is no pose.
+        BatchError: filters side by side do not support a variant, the settings or the log; the message
+            gives the reason, and `run` supports them.
     """
     require_robot(robot)
     start = three_numbers("start", start, "three finite numbers: x, y [m], yaw [rad]")
@@ -106,15 +106,17 @@ def run_side_by_side(
     rows = [ReplayRows(one, robot, steps, measured, headings, row_stamps) for one in filters]
     began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
     for before, one, lanes in zip(began, filters, begun, strict=True):
-        memory, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
-        if memory.step_under_way or (memory.regressors is not None and steps.kinds[:1] == UPDATE):
+        checkpoint, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
+        if checkpoint.step_under_way or (
+            checkpoint.regressors is not None and steps.kinds[:1] == UPDATE
+        ):
             raise BatchError("there are fixes before the first track speeds")
-        one.take_over(lanes, memory, by_parameters)
+        one.continue_from(lanes, checkpoint, by_parameters)
     if steps.before_steps:
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before))
     smoothed = began[0].checkpoint().regressors is not None
-    front = _go(filters, begun, rows, steps, measured, progress, smoothed=smoothed)
+    front = _fill_rows(filters, begun, rows, steps, measured, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
@@ -124,7 +126,7 @@ def run_side_by_side(
     return found
 
 
-def _go(
+def _fill_rows(
     filters: Sequence[BatchFilter],
     begun: Sequence[Lanes],
     rows: Sequence[ReplayRows],
@@ -134,11 +136,11 @@ def _go(
     *,
     smoothed: bool,
 ) -> FrontEnd:
-    """Work through all steps and fill the rows; `smoothed` if regressors exist already."""
+    """Run through all steps and fill the rows; `smoothed` if there are regressors already."""
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
     front = FrontEnd(measured, steps, input_settings(filters[0].robot, filters[0].settings))
     inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
-    rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.told), 1)) for one in filters]
+    rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
     moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
     first_moving = int(moving[0]) if len(moving) else -1
@@ -150,11 +152,11 @@ def _go(
         for tau, table in tables.items():
             fill_entry(table, part.starts, part.ends, part.intervals, tau)
             if begin <= first_moving < end and not smoothed:
-                table[first_moving - begin, STEP_CONSTANTS.index("share")] = 1.0
+                table[first_moving - begin, STEP_CONSTANTS.index("smoothing")] = 1.0
         for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
             table = tables[one.time_constant][: end - begin]
-            one.work_through(lanes, of_part, part, table, room, all_told=True)
-            of_one.take(begin, end, part, room[:, :, 0])
+            one.work_through(lanes, of_part, part, table, room, all_outputs=True)
+            of_one.add(begin, end, part, room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))
     return front
@@ -167,9 +169,9 @@ def fill_step_constants(
 
     Args:
         table: (n, k) written to.
-        starts: of the steps [ns].
-        ends: of the steps [ns].
-        intervals: of the IMU [s].
+        starts: stamps of the starts of the steps [ns].
+        ends: stamps of their ends [ns].
+        intervals: time between IMU samples [s].
         tau: time constant of the slip [s].
 
     Raises:
@@ -184,8 +186,8 @@ def fill_step_constants(
             dt = elapsed * NANOSECOND
             decay, mean = fading(dt, tau)
             integral, cross, final = gauss_markov_noise(dt, tau)
-            share = smoothing_share(dt, REGRESSOR_SMOOTHING)
-            table[k, 0], table[k, 1], table[k, 2], table[k, 3] = dt, share, decay, mean
+            smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
+            table[k, 0], table[k, 1], table[k, 2], table[k, 3] = dt, smoothing, decay, mean
             table[k, 4], table[k, 5], table[k, 6] = integral, cross, final
         else:
             table[k, :7] = table[k - 1, :7]
@@ -196,14 +198,14 @@ fill_entry = entry(fill_step_constants)
 
 
 def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
-    """Track speeds, IMU and fixes of a log, in the axes and units of a robot's filter.
+    """Track speeds, IMU and fixes of one log, in the axes and units of a robot's filter.
 
     Returns:
         The measurements; 1 for each fix with a heading; True if the IMU has accelerometers.
 
     Raises:
         EstimatorError: there are no track speeds.
-        BatchError: there is no IMU, or something that filters side by side do not take.
+        BatchError: there is no IMU, or something that filters side by side do not support.
     """
     if not len(log.tracks.stamps):
         raise EstimatorError(
@@ -215,7 +217,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
     if log.others:
         kinds = ", ".join(sorted({type(other).__name__ for other in log.others}))
         raise BatchError(
-            f"the log {log.name!r} holds {kinds}, which filters side by side cannot take"
+            f"the log {log.name!r} holds {kinds}, which filters side by side do not support"
         )
     fix_stamps = NO_STAMPS if fixes is None else fixes.stamps
     if any((np.diff(one) <= 0).any() for one in (log.tracks.stamps, imu.stamps, fix_stamps)):
@@ -223,7 +225,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
     if has_absurd_readings(log, robot.vehicle.max_track_speed):
         raise BatchError(
             f"the log {log.name!r} holds readings that no such sensor gives, or IMU samples without "
-            "forces among others, which filters side by side do not look for"
+            "forces among others, which filters side by side do not check"
         )
     values = np.zeros((len(fix_stamps), 5))
     if fixes is not None:
@@ -270,8 +272,8 @@ def _begin(
 
 
 def _snapshot(reckoning: Reckoning) -> Snapshot:
-    """See `PoseEstimator.snapshot`."""
+    """Make a snapshot of a filter, see `PoseEstimator.snapshot`."""
     model, P = reckoning.model(), reckoning.ekf.P
-    spread = model.jacobian @ P @ model.jacobian.T
+    twist_covariance = model.jacobian @ P @ model.jacobian.T
     stamp = reckoning.stamp or 0
-    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, spread, model.motion.indices)
+    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, twist_covariance, model.motion.indices)

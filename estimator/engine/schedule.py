@@ -1,8 +1,8 @@
 """Schedule of the steps of filters that run side by side, from the stamps of their measurements alone.
 
-`walk` decides as `estimator.filter.filter` does for one filter: to where the filter moves with each
-measurement, and which fixes wait for the IMU. With a log it also decides, as `estimator.streaming.run`
-does, which estimates become rows.
+`walk_stamps` makes the steps that `estimator.filter.filter` takes with each measurement, and finds the
+fixes that wait for the IMU. Of a log it also finds the estimates that `estimator.streaming.run` writes as
+rows.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
 POSITION, HEADING, TICK, SILENT = 1, 2, 4, 8
 # After the last measurement.
 END = 2**62
-# Reasons for which a log cannot be walked through, by number.
+# Reasons why a walk through the stamps of a log ends early, by number.
 REASONS = (
     "",
     "there is an IMU sample at a stamp that the filter has reached without it",
@@ -61,7 +61,7 @@ class Steps(NamedTuple):
         samples: (n,) index of the IMU sample at the end.
         fixes: (n,) index of the fix at the end.
         ticks: (n,) index of the tick at the end.
-        known: (n,) number of track-speed samples before the output of the estimate.
+        output_tracks: (n,) number of track-speed samples before the output of the estimate.
     """
 
     starts: Stamps
@@ -73,7 +73,7 @@ class Steps(NamedTuple):
     samples: Stamps
     fixes: Stamps
     ticks: Stamps
-    known: Stamps
+    output_tracks: Stamps
 
     def part(self, begin: int, end: int) -> Steps:
         """Steps from `begin` to before `end`."""
@@ -84,7 +84,7 @@ class LogSteps(NamedTuple):
     """Steps of a log and its rows, in columns; stamps are since the first track speeds [ns].
 
     Attributes:
-        starts: (n,) see `Steps`, as are those up to `known`.
+        starts: (n,) see `Steps`, as are those up to `output_tracks`.
         ends: (n,).
         kinds: (n,).
         intervals: (n,).
@@ -93,7 +93,7 @@ class LogSteps(NamedTuple):
         samples: (n,).
         fixes: (n,).
         rows: (n,) index of the row that is the estimate at the end of the step; -1 for none.
-        known: (n,).
+        output_tracks: (n,).
         row_stamps: (k,) stamps of the estimates that are rows [ns].
         row_samples: (k,) 1 if there was an IMU sample since the row before.
         row_fixes: (k,) index of the newest fix since the row before; -1 for none.
@@ -110,7 +110,7 @@ class LogSteps(NamedTuple):
     samples: Places
     fixes: Places
     rows: Places
-    known: Places
+    output_tracks: Places
     row_stamps: Stamps
     row_samples: Bytes
     row_fixes: Places
@@ -139,12 +139,12 @@ class LogSteps(NamedTuple):
             long(self.samples),
             long(self.fixes),
             np.maximum(np.cumsum((extras & TICK) > 0) - 1, 0),
-            long(self.known),
+            long(self.output_tracks),
         )
 
 
 def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> str | None:
-    """Reason why filters with sensors at these stamps [ns] cannot run side by side, or None."""
+    """Reason why filters cannot run side by side over these stamps [ns]; None if they can."""
     if len(tracks) == 0 or len(imu) == 0:
         return "there are no track speeds, or no IMU samples"
     if tracks[0] != imu[0]:
@@ -160,7 +160,7 @@ def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> 
 
 
 def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, heading: bool) -> Steps:
-    """Steps of runs that share the stamps of their sensors, up to the last IMU sample.
+    """Make the steps of runs whose sensors have the same stamps, up to the last IMU sample.
 
     Gaps in the track speeds of a run are not bridged, since other runs have none there: the IMU must be
     fast enough that filters never wait for it.
@@ -179,21 +179,21 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
     if reason is not None:
         raise BatchError(f"these runs cannot be worked through side by side: {reason}")
     headings = np.full(len(fixes), heading, dtype=np.int8)
-    begin, known = int(imu[0]), tracks[tracks <= imu[-1]]
-    found = _walked(SensorStamps(known, imu, fixes, headings), WalkLimits(LONGEST_TIME, END))
+    begin, until_end = int(imu[0]), tracks[tracks <= imu[-1]]
+    found = _walked(SensorStamps(until_end, imu, fixes, headings), WalkLimits(LONGEST_TIME, END))
     steps, absolute = found.part(0, len(found.kinds)), found.ends + begin
     is_tick = np.isin(absolute, ticks) & (steps.kinds <= UPDATE)
     return steps._replace(
         extras=(steps.extras & ~TICK) | np.where(is_tick, TICK, 0),
         ticks=np.searchsorted(ticks, absolute),
-        known=steps.tracks,
+        output_tracks=steps.tracks,
     )
 
 
 def steps_of_log(
     tracks: Stamps, imu: Stamps, fixes: Stamps, headings: Bytes, settings: Settings, output: int
 ) -> LogSteps:
-    """Steps of a log from its first track speeds on.
+    """Make the steps of a log from its first track speeds on.
 
     Args:
         tracks: stamps of the track speeds, at least one [ns].
@@ -327,7 +327,7 @@ def walk_stamps(
     sizes_fit &= min(len(steps.starts), len(steps.ends), len(steps.intervals)) >= most
     sizes_fit &= min(len(steps.kinds), len(steps.extras), len(steps.tracks)) >= most
     sizes_fit &= min(len(steps.samples), len(steps.fixes)) >= most
-    sizes_fit &= min(len(steps.rows), len(steps.known)) >= most
+    sizes_fit &= min(len(steps.rows), len(steps.output_tracks)) >= most
     sizes_fit &= min(len(steps.row_stamps), len(steps.row_samples)) >= len(stamps.tracks)
     if not sizes_fit or len(steps.row_fixes) < len(stamps.tracks):
         raise ValueError(WRONG_SIZE)
@@ -359,7 +359,7 @@ def walk_stamps(
 def walk_to_tracks(
     walk: Walk, tracks: ClockRecord, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps
 ) -> None:
-    """Take track speeds: the old ones count up to their own stamp, or up to the new ones' interval."""
+    """Add track speeds: the old ones hold up to their own stamp, or up to the new interval."""
     begun = walk.tracks > 0
     if begun and is_hole(tracks, stamp, hold):
         move(walk, imu, interval_start(tracks, stamp), hold, steps)
@@ -374,7 +374,7 @@ def walk_to_tracks(
 
 
 def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps) -> None:
-    """Take an IMU sample: it ends a step, and measures nothing of a gap before."""
+    """Add an IMU sample: it ends a step, and does not measure a gap before it."""
     number = walk.samples
     walk.samples += 1
     if walk.tracks == 0:
@@ -395,7 +395,7 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps:
 def walk_to_fix(
     walk: Walk, imu: ClockRecord, stamp: int, hold: float, bits: int, steps: LogSteps
 ) -> None:
-    """Take a fix: at the end of a step, or on the way to the one that an IMU sample will end."""
+    """Add a fix: at the end of a step, or before the end of a step under way."""
     number = walk.fixes
     walk.fixes += 1
     if walk.tracks == 0:
@@ -426,7 +426,7 @@ def add_step(walk: Walk, imu: ClockRecord, end: int, kind: int, steps: LogSteps)
     step = walk.steps
     steps.starts[step], steps.ends[step], steps.kinds[step] = walk.now, end, kind
     steps.intervals[step], steps.extras[step] = imu.interval, 0
-    steps.tracks[step] = steps.known[step] = walk.tracks
+    steps.tracks[step] = steps.output_tracks[step] = walk.tracks
     steps.samples[step], steps.fixes[step], steps.rows[step] = 0, 0, -1
     walk.steps = step + 1
     return step
@@ -439,7 +439,7 @@ def add_row(walk: Walk, steps: LogSteps) -> None:
         steps.extras[walk.last_sample] |= TICK
     for k in range(max(walk.last_step, 0), walk.steps):
         steps.extras[k] |= TICK
-        steps.rows[k], steps.known[k] = row, walk.tracks
+        steps.rows[k], steps.output_tracks[k] = row, walk.tracks
     steps.row_stamps[row], steps.row_fixes[row] = walk.now, walk.newest_fix
     steps.row_samples[row] = walk.last_sample >= 0
     walk.rows, walk.written, walk.due = row + 1, walk.now, 0

@@ -8,6 +8,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.streaming.recorded_run import Run
 
 # No pose in metres is further from its origin, UTM coordinates included [m].
@@ -47,20 +48,13 @@ def reason_of(kind: int, seconds: float) -> str:
 
 
 def loss_kind(
-    x: float,
-    y: float,
-    yaw: float,
-    xx: float,
-    yy: float,
-    yaw_yaw: float,
-    v_x: float,
-    v_y: float,
-    w: float,
-    v_xx: float,
-    v_yy: float,
-    ww: float,
+    pose: Vector3, pose_variances: Vector3, twist: Vector3, twist_variances: Vector3
 ) -> int:
     """Kind of loss of a pose and a twist with their variances; plain Python, for numba too."""
+    x, y, yaw = pose
+    xx, yy, yaw_yaw = pose_variances
+    v_x, v_y, w = twist
+    v_xx, v_yy, ww = twist_variances
     if not math.isfinite(x + y + yaw + v_x + v_y + w + xx + yy + yaw_yaw + v_xx + v_yy + ww):
         return NOT_FINITE
     if min(xx, yy, yaw_yaw, v_xx, v_yy, ww) < -ROUNDING:

@@ -122,7 +122,7 @@ def test_expressions_are_worked_out_as_python_does(values, seed) -> None:
 def test_what_is_zero_costs_nothing() -> None:
     trace.start()
     a = trace.lane_input("lanes", 0)
-    assert (a * 0.0).known == 0.0
+    assert (a * 0.0).constant == 0.0
     assert a + 0.0 is a
     assert a * 1.0 is a
     assert (0.0 * a + a * 2.0) is (2.0 * a)
@@ -148,7 +148,7 @@ def test_updates_that_are_put_off_come_to_the_same() -> None:
         h = np.array([row.get(i, 0.0) for i in range(5)])
         cross = lazy.times(row)
         expected = sum(cross[i] * h[i] for i in range(5)) + 0.3
-        lazy.take(cross, 1.0 / expected, kept)
+        lazy.update(cross, 1.0 / expected, kept)
         c = P @ h
         k = c / (h @ c + 0.3)
         k[list(kept)] = 0.0

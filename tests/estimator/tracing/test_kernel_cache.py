@@ -290,7 +290,7 @@ def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> Non
         case "estimates":
             estimates = estimates[:, :3]
         case "refused":
-            lanes = lanes._replace(refused=lanes.refused[:1])
+            lanes = lanes._replace(rejected=lanes.rejected[:1])
         case "ticks":
             estimates = estimates[:1]
     with pytest.raises(ValueError, match="wrong size"):
