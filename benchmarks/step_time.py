@@ -1,6 +1,9 @@
 """Time of one step of the streaming filter, beside filterpy's plain EKF of the same size.
 
-A step is a track-speed sample and an IMU sample (gyro and accelerometer), fed from a simulated drive.
+A step is a track-speed sample and an IMU sample (gyro and accelerometer), fed from a simulated drive, one
+by one or as arrays. Of arrays the newest second (`Settings.history`) is fed one by one, so their time
+depends on the length of the drive.
+
 The plain EKF does the same algebra (a prediction and two scalar updates with as many states) without any
 motion model, gate or bookkeeping. It and both engines of the filter are timed in turn, and the best of
 several runs counts: what else the machine does makes a run longer, never shorter. With --cold, it also
@@ -20,6 +23,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
@@ -57,6 +61,16 @@ def filter_microseconds(
     for measurement in measurements:
         estimator.feed(measurement)
     return 1e6 * (time.perf_counter() - begin) / (len(measurements) / 2)
+
+
+def array_microseconds(log: Log, robot: Robot, variant: str) -> float:
+    """Mean time of a step [µs] if the samples are fed as arrays, a second of them one by one."""
+    if log.imu is None:
+        raise ValueError("the log has no IMU")
+    estimator = PoseEstimator(robot, variant)
+    begin = time.perf_counter()
+    feed_arrays(estimator, log.tracks, log.imu)
+    return 1e6 * (time.perf_counter() - begin) / len(log.imu.stamps)
 
 
 def plain_microseconds(steps: int) -> float:
@@ -100,15 +114,17 @@ def main() -> None:
     bare = {engine: Settings(engine=engine, history=0.0) for engine in ENGINES}
     rows = [(variant, variant, settings) for variant in VARIANTS]
     rows.append(("friction-online, no history", "friction-online", bare))
-    print(f"{'':29s} {'filterpy':>9s}  {'plain, x filterpy':>17s}  {'compiled':>17s}")
+    columns_of = ("plain, x filterpy", "compiled", "arrays")
+    print(f"{'':29s} {'filterpy':>9s}  " + "  ".join(f"{name:>17s}" for name in columns_of))
     for name, variant, of_engine in rows:
-        plain, best = np.inf, dict.fromkeys(ENGINES, np.inf)
+        plain, best = np.inf, dict.fromkeys((*ENGINES, "arrays"), np.inf)
         for _ in range(arguments.repeat):
             plain = min(plain, plain_microseconds(3000))
             for engine in ENGINES:
                 ours = filter_microseconds(log, robot, variant, of_engine[engine])
                 best[engine] = min(best[engine], ours)
-        columns = (f"{best[engine]:6.1f} µs, x {best[engine] / plain:4.2f}" for engine in ENGINES)
+            best["arrays"] = min(best["arrays"], array_microseconds(log, robot, variant))
+        columns = (f"{one:6.1f} µs, x {one / plain:4.2f}" for one in best.values())
         print(f"{name:29s} {plain:6.1f} µs  " + "  ".join(columns), flush=True)
     if arguments.cold:
         with tempfile.TemporaryDirectory() as cache:

@@ -24,17 +24,11 @@ from icreckon.simulation.study.plan import Study
 DURATION, RATE = 600.0, 100.0
 # Files and functions -> what they do.
 PARTS = {
-    "filters": ("batch/work.py", "batch/filters.py"),
-    "front end": ("batch/front_end.py",),
+    "filters": ("engine/work.py", "engine/filters.py"),
+    "front end": ("engine/front_end.py",),
     "scores": ("batch/scoring.py",),
-    "sensor noise": ("inertial.py", "noise_kernel.py", "encoders.py", "fixes.py", "noise.py"),
-    "true motion": (
-        "dynamics.py",
-        "dynamics_kernel.py",
-        "truth.py",
-        "drives.py",
-        "trajectories.py",
-    ),
+    "sensor noise": ("sensors/imu.py", "noise_kernel.py", "encoders.py", "sensors/fixes.py"),
+    "true motion": ("truth/friction.py", "friction_ode.py", "true_motion.py", "terrain_kernel.py"),
 }
 
 

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from icreckon.estimator.base.errors import EstimatorError as EstimatorError
     from icreckon.estimator.base.errors import IcreckonError as IcreckonError
     from icreckon.estimator.base.state import STATE_NAMES as STATE_NAMES
+    from icreckon.estimator.batch.feed_arrays import feed_arrays as feed_arrays
     from icreckon.estimator.batch.many import run_many as run_many
     from icreckon.estimator.calibration import Identification as Identification
     from icreckon.estimator.calibration import identify as identify
@@ -140,6 +141,7 @@ _HOMES = {
     "read_log": "icreckon.replay.reading.read_log",
     "robot_names": "icreckon.estimator.robot.robot_file",
     "run": "icreckon.estimator.streaming.run",
+    "feed_arrays": "icreckon.estimator.batch.feed_arrays",
     "run_many": "icreckon.estimator.batch.many",
     "run_study": "icreckon.report.study.folder",
     "simulate": "icreckon.simulation.simulate",

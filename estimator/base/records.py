@@ -7,11 +7,13 @@ a record is written once for both.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+Record = TypeVar("Record", bound=msgspec.Struct)
 
 # Stamp of a sample that has not come yet [ns]; its age exceeds 140 years at any stamp after 1970.
 NEVER = -(2**62)
@@ -25,6 +27,18 @@ def record_array(record: msgspec.Struct, count: int) -> NDArray[Any]:
         count: number of copies.
     """
     return np.full(count, np.array(_values(record), dtype=_dtype(record)))
+
+
+def record_of(kind: type[Record], element: Any) -> Record:
+    """Record of a type from an element of a structured array."""
+    values = {}
+    for field in msgspec.structs.fields(kind):
+        value = element[field.name]
+        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
+            values[field.name] = record_of(field.type, value)
+        else:
+            values[field.name] = value.tolist()
+    return kind(**values)
 
 
 def _dtype(value: Any) -> Any:

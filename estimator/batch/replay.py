@@ -116,7 +116,8 @@ def run_side_by_side(
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before))
     smoothed = began[0].checkpoint().regressors is not None
-    front = _fill_rows(filters, begun, rows, steps, measured, progress, smoothed=smoothed)
+    front = FrontEnd(measured, steps, input_settings(robot, of_filters))
+    work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
@@ -126,19 +127,30 @@ def run_side_by_side(
     return found
 
 
-def _fill_rows(
+def work_through_log(
     filters: Sequence[BatchFilter],
     begun: Sequence[Lanes],
     rows: Sequence[ReplayRows],
     steps: LogSteps,
     measured: Measured,
-    progress: Callable[[int], None] | None,
+    front: FrontEnd,
+    progress: Callable[[int], None] | None = None,
     *,
-    smoothed: bool,
-) -> FrontEnd:
-    """Run through all steps and fill the rows; `smoothed` if there are regressors already."""
+    smoothed: bool = True,
+) -> None:
+    """Run all filters through the steps of a log, and fill their rows.
+
+    Args:
+        filters: the filters.
+        begun: their lanes, changed in place.
+        rows: their rows, written to.
+        steps: the steps.
+        measured: measurements of the log.
+        front: front end of the steps.
+        progress: called after each part with the stamp that was reached [ns].
+        smoothed: the filters have regressors from earlier steps.
+    """
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
-    front = FrontEnd(measured, steps, input_settings(filters[0].robot, filters[0].settings))
     inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
@@ -159,7 +171,6 @@ def _fill_rows(
             of_one.add(begin, end, part, room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))
-    return front
 
 
 def fill_step_constants(

@@ -218,7 +218,7 @@ class ReplayRows:
         if not self._of_turn:
             self._write_indices(one)
         self._write_first_innovations(health)
-        self._count(one, lanes, health)
+        self.count(one, lanes, health)
         return self._rows.finish(len(self._output_tracks), variant, state_names(variant), health)
 
     def _write_first_innovations(self, health: Health) -> None:
@@ -254,9 +254,10 @@ class ReplayRows:
             for column, values in enumerate(motion.indices):
                 self._rows.indices[row_range, column] = values
 
-    def _count(self, one: BatchFilter, lanes: Lanes, health: Health) -> None:
+    def count(self, one: BatchFilter, lanes: Lanes, health: Health) -> None:
+        """Add the counts of the gates and the newest innovations to `health`."""
         counts = {name: float(values[0]) for name, values in one.counts(lanes).items()}
-        health.standstill_updates = int(counts["standstill"])
+        health.standstill_updates += int(counts["standstill"])
         for gate, degrees in self._in_order_of_time():
             used, rejected = int(counts[f"{gate}_used"]), int(counts[f"{gate}_rejected"])
             if not used + rejected:

@@ -15,7 +15,14 @@ from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
-from icreckon.estimator.engine.layout import COUNTS, STEP_CONSTANTS, TWIST, Layout, covariance_name
+from icreckon.estimator.engine.layout import (
+    COUNTS,
+    GATES,
+    STEP_CONSTANTS,
+    TWIST,
+    Layout,
+    covariance_name,
+)
 from icreckon.estimator.engine.model import SlipConstants, traced_model
 from icreckon.estimator.engine.schedule import (
     AHEAD,
@@ -176,7 +183,8 @@ class BatchFilter:
                 workspace[rows[f"r{axis}_{i}"]] = regressors[axis, i - s.PARAMETERS.start]
         for k, value in enumerate(checkpoint.model):
             workspace[rows[f"memory{k}"]] = value
-        for gate in ("position", "heading"):
+        workspace[rows["stood"]] = checkpoint.stands
+        for gate in GATES:
             workspace[rows[f"{gate}_in_a_row"]] = checkpoint.rejected_in_a_row[gate]
         lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)
         lanes.rejected_count[:] = len(rejected)
@@ -219,14 +227,42 @@ class BatchFilter:
             _places(self.layout, all_outputs),
         )
 
-    def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
-        """State (SIZE,) and covariance (SIZE, SIZE) of one filter, without the fast slip."""
+    def state(
+        self, lanes: Lanes, lane: int, *, with_fast_slip: bool = False
+    ) -> tuple[Floats, Floats]:
+        """State (SIZE,) and covariance (SIZE, SIZE) of one filter.
+
+        Args:
+            lanes: lanes from `begin`.
+            lane: index of the filter.
+            with_fast_slip: include the fast slip, which the last step has stored if it was a tick.
+        """
         x, P = self._state.copy(), np.zeros((s.SIZE, s.SIZE))
-        for n, i in enumerate(self.shape.states):
+        fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop) if with_fast_slip else ()
+        states = (*self.shape.states, *fast)
+        for n, i in enumerate(states):
             x[i] = lanes.workspace[self.rows[f"x{i}"], lane]
-            for j in self.shape.states[n:]:
-                P[i, j] = P[j, i] = lanes.workspace[self.rows[f"P{i}_{j}"], lane]
+            for j in states[n:]:
+                P[i, j] = P[j, i] = lanes.workspace[self.rows[covariance_name(i, j)], lane]
         return x, P
+
+    def stood(self, lanes: Lanes, lane: int) -> bool:
+        """Return True if a filter found its robot standing at the newest IMU sample."""
+        return bool(lanes.workspace[self.rows["stood"], lane])
+
+    def model_memory(self, lanes: Lanes, lane: int) -> Floats:
+        """Memory (m,) of the motion model of a filter."""
+        rows = [self.rows[f"memory{k}"] for k in range(self.shape.model.memory)]
+        return np.asarray(lanes.workspace[np.array(rows, dtype=int), lane])
+
+    def regressors(self, lanes: Lanes, lane: int, before: Floats) -> Floats:
+        """Regressors (3, 8) of a filter; those of certain parameters are as before."""
+        found = before.copy()
+        for axis in range(3):
+            for i in self.layout.parameters:
+                row = self.rows[f"r{axis}_{i}"]
+                found[axis, i - s.PARAMETERS.start] = lanes.workspace[row, lane]
+        return found
 
     def counts(self, lanes: Lanes) -> dict[str, Floats]:
         """Counts (width,) by their names in `estimator.engine.layout.COUNTS`."""

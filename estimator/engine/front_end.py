@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.base.records import record_array
+from icreckon.estimator.base.records import record_array, record_of
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import GATED
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
@@ -27,7 +27,12 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_tracks
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.standstill import StandstillRecord, quiet_mean, stopped_after
+from icreckon.estimator.sensors.standstill import (
+    StandstillMemory,
+    StandstillRecord,
+    quiet_mean,
+    stopped_after,
+)
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
@@ -126,6 +131,32 @@ class FrontEnd:
     def stuck_tracks(self) -> NDArray[np.int64]:
         """(lanes,) number of times so far that a track was found stuck."""
         return self._lanes.stuck.copy()
+
+    def continue_from(self, held: TrackRecord, standstill: StandstillMemory) -> None:
+        """Continue from the records of a filter that has processed the first track speeds.
+
+        Args:
+            held: record of the track speeds; stamps are since the first.
+            standstill: checkpoint of the standstill detection; stamps are since the first.
+        """
+        lanes, readings = self._lanes, len(standstill.stamps)
+        room = lanes.quiet_stamps.shape[1] + readings
+        stamps, rates = np.zeros((1, room), np.int64), np.zeros((1, room))
+        stamps[0, :readings], rates[0, :readings] = standstill.stamps, standstill.rates
+        still = StandstillRecord(standstill.stopped_since, 0, readings)
+        records = record_array(held, 1), record_array(still, 1)
+        self._lanes = LaneRecords(*records, stamps, rates, lanes.stuck[:1])
+        self._added = 1
+
+    def records(self, lane: int) -> tuple[TrackRecord, StandstillMemory]:
+        """Record of the track speeds and checkpoint of the standstill detection of a lane."""
+        lanes = self._lanes
+        still = record_of(StandstillRecord, lanes.still[lane])
+        readings = lane, slice(still.first, still.end)
+        stamps = lanes.quiet_stamps[readings].tolist()
+        rates = lanes.quiet_rates[readings].tolist()
+        standstill = StandstillMemory(still.stopped_since, tuple(stamps), tuple(rates))
+        return record_of(TrackRecord, lanes.held[lane]), standstill
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of the steps from `begin` to before `end`.

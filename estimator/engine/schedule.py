@@ -206,11 +206,53 @@ def steps_of_log(
     Raises:
         BatchError: filters side by side cannot process such stamps.
     """
-    limits = WalkLimits(float(settings.hold), int(settings.longest_gap / NANOSECOND))
-    steps = _walked(SensorStamps(tracks, imu, fixes, headings), limits)
+    steps = _walked(SensorStamps(tracks, imu, fixes, headings), _limits(settings))
+    _output_last(steps, output)
+    return steps
+
+
+def steps_after(
+    tracks: Stamps,
+    imu: Stamps,
+    now: int,
+    clocks: tuple[ClockRecord, ClockRecord],
+    settings: Settings,
+    output: int,
+) -> LogSteps:
+    """Make the steps of a filter in the middle of a run, without rows.
+
+    Args:
+        tracks: stamps of the track speeds, the newest of the filter first [ns].
+        imu: stamps of later IMU samples [ns].
+        now: stamp of the estimate [ns].
+        clocks: clocks of the track speeds and of the IMU.
+        settings: settings of the filter.
+        output: number of steps at the end whose estimates are output.
+
+    Raises:
+        BatchError: filters side by side cannot process such stamps.
+    """
+    begin, none = int(tracks[0]), np.zeros(0, dtype=np.int64)
+    begun = Walk(now - begin, now - begin, now - begin, tracks=1)
+    stamps = SensorStamps(tracks, imu, none, none.astype(np.int8))
+    shifted = (clocks[0].shifted(-begin), clocks[1].shifted(-begin))
+    if len(imu) and imu[0] <= now:
+        raise BatchError(REASONS[1])
+    steps = _walked(stamps, _limits(settings), begun, shifted)
+    steps.extras[:] &= ~TICK
+    steps.rows[:] = -1
+    _output_last(steps, output)
+    return steps._replace(row_stamps=none, row_samples=steps.row_samples[:0])
+
+
+def _limits(settings: Settings) -> WalkLimits:
+    return WalkLimits(float(settings.hold), int(settings.longest_gap / NANOSECOND))
+
+
+def _output_last(steps: LogSteps, output: int) -> None:
+    """Mark so many steps at the end as ticks."""
     at_end = slice(max(0, len(steps.kinds) - output), None)
     steps.extras[at_end] |= np.where(steps.kinds[at_end] <= UPDATE, TICK, 0).astype(np.int8)
-    return steps
 
 
 class SensorStamps(NamedTuple):
@@ -279,17 +321,22 @@ class Walk(msgspec.Struct):
     reason: int = 0
 
 
-def _walked(stamps: SensorStamps, limits: WalkLimits) -> LogSteps:
-    """Walk through stamps [ns]; see `steps_of_log`."""
+def _walked(
+    stamps: SensorStamps,
+    limits: WalkLimits,
+    start: Walk | None = None,
+    clocks_at_start: tuple[ClockRecord, ClockRecord] | None = None,
+) -> LogSteps:
+    """Walk through stamps [ns] from a state of the walk, or from the first track speeds."""
     tracks, imu, fixes, headings = stamps
     begin = int(tracks[0])
     most = 2 * (len(tracks) + len(imu)) + len(fixes)
     of_steps = (np.int64, np.int64, np.int8, np.float64, np.int8, *(np.int32,) * 5)
     columns: list[Any] = [np.empty(most, kind) for kind in of_steps]
     columns += [np.empty(len(tracks), kind) for kind in (np.int64, np.int8, np.int32)]
-    state = record_array(Walk(), 1)
-    clocks = record_array(ClockRecord(), 2)
-    clocks["interval"][0] = USUAL_TRACK_INTERVAL
+    state = record_array(start or Walk(), 1)
+    usual = ClockRecord(interval=USUAL_TRACK_INTERVAL), ClockRecord()
+    clocks = np.concatenate([record_array(one, 1) for one in clocks_at_start or usual])
     since = SensorStamps(tracks - begin, imu - begin, fixes - begin, headings)
     empty: list[Any] = [*columns, 0, 0]
     walk_entry(state, clocks, since, limits, LogSteps(*empty))

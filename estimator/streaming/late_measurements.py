@@ -122,11 +122,14 @@ class History:
 
     def set_clock(self, by: int) -> None:
         """Go on by a clock that shows `by` more than the one so far [ns]; nothing older can come."""
-        memory = self._reckoning.checkpoint().shifted(by)
-        self._reckoning.restore(memory)
         stamp, rank = self._keys[-1]
+        self.begin_anew((stamp + by, rank), self._reckoning.checkpoint().shifted(by))
+
+    def begin_anew(self, after: Key, checkpoint: FilterCheckpoint) -> None:
+        """Restore a checkpoint behind the measurement of a key; nothing older can come."""
+        self._reckoning.restore(checkpoint)
         self._keys, self._events = [], []
-        self._checkpoints = [Checkpoint((stamp + by, rank), memory)]
+        self._checkpoints = [Checkpoint(after, checkpoint)]
         self._since_checkpoint = 0
 
     @property

@@ -12,11 +12,12 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.checks import require_kind, three_numbers
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
-from icreckon.estimator.log.input_checks import STREAMS, Admission, as_plain, key_of
-from icreckon.estimator.log.measurements import Mark, Measurement
+from icreckon.estimator.log.input_checks import RANKS, STREAMS, Admission, as_plain, key_of
+from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
@@ -264,6 +265,14 @@ class PoseEstimator:
         if history.is_late(key):
             self._arrivals.sensor(stream).late += 1
         return history.take(key, measurement)
+
+    def filter_checkpoint(self) -> FilterCheckpoint:
+        """Copy the state of the filter and of its inputs."""
+        return self._reckoning.checkpoint()
+
+    def continue_from(self, checkpoint: FilterCheckpoint) -> None:
+        """Restore a later checkpoint of this filter, at an IMU sample, and clear the history."""
+        self._history.begin_anew((checkpoint.imu.stamp, RANKS[ImuSample]), checkpoint)
 
     def _go_on_by_clock_of(self, behind: list[Measurement]) -> bool:
         """Take the first of these, if any, for the next after the newest; whether one was used."""

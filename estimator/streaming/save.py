@@ -32,6 +32,8 @@ from icreckon.estimator.streaming.late_measurements import HistoryMemory
 
 FORMAT = "icreckon estimator"
 VERSION = 2
+# Objects of so many characters stand on one line of the file.
+SHORT = 80
 # What of a robot file has no part in what the estimator does.
 ASIDE = ("log", "note", "format")
 # What learnt parameters, scales and biases are about; the rest is how far sensors are to be trusted.
@@ -203,9 +205,9 @@ def _leaves(data: Any, path: str = "") -> dict[str, Any]:
 
 
 def _readable(value: Any, indent: str = "") -> str:
-    """JSON with a line for each entry of an object, and for each row of a table."""
-    inner = indent + "  "
-    if isinstance(value, dict) and value:
+    """JSON with a line for each entry of a long object, and for each row of a table."""
+    inner, text = indent + "  ", msgspec.json.encode(value).decode()
+    if isinstance(value, dict) and len(text) > SHORT:
         entries = [
             f"{inner}{msgspec.json.encode(key).decode()}: {_readable(item, inner)}"
             for key, item in value.items()
@@ -214,4 +216,4 @@ def _readable(value: Any, indent: str = "") -> str:
     if isinstance(value, list | tuple) and any(isinstance(item, list | tuple) for item in value):
         rows = [f"{inner}{msgspec.json.encode(item).decode()}" for item in value]
         return "[\n" + ",\n".join(rows) + f"\n{indent}]"
-    return msgspec.json.encode(value).decode()
+    return text
