@@ -29,11 +29,11 @@ def run_many(
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> list[Trajectory]:
-    """Run a filter variant over logs with the same stamps, hundreds of times as fast as `run`.
+    """Run a filter variant over logs with the same stamps, side by side.
 
-    Estimates are those of `run` and `PoseEstimator`, to rounding. The logs are for example those of a
-    Monte Carlo study: each has measurements of its own, at stamps that are the same in all of them. Only
-    track speeds may be missing in some.
+    This is hundreds of times as fast as `run`. Estimates are those of `run` and `PoseEstimator`, to
+    rounding. The logs are for example those of a Monte Carlo study: each has measurements of its own, at
+    stamps that are the same in all of them. Only track speeds may be missing in some.
 
     Args:
         logs: the measurements; their truth is not used.
@@ -94,7 +94,7 @@ def run_many(
 
 
 def _tick_stamps(imu: Stamps, every: float) -> Stamps:
-    """Stamps of the IMU samples that follow each multiple of a time since the first [s]."""
+    """Stamps of the first IMU sample in each interval of so many seconds [ns]."""
     wanted = np.arange(imu[0], imu[-1] + 1, max(1, int(every / NANOSECOND)))
     return np.asarray(imu[np.unique(np.searchsorted(imu, wanted))])
 

@@ -1,4 +1,4 @@
-"""Run several filter variants over one log in one pass; the rows are those of the streaming filter."""
+"""Run several filter variants over one log in one pass, with rows as in `run`."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ fill_entry = entry(fill_step_constants)
 
 
 def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
-    """Track speeds, IMU and fixes of one log, in the axes and units of a robot's filter.
+    """Measurements of one log, in the axes and units of a robot's filter.
 
     Returns:
         The measurements; 1 for each fix with a heading; True if the IMU has accelerometers.

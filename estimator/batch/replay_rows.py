@@ -1,4 +1,4 @@
-"""Rows and counts of a replay, from the estimates that filters side by side output."""
+"""Rows and counts of a replay, from the outputs of filters side by side."""
 
 from __future__ import annotations
 

@@ -246,14 +246,14 @@ def end_segment(
 
 
 def moved(begin: Floats, row: int, end: Floats, lane: int) -> tuple[float, float, float]:
-    """Motion from the pose at the start of a segment to another, in the axes of the first."""
+    """Motion since the start of a segment, in the axes of the pose there."""
     cos, sin = math.cos(begin[row + 2, lane]), math.sin(begin[row + 2, lane])
     d_x, d_y = end[0, lane] - begin[row, lane], end[1, lane] - begin[row + 1, lane]
     return cos * d_x + sin * d_y, -sin * d_x + cos * d_y, end[2, lane] - begin[row + 2, lane]
 
 
 def nees_of(now: Floats, row: int, lane: int, a: float, b: float, c: float) -> float:
-    """NEES of three errors, by the covariance in six rows from `row`; -1 if it is singular."""
+    """NEES of three errors by the covariance in six rows; -1 if it is singular."""
     xx, xy, xz = now[row, lane], now[row + 1, lane], now[row + 2, lane]
     yy, yz, zz = now[row + 3, lane], now[row + 4, lane], now[row + 5, lane]
     # All eigenvalues exceed the least if the matrix less that times I is positive definite.

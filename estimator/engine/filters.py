@@ -1,4 +1,4 @@
-"""Many filters of one robot and variant, side by side in the lanes of vector registers."""
+"""Filters of one robot and variant, side by side in lanes of vector registers."""
 
 from __future__ import annotations
 
@@ -160,11 +160,11 @@ class BatchFilter:
         return Lanes(lanes, rejected, counts, constants)
 
     def continue_from(self, lanes: Lanes, checkpoint: FilterCheckpoint, regressors: Floats) -> None:
-        """Restore a checkpoint of the streaming filter at its first track speeds in all lanes.
+        """Restore a checkpoint of a streaming filter in all lanes.
 
         Args:
             lanes: lanes from `begin`.
-            checkpoint: checkpoint of the filter.
+            checkpoint: checkpoint of the filter, at its first track speeds or later.
             regressors: (3, 8) its smoothed derivatives by the parameters.
 
         Raises:
@@ -269,7 +269,7 @@ class BatchFilter:
         return {name: lanes.workspace[self.rows[name]].copy() for name in COUNTS}
 
     def prepare(self, steps: Steps) -> Floats:
-        """Prepare a run: compile the kernels of its steps, and compute the steps' constants.
+        """Compile the kernels of a run, and compute the constants of its steps.
 
         Args:
             steps: all steps of the run.

@@ -1,4 +1,4 @@
-"""Fixes at the end of a step, in traced numbers: gate and update of `estimator.filter.filter`."""
+"""Updates with fixes in traced numbers, as in `estimator.filter.update`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs of the steps of several lanes from their track speeds and IMUs, ahead of the filters.
+"""Inputs of steps, from the track speeds and IMU samples of several lanes.
 
 Inputs depend on the measurements alone, so all variants use the same. Each is computed by the functions
 of `estimator.sensors` that the streaming filter calls; here is the loop over steps and lanes.

@@ -28,7 +28,7 @@ Part = tuple[Any, Vector]
 
 
 class FilterShape(NamedTuple):
-    """Shape of a filter: its code depends on this alone; all else are numbers that it reads.
+    """Shape of a filter: all properties that its compiled code depends on.
 
     Attributes:
         states: indices of the uncertain states, without the fast slip, ascending.
@@ -134,7 +134,7 @@ class Lane:
     def kernel(
         self, name: str, flags: Sequence[Traced] = (), *, with_fast_slip: bool = False
     ) -> Kernel:
-        """Make a kernel that stores state, covariance, and all other values that have changed.
+        """Make a kernel that stores state, covariance and all other changed values.
 
         Args:
             name: name of the kernel.
@@ -185,7 +185,7 @@ class Lane:
         fixed: Iterable[int] = (),
         only: Any = True,
     ) -> None:
-        """Gate a scalar measurement, update with it and count it; see `estimator.filter.update`.
+        """Gate a scalar measurement, update and count, see `estimator.filter.update`.
 
         Args:
             sensor: name of the sensor.
@@ -241,7 +241,7 @@ class Lane:
             self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
 
     def keep_inside_bounds(self) -> None:
-        """Project onto the bounds, see `IcrEkf.keep_inside_bounds`, if any lane is outside."""
+        """Project onto the bounds as `IcrEkf.keep_inside_bounds`, if a lane is outside."""
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
         considered = self.shape.considered
         bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*considered}]
@@ -270,7 +270,7 @@ class Lane:
             x[i] = value
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
-        """Bounds: their rows by the uncertain states, sum over all other states, and lower limit."""
+        """Bounds: rows by uncertain states, sums over all other states, lower limits."""
         for number, places in enumerate(self.shape.model.bounds):
             of = {s.PARAMETERS.start + k: self.constant(f"bound{number}_{k}") for k in places}
             certain = {i: self.x[i] for i in of if i not in self.shape.states}

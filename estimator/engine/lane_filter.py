@@ -45,7 +45,7 @@ class Workspace:
 
 
 class LaneEkf(IcrEkf):
-    """`IcrEkf` with its motion model traced and compiled; equal to it except for rounding.
+    """`IcrEkf` with its motion model compiled; equal to it except for rounding.
 
     Args:
         model: the motion model; one that has no traced form is evaluated in Python.
@@ -153,7 +153,7 @@ class LaneStep:
         rate: float,
         force: float | None,
     ) -> Verdicts | None:
-        """See `WholeStep`."""
+        """Make a step with an IMU sample at its end, see `WholeStep`."""
         ekf = self._ekf
         compiled = ekf.compiled
         if compiled is None or ekf.clones is not None or ekf.observer is not None:
@@ -171,7 +171,7 @@ class LaneStep:
         return Verdicts(of_gyro, of_accelerometer if tested else None)
 
     def time_step(self, tracks: HeldTrackSpeeds, start: int, end: int, *, pushed: bool) -> bool:
-        """See `WholeStep`."""
+        """Make a step without an IMU sample, see `WholeStep`."""
         ekf = self._ekf
         if ekf.compiled is None or ekf.clones is not None or ekf.observer is not None:
             return False

@@ -97,7 +97,7 @@ class LanePlaces(NamedTuple):
 
 
 def one_lane(model: MotionModel, considered: tuple[int, ...]) -> OneLane | None:
-    """Compile the step of a motion model for one lane; None if the model has no traced form.
+    """Compile the step of a motion model for one lane; None if it has no traced form.
 
     Every parameter, bias and scale is a state, so that all variants of a model share the machine code.
 

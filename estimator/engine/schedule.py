@@ -1,4 +1,4 @@
-"""Schedule of the steps of filters that run side by side, from the stamps of their measurements alone.
+"""Schedule of the steps of filters side by side, from the stamps of measurements.
 
 `walk_stamps` makes the steps that `estimator.filter.filter` takes with each measurement, and finds the
 fixes that wait for the IMU. Of a log it also finds the estimates that `estimator.streaming.run` writes as
@@ -32,11 +32,11 @@ from icreckon.estimator.tracing.jit_kernel import entry
 Bytes = NDArray[np.int8]
 Places = NDArray[np.int32]
 
-# Kinds of steps: propagation up to an IMU sample, an IMU sample alone, propagation alone, and no step
-# but a fix on the way to the next.
+# Kinds of steps: propagation up to an IMU sample, an IMU sample alone, propagation alone, and a fix
+# alone, ahead of the next step.
 MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
-# Bits of a step: a fix at its end or on the way to it, with a heading; an estimate to output; and an IMU
-# that has stopped before its start.
+# Bits of a step: a fix at its end or ahead of it; the fix has a heading; a tick; and an IMU that was
+# silent before its start.
 POSITION, HEADING, TICK, SILENT = 1, 2, 4, 8
 # After the last measurement.
 END = 2**62
@@ -53,10 +53,10 @@ class Steps(NamedTuple):
 
     Attributes:
         starts: (n,) stamps of their starts, since the first stamp [ns].
-        ends: (n,) stamps of their ends [ns]; for a fix on the way, its own stamp.
+        ends: (n,) stamps of their ends [ns]; for a fix ahead, the stamp of the fix.
         kinds: (n,) kinds.
         intervals: (n,) time between the newest two IMU samples [s].
-        extras: (n,) bits of what is at the end besides.
+        extras: (n,) bits, see `POSITION` and the others.
         tracks: (n,) number of track-speed samples before the end of the step.
         samples: (n,) index of the IMU sample at the end.
         fixes: (n,) index of the fix at the end.
@@ -81,7 +81,7 @@ class Steps(NamedTuple):
 
 
 class LogSteps(NamedTuple):
-    """Steps of a log and its rows, in columns; stamps are since the first track speeds [ns].
+    """Steps and rows of a log, in columns; stamps since the first track speeds [ns].
 
     Attributes:
         starts: (n,) see `Steps`, as are those up to `output_tracks`.
@@ -123,7 +123,7 @@ class LogSteps(NamedTuple):
         return bool(len(self.row_stamps)) and not (self.rows == 0).any()
 
     def part(self, begin: int, end: int) -> Steps:
-        """Steps from `begin` to before `end`; each estimate to output is a tick of its own."""
+        """Steps from `begin` to before `end`, with the ticks numbered from 0."""
 
         def long(column: NDArray[Any]) -> Stamps:
             return np.asarray(column[begin:end].astype(np.int64))
@@ -144,7 +144,7 @@ class LogSteps(NamedTuple):
 
 
 def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> str | None:
-    """Reason why filters cannot run side by side over these stamps [ns]; None if they can."""
+    """Reason against filters side by side over these stamps [ns], or None."""
     if len(tracks) == 0 or len(imu) == 0:
         return "there are no track speeds, or no IMU samples"
     if tracks[0] != imu[0]:
@@ -160,7 +160,7 @@ def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> 
 
 
 def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, heading: bool) -> Steps:
-    """Make the steps of runs whose sensors have the same stamps, up to the last IMU sample.
+    """Make the steps of runs with the same stamps, up to the last IMU sample.
 
     Gaps in the track speeds of a run are not bridged, since other runs have none there: the IMU must be
     fast enough that filters never wait for it.
@@ -177,7 +177,7 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
     """
     reason = why_not_steps(tracks, imu, fixes, ticks)
     if reason is not None:
-        raise BatchError(f"these runs cannot be worked through side by side: {reason}")
+        raise BatchError(f"filters cannot run side by side over these runs: {reason}")
     headings = np.full(len(fixes), heading, dtype=np.int8)
     begin, until_end = int(imu[0]), tracks[tracks <= imu[-1]]
     found = _walked(SensorStamps(until_end, imu, fixes, headings), WalkLimits(LONGEST_TIME, END))
@@ -296,7 +296,7 @@ class Walk(msgspec.Struct):
         tracks: number of track-speed samples so far.
         samples: number of IMU samples so far.
         fixes: number of fixes so far.
-        last_step: index of the newest step that is not a fix on the way; -1 for none.
+        last_step: index of the newest step that is not a fix alone; -1 for none.
         last_sample: index of the newest step with an IMU sample since the last row; -1 for none.
         newest_fix: index of the newest fix since the last row; -1 for none.
         gaps: number of gaps in the track speeds.
@@ -327,7 +327,7 @@ def _walked(
     start: Walk | None = None,
     clocks_at_start: tuple[ClockRecord, ClockRecord] | None = None,
 ) -> LogSteps:
-    """Walk through stamps [ns] from a state of the walk, or from the first track speeds."""
+    """Walk through stamps [ns] from a state, or from the first track speeds."""
     tracks, imu, fixes, headings = stamps
     begin = int(tracks[0])
     most = 2 * (len(tracks) + len(imu)) + len(fixes)
@@ -406,7 +406,7 @@ def walk_stamps(
 def walk_to_tracks(
     walk: Walk, tracks: ClockRecord, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps
 ) -> None:
-    """Add track speeds: the old ones hold up to their own stamp, or up to the new interval."""
+    """Add track speeds: old ones hold up to their stamp, or up to the new interval."""
     begun = walk.tracks > 0
     if begun and is_hole(tracks, stamp, hold):
         move(walk, imu, interval_start(tracks, stamp), hold, steps)
@@ -452,7 +452,7 @@ def walk_to_fix(
     if not waits:
         move(walk, imu, stamp, hold, steps)
     walk.newest_fix = number
-    # Innovations of fixes are output in any case; on the way, with the step before.
+    # Innovations of fixes are output in any case, of a fix ahead with the step before.
     for k in range(max(walk.last_step, 0), walk.steps):
         steps.extras[k] |= TICK
     step = add_step(walk, imu, stamp, AHEAD, steps) if waits else walk.steps - 1

@@ -1,4 +1,4 @@
-"""Step of the filter in traced numbers: draw fast slip, update by the IMU, propagate."""
+"""Step in traced numbers: draw the fast slip, update by the IMU, propagate."""
 
 from __future__ import annotations
 
@@ -384,7 +384,7 @@ def _is_slip(state: int) -> bool:
 
 
 def shift_of(row: Vector, x: Any, since: Any) -> Any:
-    """Change of a predicted measurement by the change of the state since a linearisation."""
+    """Change of a predicted measurement since the state of its linearisation."""
     total: Any = 0.0
     for i, by in row.items():
         moved = x[i] - since[i]

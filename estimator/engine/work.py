@@ -113,7 +113,7 @@ class LaneKernels(NamedTuple):
 
 
 def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
-    """Compile the loop over the steps of filters of one shape; see `BatchFilter.work_through`.
+    """Compile the loop over steps of one filter shape, see `BatchFilter.work_through`.
 
     Args:
         kernels: kernels of that shape.
@@ -258,7 +258,7 @@ def keep_memory(
 def advance_memory(
     workspace: Floats, given: Floats, constants: Floats, model_constants: Any, places: Places
 ) -> None:
-    """Advance the friction models of all lanes by a step, see `MotionModel.begin_step`.
+    """Advance friction models by a step, lane by lane, see `MotionModel.begin_step`.
 
     Args:
         workspace: workspace of the lanes.

@@ -1,4 +1,4 @@
-"""Vector code of traced numbers: one filter in each lane of the machine's vector registers.
+"""Vector code of traced numbers, with one filter in each lane.
 
 A kernel reads and writes rows of one flat workspace: row r has a number of each lane, at
 `[r * width + lane]`. Kernels are emitted in LLVM's intermediate representation, with vectors as wide as
@@ -75,7 +75,7 @@ def compiled_kernel(kernel: Kernel, width: int, bits: int = 64) -> Any:
 
 
 def kernel_on_demand(kernel_name: str, make: Callable[[], Kernel], width: int, bits: int) -> Any:
-    """Make a function of a kernel that is traced only if it is compiled, not if it is loaded.
+    """Make a function of a kernel, which is traced if its code is not in the cache.
 
     Args:
         kernel_name: name of the kernel.
@@ -337,7 +337,7 @@ def _number(node: Traced) -> int:
 
 
 def reachable(wanted: Iterable[Traced]) -> set[Traced]:
-    """Nodes that some numbers depend on, themselves included, without the insides of loops."""
+    """Nodes that some numbers depend on, without the insides of loops."""
     found: set[Traced] = set()
     left = list(wanted)
     while left:

@@ -1,4 +1,4 @@
-"""One source for plain Python and for numba: functions are compiled with the functions that they call.
+"""Compilation of plain Python functions together with the functions they call.
 
 Functions are written once, in plain Python, beside their equations. `entry` compiles such a function, and
 the functions of this package that it calls by name. If numba cannot compile one as it is (because it
@@ -35,7 +35,7 @@ INNER: dict[str, Any] = {
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function for Python and other kernels to call; cache its machine code on disk."""
+    """Compile a function for Python and for other kernels, with a disk cache."""
     twin = _renamed(function, function.__globals__, "")
     return cast(Function, _cached(twin, {"error_model": "numpy"}))
 
@@ -48,7 +48,7 @@ def jit(function: Callable[..., Any]) -> Any:
 
 
 def inner(shape_digest: str) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function that is defined anew for each shape and called by compiled ones.
+    """Compile a function that is defined for each shape and called by compiled ones.
 
     Args:
         shape_digest: digest of the shape.
@@ -57,7 +57,7 @@ def inner(shape_digest: str) -> Callable[[Callable[..., Any]], Any]:
 
 
 def entry(function: Callable[..., Any], shape_digest: str = "") -> Any:
-    """Compile a function, and those that it calls, for Python; cache its machine code on disk.
+    """Compile a function, and those that it calls, for Python, with a disk cache.
 
     The machine code releases the interpreter's lock while it runs.
 
@@ -94,7 +94,7 @@ def _with_compiled_callees(function: Any, shape_digest: str) -> FunctionType:
 
 
 def _renamed(function: Any, names: dict[str, Any], shape_digest: str) -> FunctionType:
-    """Copy a function; its new name contains digests of all that its machine code depends on."""
+    """Copy a function; its name contains digests of all inputs of the compiler."""
     twin = FunctionType(
         function.__code__, names, function.__name__, function.__defaults__, function.__closure__
     )

@@ -1,4 +1,4 @@
-"""Machine code on disk: one file for each compiled signature, safe for many processes at once.
+"""Machine code on disk, one file for each signature; safe for many processes.
 
 numba's own cache has an index for each function. If two processes save different signatures at the same
 time, an index entry may lead to the other's machine code. Here the name of a file depends on all that its
@@ -40,7 +40,7 @@ DIGITS = 16
 
 
 class KernelCache(_Cache):
-    """Disk cache of one compiled function, in the interface that numba's dispatcher expects.
+    """Disk cache of one compiled function, with the interface of numba's own.
 
     If a file is missing, damaged, or has another key, the function is compiled instead. If the folder
     cannot be written, there is one warning in each process.
@@ -114,7 +114,7 @@ class KernelCache(_Cache):
 
 
 def cache_folder() -> Path:
-    """Folder of all compiled functions: $NUMBA_CACHE_DIR/icreckon, or the user's cache folder."""
+    """Folder of compiled functions: $NUMBA_CACHE_DIR/icreckon, or the user's cache."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
         return Path(chosen) / "icreckon"
@@ -167,7 +167,7 @@ def _short_digest(text: bytes) -> str:
 
 @cache
 def _warn_once(folder: str, reason: str) -> None:
-    """Warn that compiled functions cannot be saved, once in a command; workers are silent."""
+    """Warn once in a command that compiled functions cannot be saved."""
     if parent_process() is not None:
         return
     warnings.warn(

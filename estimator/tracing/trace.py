@@ -1,4 +1,4 @@
-"""Traced numbers: operations on them are recorded, to be compiled for many lanes at once.
+"""Traced numbers, whose operations are recorded and compiled for many lanes.
 
 A `Traced` stands for one number of each lane. Functions of numbers (for example those of
 `estimator.motion.index_model`) are run once with traced numbers for arguments, through `traced`, and
@@ -254,7 +254,7 @@ def where_needed(
 
 
 def traced(function: Callable[..., Any]) -> Any:
-    """Copy a function of plain numbers for traced ones, and the functions of icreckon that it calls.
+    """Copy a function of plain numbers, and those that it calls, for traced numbers.
 
     Args:
         function: function of plain numbers, without branches on them.
