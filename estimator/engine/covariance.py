@@ -1,7 +1,7 @@
 """Covariance matrix in traced numbers, with postponed updates.
 
-An update with a scalar measurement is kept as the product of two vectors, and subtracted only in entries
-that are used. So a step of several updates reads and writes each entry once.
+An update with a scalar measurement is stored as the product of two vectors, and subtracted only in
+entries that are used. So a step of several updates reads and writes each entry once.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ from icreckon.estimator.engine.work import (
     Lanes,
     Places,
     advance_memory,
-    keep_memory,
+    advance_nothing,
     lane_worker,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
@@ -484,7 +484,7 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
     }
     shape_digest = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    advance = jit(advance_memory if shape.model.memory else keep_memory)
+    advance = jit(advance_memory if shape.model.memory else advance_nothing)
     return lane_worker(LaneKernels(**compiled), advance, shape_digest)
 
 

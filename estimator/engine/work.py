@@ -249,7 +249,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
     return entry(work_through, shape_digest)
 
 
-def keep_memory(
+def advance_nothing(
     workspace: Floats, given: Floats, constants: Floats, model_constants: Any, places: Places
 ) -> None:
     """Advance motion models without memory by a step: they do not change."""

@@ -63,19 +63,12 @@ class Kernel(NamedTuple):
     flags: Sequence[Traced] = ()
 
 
-def compiled_kernel(kernel: Kernel, width: int, bits: int = 64) -> Any:
-    """Make a function of `ARRAYS` for numba to call; it returns the flags.
+def kernel_on_demand(
+    kernel_name: str, make: Callable[[], Kernel], width: int, bits: int = 64
+) -> Any:
+    """Make a function of `ARRAYS` for numba to call, which returns the kernel's flags.
 
-    Args:
-        kernel: the kernel.
-        width: number of lanes.
-        bits: number of bits of each number, 64 or 32.
-    """
-    return kernel_on_demand(kernel.name, lambda: kernel, width, bits)
-
-
-def kernel_on_demand(kernel_name: str, make: Callable[[], Kernel], width: int, bits: int) -> Any:
-    """Make a function of a kernel, which is traced if its code is not in the cache.
+    The kernel is traced when the function is compiled, and not at all if its code is in the cache.
 
     Args:
         kernel_name: name of the kernel.
