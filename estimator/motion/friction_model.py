@@ -93,6 +93,7 @@ class FrictionMotion:
         self._ground = at._replace(small=max(REGULARISING_SPEED, at.small))
         self._estimated = np.array(estimated, dtype=float)
         self.nominal = nominal_parameters(contact)
+        self._packed: Floats | None = None
         self._memory: Floats = np.zeros(MEMORY)
         self._memory[AT_PARAMETERS] = self.nominal
         self._memory[TURN] = 0.0, 0.0, eta
@@ -142,10 +143,12 @@ class FrictionMotion:
 
     def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
         """Begin a step, as in `MotionModel`."""
-        from icreckon.estimator.motion.friction_step import step_motion
+        from icreckon.estimator.motion.friction_step import packed, step_packed
 
+        if self._packed is None:
+            self._packed = packed(self.constants)
         memory = self._memory.copy()
-        step_motion(self.constants, np.array(parameters[:PARAMETERS]), V_l, V_r, dt, memory)
+        step_packed(self._packed, np.array(parameters[:PARAMETERS]), V_l, V_r, dt, memory)
         self._memory = memory
 
     def steering_efficiency(self, parameters: Any) -> float:  # noqa: ARG002 - it hardly depends

@@ -92,6 +92,61 @@ class FrictionConstants(NamedTuple):
     estimated: Floats
 
 
+# Numbers before the arrays of the points in packed constants.
+PACKED = 43
+
+
+def packed(constants: FrictionConstants) -> Floats:
+    """Pack the constants into one array (PACKED + 3 m,), which takes no time to pass to compiled code."""
+    ground, nominal, yaw_inertia, load_lag, estimated = constants
+    numbers = [
+        *(yaw_inertia, load_lag, ground.half_gauge, *ground.outline, ground.shear_modulus),
+        *(ground.small, ground.opposes_travel, ground.mass, ground.weight, *ground.centre),
+        *(*ground.rolling_resistance, 0.0, *ground.friction.ravel(), *ground.even.ravel()),
+        *(*nominal, *estimated),
+    ]
+    points = ground.x, ground.y, ground.share
+    return np.concatenate([numbers, np.zeros(PACKED - len(numbers)), *points])
+
+
+@compiled
+def unpacked(numbers: Floats) -> FrictionConstants:
+    """Constants of a packed array.
+
+    Raises:
+        ValueError: the array has the wrong size.
+    """
+    m = (len(numbers) - PACKED) // 3
+    if m < 1 or len(numbers) != PACKED + 3 * m:
+        raise ValueError(WRONG_SIZE)
+    n = numbers
+    ground = Ground(
+        n[PACKED : PACKED + m],
+        n[PACKED + m : PACKED + 2 * m],
+        n[PACKED + 2 * m :],
+        n[21:30].reshape(3, 3),
+        n[2],
+        (n[3], n[4], n[5]),
+        n[17:21].reshape(2, 2),
+        n[14:16],
+        n[6],
+        n[7],
+        n[8] != 0.0,
+        n[9],
+        n[10],
+        (n[11], n[12], n[13]),
+    )
+    return FrictionConstants(ground, n[30:36], n[0], n[1], n[36:42])
+
+
+@compiled
+def step_packed(
+    numbers: Floats, parameters: Floats, V_l: float, V_r: float, dt: float, memory: Floats
+) -> None:
+    """Integrate one step by `step_motion`, with packed constants."""
+    step_motion(unpacked(numbers), parameters, V_l, V_r, dt, memory)
+
+
 @compiled
 def with_parameters(ground: Ground, nominal: Floats, parameters: Floats) -> Ground:
     """Contact at given parameters instead of the nominal ones, each (PARAMETERS,)."""
