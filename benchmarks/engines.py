@@ -28,12 +28,11 @@ from step_time import filter_microseconds, plain_microseconds
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch.inputs import measured_of
-from icreckon.estimator.engine.filters import BatchFilter, aligned
+from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.front_end import FrontEnd
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import Steps, steps_of
 from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.engine.work import Lanes
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS

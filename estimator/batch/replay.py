@@ -14,7 +14,7 @@ from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
-from icreckon.estimator.engine.filters import BatchFilter, aligned
+from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS
 from icreckon.estimator.engine.schedule import (
@@ -25,7 +25,7 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     steps_of_log,
 )
-from icreckon.estimator.engine.work import ESTIMATE, Lanes
+from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.log.log import Log

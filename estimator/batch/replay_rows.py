@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats, Stamps
-from icreckon.estimator.engine.filters import BatchFilter
+from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.front_end import Measured
 from icreckon.estimator.engine.schedule import (
     HEADING,
@@ -23,7 +23,7 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     Steps,
 )
-from icreckon.estimator.engine.work import ESTIMATE, Lanes
+from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.gate import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
 from icreckon.estimator.filter.health import RECENT, Health
 from icreckon.estimator.motion.index_model import solve

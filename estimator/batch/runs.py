@@ -9,11 +9,11 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.batch.scoring import Scores, Segments, TrueTicks
-from icreckon.estimator.engine.filters import BatchFilter, aligned
+from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import TICK, Steps
-from icreckon.estimator.engine.work import ESTIMATE, Lanes
+from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 
 # Number of steps of a part. All filters run through a part before the next, so that its inputs stay in

@@ -37,7 +37,6 @@ from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.work import (
     ESTIMATE,
     LaneKernels,
-    Lanes,
     Places,
     advance_memory,
     advance_nothing,
@@ -63,6 +62,23 @@ from icreckon.estimator.tracing.jit_kernel import jit
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
 # Registers are as long as lines of the cache on all machines that have such wide ones [bytes].
 LINE = 64
+
+
+class Lanes(NamedTuple):
+    """Filters side by side in the course of their runs.
+
+    Attributes:
+        workspace: (rows, width) see `BatchFilter.layout`.
+        rejected: (width, n, 5) position fixes that were rejected since one was used, see
+            `estimator.filter.reacquisition.RejectedFix`.
+        rejected_count: (width,) their number.
+        constants: constants that all lanes share, with room for those of a step.
+    """
+
+    workspace: Floats
+    rejected: Floats
+    rejected_count: Any
+    constants: Floats
 
 
 class BatchFilter:
@@ -218,11 +234,16 @@ class BatchFilter:
             raise ValueError(WRONG_SIZE)
         since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
         self._work(
-            lanes,
+            workspace,
             inputs,
-            steps._replace(ticks=since_first),
+            lanes.constants,
             table,
+            steps.kinds,
+            steps.extras,
+            since_first,
             estimates,
+            lanes.rejected,
+            lanes.rejected_count,
             self._model_constants,
             _places(self.layout, all_outputs),
         )

@@ -359,12 +359,12 @@ def walk_stamps(
     """Walk through the stamps of a log.
 
     Args:
-        state: (1,) state of the walk; a reason not to go on is left there.
+        state: (1,) state of the walk, changed in place; its reason is set if the walk ends early.
         clocks: (2,) clocks of the track speeds and of the IMU.
         stamps: stamps since the first track speeds.
         limits: limits of times between them.
-        steps: written to; two for each sample and one for each fix must fit, and a row for each sample of
-            the track speeds.
+        steps: written to; with room for two steps for each sample and one for each fix, and for a row
+            for each sample of the track speeds.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -447,7 +447,7 @@ def walk_to_fix(
     walk.fixes += 1
     if walk.tracks == 0:
         return
-    # Before the first step there is none that the fix could be at the end of.
+    # Before the first step, no step ends at the stamp of the fix.
     waits = walk.steps == 0 if stamp == walk.now else stamp > walk.now and is_due_after(imu, stamp)
     if not waits:
         move(walk, imu, stamp, hold, steps)

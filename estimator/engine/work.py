@@ -10,7 +10,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FORCED, SKIPPED
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS, TWIST
-from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE, Steps
+from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
 from icreckon.estimator.filter.reacquisition import laid_over
 from icreckon.estimator.motion.friction_step import step_motion
 from icreckon.estimator.tracing.emit import FLAG_BITS
@@ -25,23 +25,6 @@ PER_STEP, ROWS = len(STEP_CONSTANTS), len(INPUTS)
 # Time of a fix: the end of a step, the end of a step that is a tick, between two steps, and between two
 # steps at a tick.
 AT_STEP, AT_TICK, BETWEEN_STEPS, TICK_BETWEEN_STEPS = range(4)
-
-
-class Lanes(NamedTuple):
-    """Filters side by side in the course of their runs.
-
-    Attributes:
-        workspace: (rows, width) see `BatchFilter.layout`.
-        rejected: (width, n, 5) position fixes that were rejected since one was used, see
-            `estimator.filter.reacquisition.RejectedFix`.
-        rejected_count: (width,) their number.
-        constants: constants that all lanes share, with room for those of a step.
-    """
-
-    workspace: Floats
-    rejected: Floats
-    rejected_count: Any
-    constants: Floats
 
 
 class Places(NamedTuple):
@@ -136,11 +119,18 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         return position(workspace, given, constants)
 
     @inner(shape_digest)
-    def process_position(lanes: Lanes, given: Floats, places: Places, when: int) -> None:
+    def process_position(
+        workspace: Floats,
+        given: Floats,
+        constants: Floats,
+        rejected: Floats,
+        rejected_count: Any,
+        places: Places,
+        when: int,
+    ) -> None:
         """Update with a position fix, and relocate lost lanes, see `Reckoning._take_fix`."""
-        workspace, rejected, rejected_count = lanes.workspace, lanes.rejected, lanes.rejected_count
         width = workspace.shape[1]
-        flags = update_position(workspace, given, lanes.constants, when)
+        flags = update_position(workspace, given, constants, when)
         lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
         for lane in range(width):
             count = rejected_count[lane]
@@ -161,7 +151,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
                         used |= 1 << lane
                     else:
                         given[MODE, lane] = FORCED
-            flags = update_position(workspace, given, lanes.constants, when)
+            flags = update_position(workspace, given, constants, when)
             used |= flags >> FLAG_BITS
             given[MODE] = before
         for lane in range(width):
@@ -183,11 +173,16 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
             heading(workspace, given, constants)
 
     def work_through(
-        lanes: Lanes,
+        workspace: Floats,
         inputs: Floats,
-        steps: Steps,
+        constants: Floats,
         table: Floats,
+        kinds: Any,
+        extras: Any,
+        ticks: Any,
         estimates: Floats,
+        rejected: Floats,
+        rejected_count: Any,
         model_constants: Any,
         places: Places,
     ) -> None:
@@ -196,16 +191,14 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         Raises:
             ValueError: an array has the wrong size.
         """
-        workspace, constants, kinds = lanes.workspace, lanes.constants, steps.kinds
-        extras, ticks = steps.extras, steps.ticks
         width, output_lanes, count = workspace.shape[1], estimates.shape[2], len(kinds)
         sizes_fit = len(workspace) == places.row_count and len(constants) == places.constant_count
         sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
         sizes_fit &= len(table) >= count and table.shape[1] == PER_STEP + 1
         sizes_fit &= len(extras) == count and len(ticks) == count
         sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
-        sizes_fit &= len(lanes.rejected) == width and lanes.rejected.shape[2] == 5
-        if not sizes_fit or len(lanes.rejected_count) != width:
+        sizes_fit &= len(rejected) == width and rejected.shape[2] == 5
+        if not sizes_fit or len(rejected_count) != width:
             raise ValueError(WRONG_SIZE)
         for k in range(count):
             if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
@@ -238,7 +231,9 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
                     else:
                         usual(workspace, given, constants)
             if extras[k] & POSITION:
-                process_position(lanes, given, places, when)
+                process_position(
+                    workspace, given, constants, rejected, rejected_count, places, when
+                )
             if extras[k] & HEADING:
                 update_heading(workspace, given, constants, when)
             if is_tick:
