@@ -8,7 +8,7 @@ from typing import Any
 from numba import njit
 
 from icreckon.estimator.engine.filters import aligned
-from icreckon.estimator.tracing.emit import Kernel, Store, compiled_kernel
+from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand
 from icreckon.estimator.tracing.trace import lane_input, start
 
 # Chains of multiply-adds that do not wait for each other, and the length of each.
@@ -25,7 +25,8 @@ def peak_flops(width: int, repeat: int = 20) -> float:
             for value, other in zip(values, values[1:] + values[:1], strict=True)
         ]
     stores = [Store("lanes", chain, value) for chain, value in enumerate(values)]
-    kernel: Any = compiled_kernel(Kernel("peak", (CHAINS, 0, 0), stores), width)
+    peak = Kernel("peak", (CHAINS, 0, 0), stores)
+    kernel: Any = kernel_on_demand("peak", lambda: peak, width)
 
     @njit
     def many(lanes: Any, count: int) -> None:

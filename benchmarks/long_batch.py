@@ -21,7 +21,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.engine.filters import PRECISIONS, BatchFilter, Lanes, aligned
-from icreckon.estimator.engine.fixes import AS_USUAL, NOT_AT_ALL
+from icreckon.estimator.engine.fixes import GATED, SKIPPED
 from icreckon.estimator.engine.front_end import FrontEnd
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import steps_of
@@ -90,7 +90,7 @@ class Laps:
         self.inputs[self._fixes, INPUTS["fix_y"]] = seen[..., 1].T
         self.inputs[self._fixes, INPUTS["fix_variance"]] = FIX_SIGMA**2
         fixed = number % OF_LAPS < WITH_FIXES
-        self.inputs[self._fixes, INPUTS["how"]] = AS_USUAL if fixed else NOT_AT_ALL
+        self.inputs[self._fixes, INPUTS["fix_mode"]] = GATED if fixed else SKIPPED
         part = slice(min(number, 1), None)
         steps = self.steps.part(min(number, 1), len(self.steps.kinds))
         room = np.zeros((1, 18, self.filters.width))

@@ -13,7 +13,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.filter.ekf import IMU_KEPT, IcrEkf
+from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.initial_state import assumptions
 from icreckon.estimator.log.measurements import STANDSTILL_SIGMA
 from icreckon.estimator.motion.motion_model import TwistModel
@@ -22,7 +22,12 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
+from icreckon.estimator.sensors.measurement_models import (
+    IMU_FIXED,
+    Accelerometer,
+    Gyro,
+    StepTwist,
+)
 from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
 
 
@@ -256,6 +261,6 @@ def stepped(P: Floats, step: LinearisedStep, *, as_filter: bool = False) -> Floa
         as_filter: whether the IMU moves neither pose nor track scale, as in the filter; otherwise
             this is the best linear estimate.
     """
-    kept = IMU_KEPT if as_filter else ()
+    kept = IMU_FIXED if as_filter else ()
     P = informed(renewed(P, step.fast_slip), step.during, kept)
     return informed(step.transition @ P @ step.transition.T + step.noise, step.after)

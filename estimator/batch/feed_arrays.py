@@ -24,9 +24,9 @@ from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
-# Fewer IMU samples than these are fed one by one: the arrays would not pay.
-WORTHWHILE = 100
-# IMU samples that are fed one by one at the start, so that the filter has taken its first step.
+# Fewer IMU samples than these are fed one by one, which is faster.
+LEAST_BULK = 100
+# Number of IMU samples at the start that are fed one by one, so that the filter makes its first step.
 FIRST_SAMPLES = 3
 
 
@@ -34,15 +34,17 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     """Feed track speeds and IMU samples in the order of their stamps.
 
     The estimate is that of `PoseEstimator.feed` for each of them, to rounding. The newest
-    `Settings.history` seconds are fed one by one, so that late measurements can be put among them; those
-    of the time before are `TOO_OLD` afterwards. So are all samples that the compiled steps cannot
-    process: values that are implausible or missing, stamps that do not rise, marks that are kept, and
-    the engine "plain". The steps are compiled at the first call for a variant.
+    `Settings.history` seconds are fed one by one, so that late measurements can be inserted. Late
+    measurements of the time before are `TOO_OLD` afterwards.
+
+    All samples are fed one by one if the compiled steps do not support them: if values are implausible or
+    missing, stamps do not rise, there are marks, or the engine is "plain". The steps are compiled at the
+    first call for a variant.
 
     Args:
         estimator: the estimator.
-        tracks: track speeds, newer than all that was fed.
-        imu: IMU samples, newer than all that was fed.
+        tracks: track speeds, newer than all measurements so far.
+        imu: IMU samples, newer than all measurements so far.
 
     Returns:
         Number of measurements that were used.
@@ -64,7 +66,7 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
 
 
 class _Bulk(NamedTuple):
-    """Stamps after which, and up to which, samples are processed as arrays [ns]."""
+    """Interval (begin, end] of stamps whose samples are processed as arrays [ns]."""
 
     begin: int
     end: int
@@ -73,13 +75,13 @@ class _Bulk(NamedTuple):
 def _bulk(log: Log, history: float) -> _Bulk | None:
     """Choose the samples to process as arrays; None if there are too few."""
     stamps = NO_STAMPS if log.imu is None else log.imu.stamps
-    if len(stamps) < WORTHWHILE + FIRST_SAMPLES or not len(log.tracks.stamps):
+    if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(log.tracks.stamps):
         return None
     newest = max(int(stamps[-1]), int(log.tracks.stamps[-1]))
     last = int(np.searchsorted(stamps, newest - round(history / NANOSECOND))) - 1
     # The filter has begun with the first track speeds.
     first = int(np.searchsorted(stamps, log.tracks.stamps[0])) + FIRST_SAMPLES
-    if last - first < WORTHWHILE:
+    if last - first < LEAST_BULK:
         return None
     return _Bulk(int(stamps[first]), int(stamps[last]))
 
@@ -88,7 +90,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     """Process the samples of the bulk; return the number of those that were used.
 
     Raises:
-        BatchError: they cannot be processed as arrays; the estimator is as it was.
+        BatchError: they cannot be processed as arrays; the estimator is unchanged.
     """
     before = estimator.filter_checkpoint()
     _require_ready(estimator, before, log)
@@ -108,9 +110,9 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     one = BatchFilter(robot, estimator.variant, settings, width=1)
     one.compile_for(steps)
     lanes = one.begin(measured.tracks[:, 0], np.zeros(3), np.zeros(3))
-    one.take_over(lanes, before, before.regressors)
+    one.continue_from(lanes, before, before.regressors)
     front = FrontEnd(measured, steps, input_settings(robot, settings))
-    front.go_on_from(before.tracks.shifted(-begin), before.standstill.shifted(-begin))
+    front.continue_from(before.tracks.shifted(-begin), before.standstill.shifted(-begin))
     rows = ReplayRows(one, robot, steps, measured, np.zeros(0, np.int8), NO_STAMPS)
     work_through_log([one], [lanes], [rows], steps, measured, front)
 
@@ -122,7 +124,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     health.track_gaps += steps.gaps
     health.stuck_tracks += int(front.stuck_tracks[0])
     tracks, standstill = front.records(0)
-    rejected = {gate: int(counts[f"{gate}_row"][0]) for gate in ("gyro", "accelerometer")}
+    rejected = {gate: int(counts[f"{gate}_in_a_row"][0]) for gate in ("gyro", "accelerometer")}
     x, P = one.state(lanes, 0, with_fast_slip=True)
     after = msgspec.structs.replace(
         before,
@@ -139,12 +141,12 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
         model=one.model_memory(lanes, 0),
         regressors=one.regressors(lanes, 0, before.regressors),
     )
-    estimator.go_on_from(after)
+    estimator.continue_from(after)
     return used
 
 
 def _require_ready(estimator: PoseEstimator, before: FilterCheckpoint, log: Log) -> None:
-    """Require an estimator in the middle of a run, and samples that are plausible.
+    """Require an estimator in the middle of a run, and plausible samples.
 
     Raises:
         BatchError: the estimator or the samples need the streaming filter.
@@ -153,7 +155,7 @@ def _require_ready(estimator: PoseEstimator, before: FilterCheckpoint, log: Log)
     if estimator.settings.engine != "compiled" or imu is None:
         raise BatchError("filters side by side are compiled and need an IMU")
     if before.clones is not None or before.step_under_way:
-        raise BatchError("marks are kept, or a step has begun")
+        raise BatchError("there are marks, or a step is under way")
     if before.stood_at is not None and before.stood_at == before.stamp:
         raise BatchError("there is a zero velocity at the estimate's stamp")
     if any((np.diff(stamps) <= 0).any() for stamps in (log.tracks.stamps, imu.stamps)):
@@ -163,7 +165,7 @@ def _require_ready(estimator: PoseEstimator, before: FilterCheckpoint, log: Log)
 
 
 def _part_of(log: Log, bulk: _Bulk, before: FilterCheckpoint) -> Log:
-    """Samples of the bulk, behind the newest track speeds before it."""
+    """Samples of the bulk, preceded by the newest track speeds before it."""
     imu = log.imu
     if imu is None:
         raise BatchError("there is no IMU")

@@ -1,4 +1,4 @@
-"""Logs that were recorded at the same times, as filters side by side are told of them."""
+"""Measurements of logs with the same stamps, as arrays for filters side by side."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
 
 
 def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None = None) -> Measured:
-    """What some logs hold of track speeds, IMU and fixes, as a robot's filter takes it.
+    """Track speeds, IMU and fixes of logs, in the axes and units of a robot's filter.
 
     Args:
-        logs: with the same stamps, but for track speeds that some of them may lack.
-        robot: the mounting, axes and scale of its IMU count.
-        track_stamps: (n,) all stamps that track speeds may have [ns]; those that there are in any of
-            the logs where left out.
+        logs: logs with the same stamps, except for track speeds that some of them may lack.
+        robot: robot, whose IMU's mounting, axes and scale are used.
+        track_stamps: (n,) all stamps that track speeds may have [ns]; None for those that occur in any of
+            the logs.
 
     Raises:
-        BatchError: the stamps differ, there is no IMU or no force in it, or there are measurements that
-            filters side by side do not take.
+        BatchError: the stamps differ, there is no IMU or it has no accelerometers, or there are
+            measurements that filters side by side do not support.
     """
     for log in logs:
         if log.others:
             kinds = ", ".join(sorted({type(other).__name__ for other in log.others}))
             raise BatchError(
-                f"the log {log.name!r} holds {kinds}, which filters side by side cannot take"
+                f"the log {log.name!r} holds {kinds}, which filters side by side do not support"
             )
     imus = [_imu(log) for log in logs]
     imu_stamps, fix_stamps = imus[0].stamps, _fix_stamps(logs[0])
@@ -86,23 +86,23 @@ def _fix_stamps(log: Log) -> Stamps:
 
 
 def has_heading(fixes: Floats) -> bool:
-    """Whether fixes (..., 5) have a heading.
+    """Return True if fixes (..., 5) have a heading.
 
     Raises:
         BatchError: some have, and some have not.
     """
-    known = np.isfinite(fixes[..., 2])
-    if known.any() and not known.all():
+    headed = np.isfinite(fixes[..., 2])
+    if headed.any() and not headed.all():
         raise BatchError("some fixes have a heading and some have none")
-    return bool(known.any())
+    return bool(headed.any())
 
 
 def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
-    """Whether there is anything in a log that `PoseEstimator` refuses before it looks at it.
+    """Return True if a log has readings that input validation rejects as implausible.
 
     Args:
         log: the log.
-        max_track_speed: of the robot, or of the slowest of several [m/s].
+        max_track_speed: highest track speed of the robot, or of the slowest of several [m/s].
     """
     imu = log.imu
     if imu is None:

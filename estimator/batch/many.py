@@ -1,4 +1,4 @@
-"""Running one filter variant over many logs, side by side."""
+"""Run one filter variant over many logs, side by side."""
 
 from __future__ import annotations
 
@@ -29,27 +29,28 @@ def run_many(
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> list[Trajectory]:
-    """Run a filter variant over logs that were recorded at the same times, hundreds of times as fast.
+    """Run a filter variant over logs with the same stamps, side by side.
 
-    What comes out is what `run` and a `PoseEstimator` say, to rounding. The logs are those of a Monte
-    Carlo study, say: each with its own measurements, at stamps that all of them share; only track speeds
-    may be missing here and there.
+    This is hundreds of times as fast as `run`. Estimates are those of `run` and `PoseEstimator`, to
+    rounding. The logs are for example those of a Monte Carlo study: each has measurements of its own, at
+    stamps that are the same in all of them. Only track speeds may be missing in some.
 
     Args:
-        logs: the measurements; their truth is not looked at.
+        logs: the measurements; their truth is not used.
         robot: the robot.
         variant: name of a filter variant.
-        settings: of the filters.
-        every: time between the estimates that are kept, at the next IMU sample [s].
+        settings: settings of the filters.
+        every: time between the estimates that are returned, each at the next IMU sample [s].
         start: pose at the start: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
 
     Returns:
-        The trajectory of each log.
+        Trajectories, one for each log.
 
     Raises:
         EstimatorError: there are no logs, `every` is no time, or no such variant.
-        BatchError: the variant or the logs cannot be worked through side by side; the message says why.
+        BatchError: filters side by side do not support the variant or the logs; the message gives the
+            reason.
     """
     require_robot(robot)
     if not logs:
@@ -61,30 +62,30 @@ def run_many(
         if has_absurd_readings(log, robot.vehicle.max_track_speed):
             raise BatchError(
                 f"the log {log.name!r} holds readings that no such sensor gives, which filters side by "
-                "side do not look for; use run"
+                "side do not check; use run"
             )
-    everything = measured_of(logs, robot)
-    ticks = _kept_stamps(everything.imu_stamps, every)
-    heading = has_heading(everything.fixes)
-    stamps = everything.track_stamps, everything.imu_stamps, everything.fix_stamps
+    measured = measured_of(logs, robot)
+    ticks = _tick_stamps(measured.imu_stamps, every)
+    heading = has_heading(measured.fixes)
+    stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
     steps = steps_of(*stamps, ticks, heading=heading)
     found: list[Trajectory] = []
     for first in range(0, len(logs), filters.width):
         # A group that is not full runs its last log more than once.
         group = [min(first + lane, len(logs) - 1) for lane in range(filters.width)]
-        measured = everything._replace(
-            tracks=everything.tracks[group],
-            rates=everything.rates[group],
-            forces=everything.forces[group],
-            fixes=everything.fixes[group],
+        of_group = measured._replace(
+            tracks=measured.tracks[group],
+            rates=measured.rates[group],
+            forces=measured.forces[group],
+            fixes=measured.fixes[group],
         )
         (worked,) = work_through_runs(
             [filters],
-            [measured],
+            [of_group],
             steps,
             start=np.array(start, dtype=float),
             start_sigma=np.array(start_sigma, dtype=float),
-            keep=True,
+            keep_estimates=True,
         )
         estimates = np.asarray(worked.estimates)[: len(ticks)]
         count = min(filters.width, len(logs) - first)
@@ -92,14 +93,14 @@ def run_many(
     return found
 
 
-def _kept_stamps(imu: Stamps, every: float) -> Stamps:
-    """The IMU samples that come next to whole multiples of a time since the first [s]."""
+def _tick_stamps(imu: Stamps, every: float) -> Stamps:
+    """Stamps of the first IMU sample in each interval of so many seconds [ns]."""
     wanted = np.arange(imu[0], imu[-1] + 1, max(1, int(every / NANOSECOND)))
     return np.asarray(imu[np.unique(np.searchsorted(imu, wanted))])
 
 
 def _trajectory(stamps: Stamps, estimates: Floats) -> Trajectory:
-    """Of estimates (n, 18), see `estimator.engine.work.ESTIMATE`."""
+    """Make a trajectory of estimates (n, 18), see `estimator.engine.work.ESTIMATE`."""
     return Trajectory(
         stamps,
         estimates[:, :3],
@@ -110,5 +111,5 @@ def _trajectory(stamps: Stamps, estimates: Floats) -> Trajectory:
 
 
 def _symmetric(upper: Floats) -> Floats:
-    """(n, 3, 3) of the entries (n, 6) on the diagonal and above it, row by row."""
+    """Matrices (n, 3, 3) of the entries (n, 6) on and above the diagonal, row by row."""
     return np.asarray(upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))

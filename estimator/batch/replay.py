@@ -1,4 +1,4 @@
-"""Run several filter variants over one log in one pass; the rows are those of the streaming filter."""
+"""Run several filter variants over one log in one pass, with rows as in `run`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from icreckon.estimator.streaming.pose_estimator import Snapshot
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.tracing.jit_kernel import entry
 
-# Steps that are worked through by one filter before it is the next one's turn.
+# Number of steps of a part; all filters run through a part before the next.
 PART = 1024
 
 
@@ -58,28 +58,28 @@ def run_side_by_side(
 ) -> dict[str, Run]:
     """Run variants over a log in one pass, from its first measurement to its last.
 
-    What comes out is what `run` says of each of them, to rounding, but for the accelerometer where the
-    robot comes to rest: its innovation is NaN in the row before which the robot was found standing, even
-    if it was judged at an earlier IMU sample since the last row. If the robot stands for the last
-    `OUTPUT_AT_END` steps, the newest and recent NIS in `health` are those of the innovations in rows. A
-    variant is compiled when it runs for the first time ever, which takes some seconds.
+    Runs are those of `run`, to rounding, with two exceptions. If the robot is found standing, the
+    accelerometer's innovation is NaN in that row, even if an earlier IMU sample since the row before had
+    one. If the robot stands for the last `OUTPUT_AT_END` steps, the newest and recent NIS in
+    `health` are those of the innovations in rows. A variant is compiled when it runs for the first time,
+    which takes some seconds.
 
     Args:
-        log: the measurements; its truth is not looked at.
+        log: the measurements; its truth is not used.
         robot: the robot.
         variants: names of filter variants.
-        settings: of the filters.
+        settings: settings of the filters.
         start: pose at the start: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        progress: called now and then with the stamp [ns] that was reached.
+        progress: called from time to time with the stamp that was reached [ns].
 
     Returns:
-        The run of each variant.
+        Runs by variant.
 
     Raises:
-        EstimatorError: no such variant, a log without track speeds, or `start` is none.
-        BatchError: a variant, the settings or the log cannot be worked through side by side; the message
-            says why, and `run` takes them.
+        EstimatorError: no such variant, a log without track speeds, or `start` is no pose.
+        BatchError: filters side by side do not support a variant, the settings or the log; the message
+            gives the reason, and `run` supports them.
     """
     require_robot(robot)
     start = three_numbers("start", start, "three finite numbers: x, y [m], yaw [rad]")
@@ -106,10 +106,12 @@ def run_side_by_side(
     rows = [ReplayRows(one, robot, steps, measured, headings, row_stamps) for one in filters]
     began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
     for before, one, lanes in zip(began, filters, begun, strict=True):
-        memory, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
-        if memory.step_under_way or (memory.regressors is not None and steps.kinds[:1] == UPDATE):
+        checkpoint, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
+        if checkpoint.step_under_way or (
+            checkpoint.regressors is not None and steps.kinds[:1] == UPDATE
+        ):
             raise BatchError("there are fixes before the first track speeds")
-        one.take_over(lanes, memory, by_parameters)
+        one.continue_from(lanes, checkpoint, by_parameters)
     if steps.before_steps:
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before))
@@ -136,7 +138,7 @@ def work_through_log(
     *,
     smoothed: bool = True,
 ) -> None:
-    """Work through the steps of a log.
+    """Run all filters through the steps of a log, and fill their rows.
 
     Args:
         filters: the filters.
@@ -145,12 +147,12 @@ def work_through_log(
         steps: the steps.
         measured: measurements of the log.
         front: front end of the steps.
-        progress: called with the stamp that was reached [ns].
-        smoothed: True if the filters have smoothed derivatives from earlier steps.
+        progress: called after each part with the stamp that was reached [ns].
+        smoothed: the filters have regressors from earlier steps.
     """
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
     inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
-    rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.told), 1)) for one in filters]
+    rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
     moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
     first_moving = int(moving[0]) if len(moving) else -1
@@ -162,11 +164,11 @@ def work_through_log(
         for tau, table in tables.items():
             fill_entry(table, part.starts, part.ends, part.intervals, tau)
             if begin <= first_moving < end and not smoothed:
-                table[first_moving - begin, STEP_CONSTANTS.index("share")] = 1.0
+                table[first_moving - begin, STEP_CONSTANTS.index("smoothing")] = 1.0
         for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
             table = tables[one.time_constant][: end - begin]
-            one.work_through(lanes, of_part, part, table, room, all_told=True)
-            of_one.take(begin, end, part, room[:, :, 0])
+            one.work_through(lanes, of_part, part, table, room, all_outputs=True)
+            of_one.add(begin, end, part, room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))
 
@@ -178,9 +180,9 @@ def fill_step_constants(
 
     Args:
         table: (n, k) written to.
-        starts: of the steps [ns].
-        ends: of the steps [ns].
-        intervals: of the IMU [s].
+        starts: stamps of the starts of the steps [ns].
+        ends: stamps of their ends [ns].
+        intervals: time between IMU samples [s].
         tau: time constant of the slip [s].
 
     Raises:
@@ -195,8 +197,8 @@ def fill_step_constants(
             dt = elapsed * NANOSECOND
             decay, mean = fading(dt, tau)
             integral, cross, final = gauss_markov_noise(dt, tau)
-            share = smoothing_share(dt, REGRESSOR_SMOOTHING)
-            table[k, 0], table[k, 1], table[k, 2], table[k, 3] = dt, share, decay, mean
+            smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
+            table[k, 0], table[k, 1], table[k, 2], table[k, 3] = dt, smoothing, decay, mean
             table[k, 4], table[k, 5], table[k, 6] = integral, cross, final
         else:
             table[k, :7] = table[k - 1, :7]
@@ -207,14 +209,14 @@ fill_entry = entry(fill_step_constants)
 
 
 def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
-    """Track speeds, IMU and fixes of a log, in the axes and units of a robot's filter.
+    """Measurements of one log, in the axes and units of a robot's filter.
 
     Returns:
         The measurements; 1 for each fix with a heading; True if the IMU has accelerometers.
 
     Raises:
         EstimatorError: there are no track speeds.
-        BatchError: there is no IMU, or something that filters side by side do not take.
+        BatchError: there is no IMU, or something that filters side by side do not support.
     """
     if not len(log.tracks.stamps):
         raise EstimatorError(
@@ -226,7 +228,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
     if log.others:
         kinds = ", ".join(sorted({type(other).__name__ for other in log.others}))
         raise BatchError(
-            f"the log {log.name!r} holds {kinds}, which filters side by side cannot take"
+            f"the log {log.name!r} holds {kinds}, which filters side by side do not support"
         )
     fix_stamps = NO_STAMPS if fixes is None else fixes.stamps
     if any((np.diff(one) <= 0).any() for one in (log.tracks.stamps, imu.stamps, fix_stamps)):
@@ -234,7 +236,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
     if has_absurd_readings(log, robot.vehicle.max_track_speed):
         raise BatchError(
             f"the log {log.name!r} holds readings that no such sensor gives, or IMU samples without "
-            "forces among others, which filters side by side do not look for"
+            "forces among others, which filters side by side do not check"
         )
     values = np.zeros((len(fix_stamps), 5))
     if fixes is not None:
@@ -281,8 +283,8 @@ def _begin(
 
 
 def _snapshot(reckoning: Reckoning) -> Snapshot:
-    """See `PoseEstimator.snapshot`."""
+    """Make a snapshot of a filter, see `PoseEstimator.snapshot`."""
     model, P = reckoning.model(), reckoning.ekf.P
-    spread = model.jacobian @ P @ model.jacobian.T
+    twist_covariance = model.jacobian @ P @ model.jacobian.T
     stamp = reckoning.stamp or 0
-    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, spread, model.motion.indices)
+    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, twist_covariance, model.motion.indices)

@@ -1,4 +1,4 @@
-"""Rows and counts of a replay, from the estimates that filters side by side output."""
+"""Rows and counts of a replay, from the outputs of filters side by side."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.gate import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
-from icreckon.estimator.filter.health import RECENT, Health, Judged
+from icreckon.estimator.filter.health import RECENT, Health
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
@@ -86,20 +86,22 @@ class ReplayRows:
         self._robot = robot
         fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
         self._output_states = [i for i in (*one.layout.states, *fast) if i >= s.POSE.stop]
-        self._places = {name: len(ESTIMATE) + place for place, name in enumerate(one.layout.told)}
+        self._places = {
+            name: len(ESTIMATE) + place for place, name in enumerate(one.layout.more_outputs)
+        }
         # Friction models report the indices of the newest turns, index models those of the motion.
         of_turn = [place for name, place in self._places.items() if name.startswith("memory")]
         self._of_turn = of_turn
-        self._known = np.zeros(count, np.int32)
+        self._output_tracks = np.zeros(count, np.int32)
         self._newest: dict[str, Gated] = {}
         self._nis: dict[str, deque[float]] = {}
 
     def put_first(self, estimate: Snapshot) -> None:
         """Fill the first row with the estimate before any step."""
         self._rows.put(0, estimate)
-        self._known[0] = 1
+        self._output_tracks[0] = 1
 
-    def take(self, begin: int, end: int, part: Steps, room: Floats) -> None:
+    def add(self, begin: int, end: int, part: Steps, room: Floats) -> None:
         """Fill the rows of some steps.
 
         Args:
@@ -112,61 +114,60 @@ class ReplayRows:
         if not len(at):
             return
         values = room[: len(at)]
-        self._judge(part, at, values)
+        self._add_innovations(part, at, values)
         rows = self._steps.rows[begin:end][at]
         is_row = rows >= 0
         # If an estimate is output again after a fix, the last counts.
         is_row[:-1] &= rows[:-1] != rows[1:]
         if not is_row.any():
             return
-        values, rows, known = values[is_row], rows[is_row], part.known[at[is_row]]
-        kept = slice(int(rows[0]), int(rows[-1]) + 1)
-        self._known[kept] = known
-        states, sigmas = self._rows.states[kept], self._rows.sigmas[kept]
+        values, rows = values[is_row], rows[is_row]
+        row_range = slice(int(rows[0]), int(rows[-1]) + 1)
+        self._output_tracks[row_range] = part.output_tracks[at[is_row]]
+        states, sigmas = self._rows.states[row_range], self._rows.sigmas[row_range]
         states[:, s.POSE] = values[:, :3]
-        covariances = self._rows.pose_covariances[kept]
+        covariances = self._rows.pose_covariances[row_range]
         covariances[:] = values[:, 3:9][:, SYMMETRIC].reshape(-1, 3, 3)
         sigmas[:, s.POSE] = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         count, first = len(self._output_states), len(ESTIMATE)
         states[:, self._output_states] = values[:, first : first + count]
         sigmas[:, self._output_states] = np.sqrt(values[:, first + count : first + 2 * count])
         twist = FIRST_OF_TWIST
-        self._rows.twists[kept] = values[:, twist : twist + 3]
-        spread = values[:, twist + 3 : twist + 9]
-        self._rows.twist_covariances[kept] = spread[:, SYMMETRIC].reshape(-1, 3, 3)
+        self._rows.twists[row_range] = values[:, twist : twist + 3]
+        covariance = values[:, twist + 3 : twist + 9]
+        self._rows.twist_covariances[row_range] = covariance[:, SYMMETRIC].reshape(-1, 3, 3)
         if self._of_turn:
-            self._rows.indices[kept] = values[:, self._of_turn]
-        self._write_innovations(kept, values)
+            self._rows.indices[row_range] = values[:, self._of_turn]
+        self._write_innovations(row_range, values)
 
     def _column(self, values: Floats, name: str) -> Floats:
         return values[:, self._places[name]]
 
-    def _judge(self, part: Steps, at: Indices, values: Floats) -> None:
-        """Keep the newest innovations of the gates."""
+    def _add_innovations(self, part: Steps, at: Indices, values: Floats) -> None:
+        """Record the newest innovations of the gates."""
         extras = part.extras[at]
         when = dict.fromkeys(IMU_GATES, part.kinds[at] <= UPDATE)
         when["heading"] = (extras & HEADING) > 0
         for gate, may_be in when.items():
-            residual = self._column(values, f"{gate}_r")
-            expected = self._column(values, f"{gate}_rr")
-            asked = np.flatnonzero(may_be & (expected > 0.0))[-OUTPUT_AT_END:]
-            if len(asked):
-                last, nis = asked[-1], residual[asked] ** 2 / expected[asked]
-                judged = (float(residual[last]),), ((float(expected[last]),),)
-                self._remember(gate, int(part.ends[at[last]]), *judged, nis)
-        asked = np.flatnonzero(extras & POSITION)[-OUTPUT_AT_END:]
-        if len(asked):
+            z, S = self._column(values, f"{gate}_z"), self._column(values, f"{gate}_S")
+            gated = np.flatnonzero(may_be & (S > 0.0))[-OUTPUT_AT_END:]
+            if len(gated):
+                last, nis = gated[-1], z[gated] ** 2 / S[gated]
+                innovation = (float(z[last]),), ((float(S[last]),),)
+                self._record(gate, int(part.ends[at[last]]), *innovation, nis)
+        gated = np.flatnonzero(extras & POSITION)[-OUTPUT_AT_END:]
+        if len(gated):
             x, y, xx, xy, yy = (
-                self._column(values, f"position_{name}")[asked]
-                for name in ("x", "y", "xx", "xy", "yy")
+                self._column(values, f"position_{name}")[gated]
+                for name in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")
             )
             nis = (x * (x * yy - y * xy) + y * (y * xx - x * xy)) / (xx * yy - xy * xy)
             across = float(xy[-1])
-            spread = (float(xx[-1]), across), (across, float(yy[-1]))
-            stamp = int(part.ends[at[asked[-1]]])
-            self._remember("position", stamp, (float(x[-1]), float(y[-1])), spread, nis)
+            covariance = (float(xx[-1]), across), (across, float(yy[-1]))
+            stamp = int(part.ends[at[gated[-1]]])
+            self._record("position", stamp, (float(x[-1]), float(y[-1])), covariance, nis)
 
-    def _remember(
+    def _record(
         self,
         gate: str,
         stamp: int,
@@ -174,36 +175,36 @@ class ReplayRows:
         covariance: tuple[tuple[float, ...], ...],
         nis: Floats,
     ) -> None:
-        """Keep the newest innovation of a gate, and the NIS of all new ones."""
+        """Record the newest innovation of a gate, and the NIS of all new ones."""
         begin = int(self._measured.track_stamps[0])
         self._newest[gate] = Gated(begin + stamp, residual, covariance, float(nis[-1]))
         self._nis.setdefault(gate, deque(maxlen=OUTPUT_AT_END)).extend(nis.tolist())
 
-    def _write_innovations(self, kept: slice, values: Floats) -> None:
-        with_sample = self._steps.row_samples[kept] > 0
-        fixes = self._steps.row_fixes[kept]
+    def _write_innovations(self, row_range: slice, values: Floats) -> None:
+        with_sample = self._steps.row_samples[row_range] > 0
+        fixes = self._steps.row_fixes[row_range]
         with_fix = fixes >= 0
         for gate in IMU_GATES:
-            expected = self._column(values, f"{gate}_rr")
-            self._innovate(gate, kept, self._column(values, f"{gate}_r"), expected, with_sample)
+            z, S = self._column(values, f"{gate}_z"), self._column(values, f"{gate}_S")
+            self._write_normalised(gate, row_range, z, S, with_sample)
         if not with_fix.any():
             return
         for axis in "xy":
-            expected = self._column(values, f"position_{axis * 2}")
-            residual = self._column(values, f"position_{axis}")
-            self._innovate(f"position_{axis}", kept, residual, expected, with_fix)
+            z = self._column(values, f"position_z_{axis}")
+            S = self._column(values, f"position_S_{axis * 2}")
+            self._write_normalised(f"position_{axis}", row_range, z, S, with_fix)
         headed = with_fix & (self._headings[fixes] > 0)
-        expected = self._column(values, "heading_rr")
-        self._innovate("heading", kept, self._column(values, "heading_r"), expected, headed)
+        z, S = self._column(values, "heading_z"), self._column(values, "heading_S")
+        self._write_normalised("heading", row_range, z, S, headed)
 
-    def _innovate(
-        self, name: str, kept: slice, residual: Floats, expected: Floats, when: Truths
+    def _write_normalised(
+        self, name: str, row_range: slice, z: Floats, S: Floats, when: Truths
     ) -> None:
-        when = when & (expected > 0.0)
+        when = when & (S > 0.0)
         if not when.any():
             return
-        column = self._rows.innovations.column(name)[kept]
-        column[when] = residual[when] / np.sqrt(expected[when])
+        column = self._rows.innovations.column(name)[row_range]
+        column[when] = z[when] / np.sqrt(S[when])
 
     def finish(self, variant: str, one: BatchFilter, lanes: Lanes, health: Health) -> Run:
         """Run of the filter.
@@ -216,15 +217,15 @@ class ReplayRows:
         """
         if not self._of_turn:
             self._write_indices(one)
-        self._innovate_first(health)
+        self._write_first_innovations(health)
         self.count(one, lanes, health)
-        return self._rows.finish(len(self._known), variant, state_names(variant), health)
+        return self._rows.finish(len(self._output_tracks), variant, state_names(variant), health)
 
-    def _innovate_first(self, health: Health) -> None:
-        """Fill the first row with innovations of fixes before the first track speeds."""
+    def _write_first_innovations(self, health: Health) -> None:
+        """Fill the first row with the innovations before the first track speeds."""
         components = innovation_components()
         for sensor, counts in health.sensors.items():
-            if counts.newest_judged is None or not len(self._known):
+            if counts.newest_judged is None or not len(self._output_tracks):
                 continue
             _, _, residual, covariance = counts.newest_judged
             for axis, name in enumerate(components[sensor]):
@@ -233,12 +234,12 @@ class ReplayRows:
                     column[0] = residual[axis] / math.sqrt(covariance[axis][axis])
 
     def _write_indices(self, one: BatchFilter) -> None:
-        """Compute the indices at the track speeds that are known at each row."""
+        """Compute the indices at the newest track speeds of each row."""
         vehicle, settings = self._robot.constants, one.settings
-        for begin in range(0, len(self._known), AT_ONCE):
-            kept = slice(begin, begin + AT_ONCE)
-            x = self._rows.states[kept].T
-            speeds = self._measured.tracks[0, self._known[kept] - 1]
+        for begin in range(0, len(self._output_tracks), AT_ONCE):
+            row_range = slice(begin, begin + AT_ONCE)
+            x = self._rows.states[row_range].T
+            speeds = self._measured.tracks[0, self._output_tracks[row_range] - 1]
             left, right = (speeds * (1.0 + x[s.TRACK_SCALE, :, None])).T
             slip = x[s.SLIP] + x[s.FAST_SLIP]
             motion = solve(
@@ -251,7 +252,7 @@ class ReplayRows:
                 slip_in_inertia=settings.inertia == "imu",
             )
             for column, values in enumerate(motion.indices):
-                self._rows.indices[kept, column] = values
+                self._rows.indices[row_range, column] = values
 
     def count(self, one: BatchFilter, lanes: Lanes, health: Health) -> None:
         """Add the counts of the gates and the newest innovations to `health`."""
@@ -261,7 +262,7 @@ class ReplayRows:
             used, rejected = int(counts[f"{gate}_used"]), int(counts[f"{gate}_rejected"])
             if not used + rejected:
                 continue
-            sensor, admitted = health.sensor(gate), int(counts[f"{gate}_judged"])
+            sensor, admitted = health.sensor(gate), int(counts[f"{gate}_admitted"])
             sensor.used += used
             sensor.nis_sum += counts[f"{gate}_nis"]
             if rejected:
@@ -274,9 +275,9 @@ class ReplayRows:
                 continue
             verdict = ADMITTED
             if newest.nis > CHI_SQUARE_1E4[degrees]:
-                verdict = REJECTED if counts[f"{gate}_row"] > 0.0 else REACQUIRED
-            judged: Judged = (newest.stamp, verdict, newest.residual, newest.covariance)
-            sensor.newest_judged, sensor.newest_nis = judged, newest.nis
+                verdict = REJECTED if counts[f"{gate}_in_a_row"] > 0.0 else REACQUIRED
+            sensor.newest_judged = newest.stamp, verdict, newest.residual, newest.covariance
+            sensor.newest_nis = newest.nis
             sensor.recent_nis = _recent(
                 self._nis[gate], sensor.judged_count, degrees, sensor.recent_nis or 0.0
             )

@@ -1,4 +1,4 @@
-"""Runs of several filters over the same measurements, side by side and a part at a time."""
+"""Runs of several filters over the same measurements, side by side, in parts."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from icreckon.estimator.engine.schedule import TICK, Steps
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 
-# Steps that are worked through by one filter before it is the next one's turn: what they are told stays
-# in the processor's cache meanwhile.
+# Number of steps of a part. All filters run through a part before the next, so that its inputs stay in
+# the processor's cache.
 PART = 256
 
 
 class Worked(NamedTuple):
-    """Filters that have been through their runs.
+    """Filters at the end of their runs.
 
     Attributes:
-        lanes: the filters, at the end.
-        scores: what was added up of them; None where nothing was to be scored.
-        estimates: (ticks, rows, width) see `estimator.engine.work.ESTIMATE`; None unless asked for.
+        lanes: the filters.
+        scores: their scores; None without a truth.
+        estimates: (ticks, rows, width) see `estimator.engine.work.ESTIMATE`; None if they are not kept.
     """
 
     lanes: Lanes
@@ -43,18 +43,18 @@ def work_through_runs(
     start: Floats,
     start_sigma: Floats,
     against: tuple[TrueTicks, Segments] | None = None,
-    keep: bool = False,
+    keep_estimates: bool = False,
 ) -> list[Worked]:
-    """Run filters over runs, as many as the filters are wide.
+    """Run filters over the measurements of runs, one run for each lane.
 
     Args:
         filters: the filters.
-        measured: what each of them is told of the runs; stamps are those of the steps.
-        steps: the steps.
+        measured: measurements for each filter; stamps are those of the steps.
+        steps: steps of the runs.
         start: (3,) pose at the start: x, y [m], yaw [rad].
         start_sigma: (3,) its standard deviations.
         against: truth to score against, and segments of drift; None for no scores.
-        keep: whether all estimates at the ticks are wanted.
+        keep_estimates: return all estimates at the ticks.
     """
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
@@ -75,28 +75,27 @@ def work_through_runs(
     ]
     tables = [one.prepare(steps) for one in filters]
     scores = [None if against is None else Scores(width, *against) for _ in filters]
-    kept = [np.zeros((ticks, len(ESTIMATE), width)) if keep else None for _ in filters]
+    estimates = [
+        np.zeros((ticks, len(ESTIMATE), width)) if keep_estimates else None for _ in filters
+    ]
     room = np.zeros((PART + 1, len(ESTIMATE), width))
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
         for key, front in fronts.items():
             front.fill(begin, end, inputs[key][: end - begin])
-        told = np.flatnonzero(part.extras & TICK)
+        at_ticks = np.flatnonzero(part.extras & TICK)
         for number, one in enumerate(filters):
             table = tables[number][begin:end]
             one.work_through(begun[number], inputs[keys[number]][: end - begin], part, table, room)
-            if not len(told):
+            if not len(at_ticks):
                 continue
-            first = int(part.ticks[told[0]])
-            estimates = room[first - int(part.ticks[0]) :][: len(told)]
+            first = int(part.ticks[at_ticks[0]])
+            newest = room[first - int(part.ticks[0]) :][: len(at_ticks)]
             of_one = scores[number]
             if of_one is not None:
-                of_one.add(first, estimates)
-            of_kept = kept[number]
-            if of_kept is not None:
-                of_kept[first : first + len(told)] = estimates
-    return [
-        Worked(lanes, of_one, of_kept)
-        for lanes, of_one, of_kept in zip(begun, scores, kept, strict=True)
-    ]
+                of_one.add(first, newest)
+            all_of_one = estimates[number]
+            if all_of_one is not None:
+                all_of_one[first : first + len(at_ticks)] = newest
+    return [Worked(*of_one) for of_one in zip(begun, scores, estimates, strict=True)]

@@ -1,4 +1,4 @@
-"""Scores of filters side by side, added up as they go: nothing is kept but sums.
+"""Scores of filters side by side, as sums over the ticks.
 
 Definitions are those of `estimator.log.scores`.
 """
@@ -18,7 +18,7 @@ from icreckon.estimator.log.scores import SEGMENT_STEP, SLOWEST_MEAN_SPEED
 from icreckon.estimator.streaming.lost import loss_kind
 from icreckon.estimator.tracing.jit_kernel import entry
 
-# Sums of each lane; and the kind of its first loss, see `estimator.streaming.lost`, and at which tick.
+# Sums of each lane; kind of its first loss, see `estimator.streaming.lost`, and the tick of that.
 (
     COUNT,
     POSITION_SQUARE,
@@ -39,15 +39,15 @@ from icreckon.estimator.tracing.jit_kernel import entry
 ) = range(16)
 # Sums of each lane and horizon.
 ERROR, YAW_ERROR, DISTANCE, DRIFTS = range(4)
-# Of the pose that a segment begins with: estimate, truth, and length of the path. Of an estimate: pose,
-# twist, and their covariances.
-KEPT, ESTIMATE_ROWS = 7, 18
-# A covariance with a smaller eigenvalue is taken for singular, as `pose_nees` does.
+# Number of values at the start of a segment: estimated and true pose, and length of the path. Number of
+# rows of an estimate: pose, twist, and their covariances.
+START_VALUES, ESTIMATE_ROWS = 7, 18
+# A covariance with a smaller eigenvalue counts as singular, as in `pose_nees`.
 LEAST_EIGENVALUE = 1e-12
 
 
 class TrueTicks(NamedTuple):
-    """The truth at the ticks, of each lane.
+    """Truth of each lane at the ticks.
 
     Attributes:
         poses: (ticks, 3, lanes) [m, m, rad].
@@ -61,13 +61,13 @@ class TrueTicks(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """Where segments of drift begin and end.
+    """Starts and ends of the segments of drift.
 
     Attributes:
-        horizons: (h,) their lengths [s].
-        slots: (ticks,) where to keep the pose that a segment begins with, -1 where none begins.
-        ends: (h, ticks) slot of the segment that ends, -1 where none does.
-        room: so many slots there are.
+        horizons: (h,) lengths of the segments [s].
+        slots: (ticks,) slot for the poses at the start of a segment, -1 if none starts.
+        ends: (h, ticks) slot of the segment that ends, -1 if none does.
+        room: number of slots.
     """
 
     horizons: Floats
@@ -79,13 +79,13 @@ class Segments(NamedTuple):
 def segments_of(
     stamps: Stamps, horizons: Sequence[float], within: Sequence[list[tuple[int, int]] | None]
 ) -> Segments:
-    """The segments of `estimator.log.scores.drift` on a truth without holes.
+    """Make the segments of `estimator.log.scores.drift` over a truth without gaps.
 
     Args:
-        stamps: (n,) of the ticks [ns].
+        stamps: (n,) stamps of the ticks [ns].
         horizons: lengths of the segments [s].
-        within: of each horizon, intervals of stamps [ns] that a segment must lie in wholly, or None for
-            everywhere.
+        within: intervals of stamps [ns] of each horizon, of which one must contain the whole segment;
+            None for no limit.
     """
     begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
     first = np.unique(np.searchsorted(stamps, begins))
@@ -106,12 +106,12 @@ def segments_of(
 
 
 class Scores:
-    """What is added up of some filters.
+    """Scores of some filters.
 
     Args:
-        lanes: how many filters there are.
-        truth: of all ticks, of each lane.
-        segments: of drift.
+        lanes: number of filters.
+        truth: truth of each lane at all ticks.
+        segments: segments of drift.
     """
 
     def __init__(self, lanes: int, truth: TrueTicks, segments: Segments) -> None:
@@ -119,55 +119,54 @@ class Scores:
         self.sums = np.zeros((SUMS, lanes))
         self.sums[FINAL_NEES] = math.nan
         self.drifts = np.zeros((len(segments.horizons), DRIFTS, lanes))
-        self._kept = np.zeros((segments.room, KEPT, lanes))
+        self._starts = np.zeros((segments.room, START_VALUES, lanes))
 
     def add(self, tick: int, estimates: Floats) -> None:
-        """Some ticks in a row.
+        """Add the errors at some consecutive ticks.
 
         Args:
-            tick: the first.
+            tick: index of the first tick.
             estimates: (n, rows, lanes) see `estimator.engine.work.ESTIMATE`.
         """
         truth, segments = self._truth, self._segments
-        add_entry(
-            self.sums,
-            self.drifts,
-            self._kept,
-            estimates,
-            tick,
-            truth.poses,
-            truth.twists,
-            truth.lengths,
-            segments.horizons,
-            segments.slots,
-            segments.ends,
-        )
+        add_entry(self.sums, self.drifts, self._starts, estimates, tick, truth, segments)
 
 
 def add_ticks(
     sums: Floats,
     drifts: Floats,
-    kept: Floats,
+    starts: Floats,
     estimates: Floats,
     tick: int,
-    poses: Floats,
-    twists: Floats,
-    lengths: Floats,
-    horizons: Floats,
-    slots: Any,
-    ends: Any,
+    truth: TrueTicks,
+    segments: Segments,
 ) -> None:
-    """See `Scores.add`."""
+    """Add the errors at some consecutive ticks, see `Scores.add`.
+
+    Args:
+        sums: (SUMS, lanes) changed in place.
+        drifts: (h, DRIFTS, lanes) changed in place.
+        starts: (slots, START_VALUES, lanes) poses at the starts of segments, changed in place.
+        estimates: (n, rows, lanes) estimates.
+        tick: index of the first tick.
+        truth: truth at all ticks.
+        segments: segments of drift.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    poses, twists, lengths = truth.poses, truth.twists, truth.lengths
+    horizons, slots, ends = segments.horizons, segments.slots, segments.ends
     lanes, last, count = sums.shape[1], tick + len(estimates), len(horizons)
     sizes_fit = len(sums) == SUMS and drifts.shape == (count, DRIFTS, lanes)
-    sizes_fit &= kept.shape[1] == KEPT and kept.shape[2] == lanes
+    sizes_fit &= starts.shape[1] == START_VALUES and starts.shape[2] == lanes
     sizes_fit &= estimates.shape[1] >= ESTIMATE_ROWS and estimates.shape[2] >= lanes
     sizes_fit &= min(len(poses), len(twists), len(lengths), len(slots)) >= last and tick >= 0
     sizes_fit &= poses.shape[1] >= 3 and twists.shape[1] >= 3
     sizes_fit &= poses.shape[2] >= lanes and twists.shape[2] >= lanes and lengths.shape[1] >= lanes
     if not sizes_fit or ends.shape[0] != count or ends.shape[1] < last:
         raise ValueError(WRONG_SIZE)
-    if len(slots) and (max(slots.max(), ends.max() if count else -1) >= len(kept)):
+    if len(slots) and (max(slots.max(), ends.max() if count else -1) >= len(starts)):
         raise ValueError(WRONG_SIZE)
     for k in range(len(estimates)):
         now, at = estimates[k], tick + k
@@ -205,32 +204,24 @@ def add_ticks(
             if slot >= 0:
                 for lane in range(lanes):
                     end_segment(
-                        drifts[h], kept[slot], now, poses[at], lengths[at], horizons[h], lane
+                        drifts[h], starts[slot], now, poses[at], lengths[at], horizons[h], lane
                     )
         slot = slots[at]
         if slot >= 0:
             for lane in range(lanes):
                 for axis in range(3):
-                    kept[slot, axis, lane] = now[axis, lane]
-                    kept[slot, 3 + axis, lane] = poses[at, axis, lane]
-                kept[slot, 6, lane] = lengths[at, lane]
+                    starts[slot, axis, lane] = now[axis, lane]
+                    starts[slot, 3 + axis, lane] = poses[at, axis, lane]
+                starts[slot, 6, lane] = lengths[at, lane]
 
 
 def kind_at(now: Floats, lane: int) -> int:
     """Kind of loss of the estimate of a lane, see `estimator.streaming.lost`."""
     return loss_kind(
-        now[0, lane],
-        now[1, lane],
-        now[2, lane],
-        now[3, lane],
-        now[6, lane],
-        now[8, lane],
-        now[9, lane],
-        now[10, lane],
-        now[11, lane],
-        now[12, lane],
-        now[15, lane],
-        now[17, lane],
+        (now[0, lane], now[1, lane], now[2, lane]),
+        (now[3, lane], now[6, lane], now[8, lane]),
+        (now[9, lane], now[10, lane], now[11, lane]),
+        (now[12, lane], now[15, lane], now[17, lane]),
     )
 
 
@@ -243,7 +234,7 @@ def end_segment(
     horizon: float,
     lane: int,
 ) -> None:
-    """Add a segment that ends here to what one horizon has come to."""
+    """Add a segment that ends here to the sums of its horizon."""
     distance = length[lane] - begin[6, lane]
     if distance <= SLOWEST_MEAN_SPEED * horizon:
         return
@@ -255,17 +246,17 @@ def end_segment(
 
 
 def moved(begin: Floats, row: int, end: Floats, lane: int) -> tuple[float, float, float]:
-    """From a pose that was kept to another, in the axes of the first."""
+    """Motion since the start of a segment, in the axes of the pose there."""
     cos, sin = math.cos(begin[row + 2, lane]), math.sin(begin[row + 2, lane])
     d_x, d_y = end[0, lane] - begin[row, lane], end[1, lane] - begin[row + 1, lane]
     return cos * d_x + sin * d_y, -sin * d_x + cos * d_y, end[2, lane] - begin[row + 2, lane]
 
 
 def nees_of(now: Floats, row: int, lane: int, a: float, b: float, c: float) -> float:
-    """Three errors by their covariance, of which six rows begin at `row`; -1 if that is singular."""
+    """NEES of three errors by the covariance in six rows; -1 if it is singular."""
     xx, xy, xz = now[row, lane], now[row + 1, lane], now[row + 2, lane]
     yy, yz, zz = now[row + 3, lane], now[row + 4, lane], now[row + 5, lane]
-    # All eigenvalues exceed the least if what is left without it has a Cholesky factor.
+    # All eigenvalues exceed the least if the matrix less that times I is positive definite.
     if not positive(
         xx - LEAST_EIGENVALUE, xy, xz, yy - LEAST_EIGENVALUE, yz, zz - LEAST_EIGENVALUE
     ):
@@ -280,7 +271,7 @@ def nees_of(now: Floats, row: int, lane: int, a: float, b: float, c: float) -> f
 
 
 def positive(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> bool:
-    """Whether a symmetric matrix is positive definite."""
+    """Return True if a symmetric matrix is positive definite."""
     if xx <= 0.0:
         return False
     left_yy, left_yz = yy - xy * xy / xx, yz - xy * xz / xx

@@ -1,7 +1,7 @@
-"""A covariance in traced numbers that is worked out as late as possible.
+"""Covariance matrix in traced numbers, with postponed updates.
 
-Updates with scalar measurements are kept as what they are, products of two vectors, and taken off only
-where an entry is asked for. So a step of several updates reads and writes each entry once.
+An update with a scalar measurement is stored as the product of two vectors, and subtracted only in
+entries that are used. So a step of several updates reads and writes each entry once.
 """
 
 from __future__ import annotations
@@ -12,37 +12,37 @@ from typing import Any, NamedTuple
 Vector = dict[int, Any]
 
 
-class Taken(NamedTuple):
-    """What an update takes off: `gain` of a state times `cross` of another.
+class ScalarUpdate(NamedTuple):
+    """Postponed update with a scalar measurement.
 
     Attributes:
-        gain: state -> gain; none for those that the update keeps.
-        cross: state -> covariance with the prediction.
-        per_expected: what gains are of `cross`.
+        gain: state -> Kalman gain; none for fixed states.
+        cross: state -> covariance with the innovation, P H'.
+        inverse_S: one over the innovation covariance; 0 for no update.
     """
 
     gain: Vector
     cross: Vector
-    per_expected: Any
+    inverse_S: Any
 
 
 class Covariance:
-    """The covariance of some states, each known by its index; others are as if they were not there.
+    """Covariance of some states, by their indices; all other states have none.
 
     Args:
-        entries: of each pair of states, the smaller first, where it is not zero.
+        entries: entries that are not zero, by pair of states, the smaller index first.
     """
 
     def __init__(self, entries: dict[tuple[int, int], Any]) -> None:
         self._entries = dict(entries)
-        self._taken: list[Taken] = []
+        self._updates: list[ScalarUpdate] = []
         self.states = sorted({state for pair in entries for state in pair})
 
     def entry(self, a: int, b: int) -> Any:
-        """Of a pair of states."""
+        """Covariance of two states."""
         value = self._base(a, b)
-        for gain, cross, _ in self._taken:
-            # Gains are zero, or those that are best; either way this is what the Joseph form comes to.
+        for gain, cross, _ in self._updates:
+            # Gains are zero or optimal; in both cases this equals the Joseph form.
             if a in gain:
                 value = value - gain[a] * cross.get(b, 0.0)
             elif b in gain:
@@ -50,12 +50,12 @@ class Covariance:
         return value
 
     def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
-        """It times a vector.
+        """Product with a vector.
 
         Args:
             row: the vector, or part of it.
-            parts: the rest, each a factor and a vector. What is worked out for such a vector is shared
-                by all that it is a part of.
+            parts: the rest, each a factor and a vector. Products with such a vector are computed once
+                for all vectors that it is a part of.
         """
         all_parts = (*parts, (1.0, row))
         result: Vector = {}
@@ -64,14 +64,14 @@ class Covariance:
             for factor, part in all_parts:
                 total = total + factor * dot({b: self._base(a, b) for b in part}, part)
             result[a] = total
-        for gain, cross, per_expected in self._taken:
+        for gain, cross, inverse_S in self._updates:
             of_all: Any = 0.0
-            of_kept: Any = 0.0
+            of_fixed: Any = 0.0
             for factor, part in all_parts:
-                kept = {b: value for b, value in part.items() if b not in gain}
+                fixed = {b: value for b, value in part.items() if b not in gain}
                 of_all = of_all + factor * dot(cross, part)
-                of_kept = of_kept + factor * dot(cross, kept)
-            of_moved = (of_all - of_kept) * per_expected
+                of_fixed = of_fixed + factor * dot(cross, fixed)
+            of_moved = (of_all - of_fixed) * inverse_S
             for a in self.states:
                 if a in gain:
                     result[a] = result[a] - gain[a] * of_all
@@ -84,19 +84,19 @@ class Covariance:
         pair = (a, b) if a <= b else (b, a)
         self._entries[pair] = self._entries.get(pair, 0.0) + value
 
-    def take(self, cross: Vector, per_expected: Any, kept: Iterable[int] = ()) -> Vector:
-        """An update is made.
+    def update(self, cross: Vector, inverse_S: Any, fixed: Iterable[int] = ()) -> Vector:
+        """Update with a scalar measurement.
 
         Args:
-            cross: covariance of the states with the prediction.
-            per_expected: one over the variance of the residual, or 0 for no update.
-            kept: states that are not to be moved.
+            cross: covariance of the states with the innovation.
+            inverse_S: one over the innovation covariance, or 0 for no update.
+            fixed: states that the update does not move.
 
         Returns:
-            State -> gain, of those that are.
+            State -> Kalman gain, without the fixed states.
         """
-        gain = {i: value * per_expected for i, value in cross.items() if i not in kept}
-        self._taken.append(Taken(gain, cross, per_expected))
+        gain = {i: value * inverse_S for i, value in cross.items() if i not in fixed}
+        self._updates.append(ScalarUpdate(gain, cross, inverse_S))
         return gain
 
     def _base(self, a: int, b: int) -> Any:
@@ -104,7 +104,7 @@ class Covariance:
 
 
 def dot(a: Vector, b: Vector) -> Any:
-    """Of two vectors; what one of them has not is zero."""
+    """Dot product of two sparse vectors."""
     total: Any = 0.0
     for state, value in b.items():
         if state in a:

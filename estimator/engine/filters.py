@@ -1,4 +1,4 @@
-"""Many filters of one robot and variant, side by side in the lanes of vector registers."""
+"""Filters of one robot and variant, side by side in lanes of vector registers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from icreckon.estimator.engine.work import (
     LaneKernels,
     Places,
     advance_memory,
-    keep_memory,
+    advance_nothing,
     lane_worker,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
@@ -58,44 +58,45 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
 from icreckon.estimator.tracing.jit_kernel import jit
 
-# Numbers of so many bits, and what NumPy calls them.
+# NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
 # Registers are as long as lines of the cache on all machines that have such wide ones [bytes].
 LINE = 64
 
 
 class Lanes(NamedTuple):
-    """Filters on their way.
+    """Filters side by side in the course of their runs.
 
     Attributes:
         workspace: (rows, width) see `BatchFilter.layout`.
-        refused: (width, n, 5) position fixes that were refused since one was used.
-        refused_count: (width,) how many those are.
-        constants: what all of them share, and room for what belongs to a step.
+        rejected: (width, n, 5) position fixes that were rejected since one was used, see
+            `estimator.filter.reacquisition.RejectedFix`.
+        rejected_count: (width,) their number.
+        constants: constants that all lanes share, with room for those of a step.
     """
 
     workspace: Floats
-    refused: Floats
-    refused_count: Any
+    rejected: Floats
+    rejected_count: Any
     constants: Floats
 
 
 class BatchFilter:
-    """The filters of one robot, variant and settings.
+    """Filters of one robot, variant and settings, side by side.
 
     Args:
-        robot: as the filters know it.
+        robot: the robot.
         variant: filter variant.
-        settings: of the filters.
-        bits: of each number: 64, or 32 for twice as many lanes and seven digits.
+        settings: settings of the filters.
+        bits: number of bits of each number: 64, or 32 for twice as many lanes and seven digits.
         width: number of filters side by side; None for as many as the machine's registers hold.
 
     Attributes:
         robot: the robot.
         settings: the settings.
-        width: how many filters run side by side.
-        number: the type of their numbers.
-        layout: what stands where in the workspace.
+        width: number of filters side by side.
+        number: type of their numbers.
+        layout: layout of the workspace.
 
     Raises:
         BatchError: the variant's motion model has no traced form.
@@ -112,21 +113,21 @@ class BatchFilter:
     ) -> None:
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
-        taken = assumptions(robot, variant, settings)
-        model = traced_model(taken.model)
+        assumed = assumptions(robot, variant, settings)
+        model = traced_model(assumed.model)
         if model is None:
             raise BatchError(f"the motion model of {variant.name!r} cannot run side by side")
-        motion = taken.model
+        motion = assumed.model
         self._model_constants: Any = motion.constants if isinstance(motion, FrictionMotion) else ()
-        self._model, self._state, self._sigmas = taken.model, taken.state, taken.sigmas
-        self._disturbances = taken.disturbances
+        self._model, self._state, self._sigmas = motion, assumed.state, assumed.sigmas
+        self._disturbances = assumed.disturbances
         self.robot, self.settings = robot, settings
         self.width, self.number = width or lanes_of_machine(bits), PRECISIONS[bits]
         self._walks = self._disturbances.bias_walk + self._disturbances.parameter_walk
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
         uncertain[s.POSE] = uncertain[s.SLIP] = True
         uncertain[s.FAST_SLIP] = False
-        # Standstill asks for that of the gyro, and a gate that gives in makes the other uncertain.
+        # Standstill uses the variance of the gyro's, and re-acquisition inflates the other.
         uncertain[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS]] = True
         parameters = np.zeros(s.SIZE, dtype=bool)
         parameters[s.PARAMETERS] = True
@@ -144,12 +145,12 @@ class BatchFilter:
         self._work: Any = None
 
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
-        """Filters that have seen nothing but their first track speeds.
+        """Start all lanes at their first track speeds.
 
         Args:
-            first_speeds: (width, 2) of the left and the right track [m/s].
-            start: (3,) x, y [m], yaw [rad].
-            start_sigma: (3,) standard deviations.
+            first_speeds: (width, 2) speeds of the left and the right track [m/s].
+            start: (3,) pose: x, y [m], yaw [rad].
+            start_sigma: (3,) its standard deviations.
         """
         lanes = aligned(len(self.rows) * self.width, self.number).reshape(-1, self.width)
         state, sigmas = self._state.copy(), self._sigmas.copy()
@@ -164,7 +165,7 @@ class BatchFilter:
                 row = self.rows[f"P{s.SLIP_X + axis}_{s.SLIP_X + axis}"]
                 lanes[row, lane] += slip[axis] ** 2
         most = self.settings.gates.patience + 2
-        refused = np.zeros((self.width, most, 5))
+        rejected = np.zeros((self.width, most, 5))
         counts = np.zeros(self.width, dtype=np.int64)
         constants = shared_constants(
             self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
@@ -172,37 +173,37 @@ class BatchFilter:
         memory = self._model.memory
         for k, value in enumerate(memory):
             lanes[self.rows[f"memory{k}"]] = value
-        return Lanes(lanes, refused, counts, constants)
+        return Lanes(lanes, rejected, counts, constants)
 
-    def take_over(self, lanes: Lanes, memory: FilterCheckpoint, regressors: Floats) -> None:
-        """Let all lanes go on from what the streaming filter knows at its first track speeds.
+    def continue_from(self, lanes: Lanes, checkpoint: FilterCheckpoint, regressors: Floats) -> None:
+        """Restore a checkpoint of a streaming filter in all lanes.
 
         Args:
-            lanes: from `begin`.
-            memory: of the filter.
-            regressors: (3, 8) the derivatives by the parameters that it goes by.
+            lanes: lanes from `begin`.
+            checkpoint: checkpoint of the filter, at its first track speeds or later.
+            regressors: (3, 8) its smoothed derivatives by the parameters.
 
         Raises:
-            BatchError: more fixes were refused than there is room for.
+            BatchError: there is no room for so many rejected fixes.
         """
-        refused, rows, workspace = memory.rejected_fixes, self.rows, lanes.workspace
-        if len(refused) + 2 > lanes.refused.shape[1]:
-            raise BatchError(f"{len(refused)} fixes before the first track speeds were refused")
+        rejected, rows, workspace = checkpoint.rejected_fixes, self.rows, lanes.workspace
+        if len(rejected) + 2 > lanes.rejected.shape[1]:
+            raise BatchError(f"{len(rejected)} fixes before the first track speeds were rejected")
         states = (*self.shape.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
         for n, i in enumerate(states):
-            workspace[rows[f"x{i}"]] = memory.state[i]
+            workspace[rows[f"x{i}"]] = checkpoint.state[i]
             for j in states[n:]:
-                workspace[rows[covariance_name(i, j)]] = memory.covariance[i, j]
+                workspace[rows[covariance_name(i, j)]] = checkpoint.covariance[i, j]
         for axis in range(3):
             for i in self.layout.parameters:
                 workspace[rows[f"r{axis}_{i}"]] = regressors[axis, i - s.PARAMETERS.start]
-        for k, value in enumerate(memory.model):
+        for k, value in enumerate(checkpoint.model):
             workspace[rows[f"memory{k}"]] = value
-        workspace[rows["stood"]] = memory.stands
+        workspace[rows["stood"]] = checkpoint.stands
         for gate in GATES:
-            workspace[rows[f"{gate}_row"]] = memory.rejected_in_a_row[gate]
-        lanes.refused[:, : len(refused)] = np.array(refused).reshape(-1, 5)
-        lanes.refused_count[:] = len(refused)
+            workspace[rows[f"{gate}_in_a_row"]] = checkpoint.rejected_in_a_row[gate]
+        lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)
+        lanes.rejected_count[:] = len(rejected)
 
     def work_through(
         self,
@@ -212,26 +213,26 @@ class BatchFilter:
         table: Floats,
         estimates: Floats,
         *,
-        all_told: bool = False,
+        all_outputs: bool = False,
     ) -> None:
-        """Work through some steps; the lanes go on in place.
+        """Run all lanes through some steps, in place.
 
         Args:
-            lanes: from `begin`.
-            inputs: (n, rows, width) what each step is told, see `estimator.engine.layout`.
-            steps: (n,) the steps, of a run that it is prepared for.
-            table: (n, k) of `prepare`.
+            lanes: lanes from `begin`.
+            inputs: (n, rows, width) inputs of each step, see `estimator.engine.layout`.
+            steps: n steps of a run that `prepare` or `compile_for` was called with.
+            table: (n, k) constants of each step, from `prepare`.
             estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks; of
-                the first lanes, where it is less wide.
-            all_told: whether the estimates have more rows, those of `Layout.told`.
+                the first lanes, if it is less wide.
+            all_outputs: the estimates have more rows, those of `Layout.more_outputs`.
 
         Raises:
-            ValueError: an array has the wrong size, or does not begin where a register's worth of memory
-                does.
+            ValueError: an array has the wrong size, or is not aligned with the machine's registers.
         """
         workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
         if workspace.shape[1] != self.width or any(a.ctypes.data % LINE for a in per_lane):
             raise ValueError(WRONG_SIZE)
+        since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
         self._work(
             workspace,
             inputs,
@@ -239,12 +240,12 @@ class BatchFilter:
             table,
             steps.kinds,
             steps.extras,
-            steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0),
+            since_first,
             estimates,
-            lanes.refused,
-            lanes.refused_count,
+            lanes.rejected,
+            lanes.rejected_count,
             self._model_constants,
-            _places(self.layout, all_told),
+            _places(self.layout, all_outputs),
         )
 
     def state(
@@ -253,9 +254,9 @@ class BatchFilter:
         """State (SIZE,) and covariance (SIZE, SIZE) of one filter.
 
         Args:
-            lanes: from `begin`.
-            lane: which filter.
-            with_fast_slip: the last step has output its estimate, and with it the fast slip.
+            lanes: lanes from `begin`.
+            lane: index of the filter.
+            with_fast_slip: include the fast slip, which the last step has stored if it was a tick.
         """
         x, P = self._state.copy(), np.zeros((s.SIZE, s.SIZE))
         fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop) if with_fast_slip else ()
@@ -276,7 +277,7 @@ class BatchFilter:
         return np.asarray(lanes.workspace[np.array(rows, dtype=int), lane])
 
     def regressors(self, lanes: Lanes, lane: int, before: Floats) -> Floats:
-        """Smoothed derivatives (3, 8) of a filter; those of other parameters as before."""
+        """Regressors (3, 8) of a filter; those of certain parameters are as before."""
         found = before.copy()
         for axis in range(3):
             for i in self.layout.parameters:
@@ -285,21 +286,21 @@ class BatchFilter:
         return found
 
     def counts(self, lanes: Lanes) -> dict[str, Floats]:
-        """Name from `estimator.engine.layout.COUNTS` -> (width,) what was counted."""
+        """Counts (width,) by their names in `estimator.engine.layout.COUNTS`."""
         return {name: lanes.workspace[self.rows[name]].copy() for name in COUNTS}
 
     def prepare(self, steps: Steps) -> Floats:
-        """Get ready for a run: compile what its steps need, unless that is there already.
+        """Compile the kernels of a run, and compute the constants of its steps.
 
         Args:
-            steps: all of the run.
+            steps: all steps of the run.
 
         Returns:
-            (n, k) what belongs to each step, for `work_through`.
+            (n, k) constants of each step, for `work_through`.
 
         Raises:
             BatchError: there are fixes between IMU samples, and inertia is that with the slip; or the IMU
-                is silent for longer than `Settings.hold`.
+                has a gap longer than `Settings.hold`.
         """
         longest = float(steps.intervals.max(initial=0.0))
         if longest > self.settings.hold:
@@ -313,30 +314,30 @@ class BatchFilter:
         return self._prepared[1]
 
     def compile_for(self, steps: Steps | LogSteps) -> None:
-        """Compile what the steps of a run need, unless that is there already.
+        """Compile the kernels of the steps of a run, or load them.
 
         Args:
-            steps: all of the run.
+            steps: all steps of the run.
 
         Raises:
             BatchError: there are fixes between IMU samples, and inertia is that with the slip.
         """
         ahead, fixes = steps.kinds == AHEAD, (steps.extras & POSITION) > 0
-        moves, at_steps, on_the_way = (
+        moves, at_steps, between = (
             bool(one.any()) for one in (steps.kinds == MOVE, fixes & ~ahead, ahead)
         )
         needs = Needs(
             accelerometer=self.settings.use_accelerometer,
             heading=bool((steps.extras & HEADING).any()),
             fixes=at_steps,
-            ahead=on_the_way,
+            ahead=between,
             moves=moves,
         )
         if isinstance(steps, LogSteps):
-            # The next log may have its stamps elsewhere; what it needs is there then.
+            # Kernels for moves and fixes anywhere, so that the next log needs no other machine code.
             needs = needs._replace(moves=True, ahead=False, fixes=False)
-            needs = needs._replace(told=True, fixes_told=at_steps or on_the_way)
-        if self.shape.model.slip_in_inertia and on_the_way:
+            needs = needs._replace(move_ticks=True, fix_ticks=at_steps or between)
+        if self.shape.model.slip_in_inertia and between:
             raise BatchError(
                 "with inertia = 'imu', filters side by side take fixes at the stamps of IMU samples only"
             )
@@ -344,29 +345,29 @@ class BatchFilter:
 
     @property
     def time_constant(self) -> float:
-        """Of the slip [s]."""
+        """Time constant of the slip [s]."""
         return self._disturbances.slip.time_constant
 
     @property
     def start(self) -> Floats:
-        """(SIZE,) the state before anything is known; what is not uncertain stays so."""
+        """Prior state (SIZE,); states that are not uncertain stay at it."""
         return self._state.copy()
 
     def _step_constants(self, steps: Steps) -> Floats:
-        """What belongs to each step, the interval of the IMU last."""
+        """Constants (n, k) of each step, the interval of the IMU last."""
         tau = self._disturbances.slip.time_constant
         table = np.zeros((len(steps.starts), len(STEP_CONSTANTS) + 1))
         elapsed = steps.ends - steps.starts
         for each in np.unique(elapsed).tolist():
             dt = each * NANOSECOND
             decay, mean = fading(dt, tau)
-            share = smoothing_share(dt, REGRESSOR_SMOOTHING)
-            row = (dt, share, decay, mean, *gauss_markov_noise(dt, tau))
+            smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
+            row = (dt, smoothing, decay, mean, *gauss_markov_noise(dt, tau))
             table[elapsed == each, :-1] = row
         moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
         if len(moving) and steps.starts[0] == 0:
-            # There is nothing to smooth yet.
-            table[moving[0], STEP_CONSTANTS.index("share")] = 1.0
+            # The first regressors are not smoothed.
+            table[moving[0], STEP_CONSTANTS.index("smoothing")] = 1.0
         table[:, -1] = steps.intervals
         return table
 
@@ -393,7 +394,7 @@ def shared_constants(
     values: Floats = aligned(len(names), PRECISIONS[shape.bits])
     slip, sensors = disturbances.slip, SensorModels(robot).constants
     walks = disturbances.bias_walk + disturbances.parameter_walk
-    known = {
+    named = {
         **model.vehicle._asdict(),
         "eta": model.eta if isinstance(model, FrictionMotion) else 0.0,
         **{name: getattr(slip, name) for name in SlipConstants._fields},
@@ -409,14 +410,14 @@ def shared_constants(
         **{f"walk{i}": value for i, value in enumerate(walks)},
     }
     for row, bound in enumerate(model.bounds):
-        known |= {f"bound{row}_{k}": value for k, value in enumerate(bound)}
-    for name, value in known.items():
+        named |= {f"bound{row}_{k}": value for k, value in enumerate(bound)}
+    for name, value in named.items():
         values[names[name]] = value
     return values
 
 
 def aligned(count: int, number: Any = np.float64) -> Any:
-    """Zeros (count,) of a type that begin where a register's worth of memory does."""
+    """Zeros (count,) of a type, aligned with the machine's registers."""
     size = np.dtype(number).itemsize
     room = np.zeros(count + LINE // size, dtype=number)
     skip = (-room.ctypes.data % LINE) // size
@@ -424,10 +425,10 @@ def aligned(count: int, number: Any = np.float64) -> Any:
 
 
 @cache
-def _places(layout: Layout, all_told: bool) -> Places:
-    rows, more = layout.rows, layout.told if all_told else ()
+def _places(layout: Layout, all_outputs: bool) -> Places:
+    rows, more = layout.rows, layout.more_outputs if all_outputs else ()
     pose = [rows[f"x{i}"] for i in range(3)]
-    spread = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
+    covariance = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
     fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
     states = (*layout.states, *fast)
 
@@ -436,12 +437,12 @@ def _places(layout: Layout, all_told: bool) -> Places:
 
     with_pose = [[rows[covariance_name(i, j)] for j in states] for i in range(3)]
     return Places(
-        np.array([*pose, *spread, *(rows[name] for name in (*TWIST, *more))]),
+        np.array([*pose, *covariance, *(rows[name] for name in (*TWIST, *more))]),
         np.array(with_pose),
-        rows["position_row"],
+        rows["position_in_a_row"],
         rows["position_used"],
-        rows["believed_x"],
-        rows["believed_y"],
+        rows["predicted_x"],
+        rows["predicted_y"],
         layout.constants["interval"],
         np.array([rows[f"memory{k}"] for k in range(layout.model.memory)], dtype=np.int64),
         np.array([place(i) for i in range(s.PARAMETERS.start, s.PARAMETERS.stop)]),
@@ -453,16 +454,16 @@ def _places(layout: Layout, all_told: bool) -> Places:
 
 
 class Needs(NamedTuple):
-    """What the steps of a run need besides the usual.
+    """Kernels that the steps of a run need.
 
     Attributes:
-        accelerometer: whether specific forces are used.
-        heading: whether fixes have headings.
-        fixes: whether there are fixes at the end of steps.
-        ahead: whether there are fixes between IMU samples.
-        moves: whether steps end without an IMU sample.
-        told: whether estimates are wanted there.
-        fixes_told: whether estimates are wanted after fixes, wherever they are.
+        accelerometer: specific forces are used.
+        heading: fixes have headings.
+        fixes: there are fixes at the end of steps.
+        ahead: there are fixes between IMU samples.
+        moves: there are steps that end without an IMU sample.
+        move_ticks: there may be ticks at the end of such steps.
+        fix_ticks: there may be ticks after fixes, at the end of steps and between IMU samples.
     """
 
     accelerometer: bool
@@ -470,13 +471,13 @@ class Needs(NamedTuple):
     fixes: bool
     ahead: bool
     moves: bool
-    told: bool = False
-    fixes_told: bool = False
+    move_ticks: bool = False
+    fix_ticks: bool = False
 
 
 @cache
 def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
-    """The compiled function that works through steps; what is not needed does nothing in it."""
+    """Compile the loop over steps; kernels that are not needed compute nothing."""
     force = needs.accelerometer
     move = StepKind(imu=False, accelerometer=False)
     steps = {
@@ -484,13 +485,13 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         "full": StepKind(stands=True, accelerometer=force).reporting(),
         "update": StepKind(moves=False, stands=True, accelerometer=force).reporting(),
         "move": move if needs.moves else None,
-        "move_told": move.reporting() if needs.told else None,
+        "move_tick": move.reporting() if needs.move_ticks else None,
     }
     fixes = {
         "": FixKind() if needs.fixes else None,
-        "_told": FixKind(tells=True) if needs.fixes or needs.fixes_told else None,
+        "_tick": FixKind(twist=True) if needs.fixes or needs.fix_ticks else None,
         "_ahead": FixKind(ahead=True) if needs.ahead else None,
-        "_ahead_told": FixKind(tells=True, ahead=True) if needs.fixes_told else None,
+        "_ahead_tick": FixKind(twist=True, ahead=True) if needs.fix_ticks else None,
     }
     makers: dict[str, Callable[[], Kernel]] = {}
     for name, step in steps.items():
@@ -503,9 +504,9 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
     compiled = {
         name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
     }
-    made = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    advance = jit(advance_memory if shape.model.memory else keep_memory)
-    return lane_worker(LaneKernels(**compiled), advance, made)
+    shape_digest = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
+    advance = jit(advance_memory if shape.model.memory else advance_nothing)
+    return lane_worker(LaneKernels(**compiled), advance, shape_digest)
 
 
 def _step_or_nothing(name: str, shape: FilterShape, kind: StepKind | None) -> Kernel:

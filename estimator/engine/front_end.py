@@ -1,6 +1,6 @@
-"""Inputs of the steps of several lanes from their track speeds and IMUs, ahead of the filters.
+"""Inputs of steps, from the track speeds and IMU samples of several lanes.
 
-They depend on the measurements alone, so all variants share them. Each input is computed by the functions
+Inputs depend on the measurements alone, so all variants use the same. Each is computed by the functions
 of `estimator.sensors` that the streaming filter calls; here is the loop over steps and lanes.
 """
 
@@ -15,7 +15,7 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.records import record_array, record_of
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.engine.fixes import AS_USUAL
+from icreckon.estimator.engine.fixes import GATED
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
 from icreckon.estimator.engine.schedule import (
     MOVE_AND_UPDATE,
@@ -107,7 +107,7 @@ class FrontEnd:
             or last[1] >= counts[1]
             or (len(fixes) and fixes.max() >= measured.fixes.shape[1])
         ):
-            raise BatchError("the steps of a run and what was measured have other stamps")
+            raise BatchError("the steps of a run and its measurements have other stamps")
         if not np.isfinite(measured.tracks[:, 0]).all():
             raise BatchError("a run lacks its first track speeds")
         # Steps count their stamps from the first track speeds.
@@ -125,15 +125,15 @@ class FrontEnd:
             np.zeros((lanes, room)),
             np.zeros(lanes, np.int64),
         )
-        self._taken = 0
+        self._added = 0
 
     @property
     def stuck_tracks(self) -> NDArray[np.int64]:
         """(lanes,) number of times so far that a track was found stuck."""
         return self._lanes.stuck.copy()
 
-    def go_on_from(self, held: TrackRecord, standstill: StandstillMemory) -> None:
-        """Start with the records of a filter that has processed the first track speeds.
+    def continue_from(self, held: TrackRecord, standstill: StandstillMemory) -> None:
+        """Continue from the records of a filter that has processed the first track speeds.
 
         Args:
             held: record of the track speeds; stamps are since the first.
@@ -146,14 +146,15 @@ class FrontEnd:
         still = StandstillRecord(standstill.stopped_since, 0, readings)
         records = record_array(held, 1), record_array(still, 1)
         self._lanes = LaneRecords(*records, stamps, rates, lanes.stuck[:1])
-        self._taken = 1
+        self._added = 1
 
     def records(self, lane: int) -> tuple[TrackRecord, StandstillMemory]:
         """Record of the track speeds and checkpoint of the standstill detection of a lane."""
         lanes = self._lanes
         still = record_of(StandstillRecord, lanes.still[lane])
-        kept = lane, slice(still.first, still.end)
-        stamps, rates = lanes.quiet_stamps[kept].tolist(), lanes.quiet_rates[kept].tolist()
+        readings = lane, slice(still.first, still.end)
+        stamps = lanes.quiet_stamps[readings].tolist()
+        rates = lanes.quiet_rates[readings].tolist()
         standstill = StandstillMemory(still.stopped_since, tuple(stamps), tuple(rates))
         return record_of(TrackRecord, lanes.held[lane]), standstill
 
@@ -166,9 +167,9 @@ class FrontEnd:
             inputs: (end - begin, rows, lanes) written to; lanes beyond those of the runs repeat the last.
         """
         steps = self._steps.part(begin, end)
-        fill_entry(inputs, self._lanes, self._measured, steps, self._taken, self._settings)
+        fill_entry(inputs, self._lanes, self._measured, steps, self._added, self._settings)
         if end > begin:
-            self._taken = int(steps.tracks[-1])
+            self._added = int(steps.tracks[-1])
 
 
 def fill_inputs(
@@ -176,7 +177,7 @@ def fill_inputs(
     lanes: LaneRecords,
     measured: Measured,
     steps: Steps,
-    taken: int,
+    added: int,
     settings: InputSettings,
 ) -> None:
     """Compute the inputs of some steps; see `FrontEnd.fill`.
@@ -186,16 +187,16 @@ def fill_inputs(
         lanes: records of the lanes, changed in place.
         measured: measurements; stamps of track speeds are since the first.
         steps: the steps.
-        taken: number of track-speed samples in the records already.
+        added: number of track-speed samples in the records already.
         settings: settings of the filters.
 
     Raises:
         ValueError: an array has the wrong size.
     """
-    check_sizes(inputs, lanes, measured, steps, taken)
+    check_sizes(inputs, lanes, measured, steps, added)
     count = len(lanes.held)
     for lane in range(count):
-        fill_lane(inputs, lane, lanes, measured, steps, taken, settings)
+        fill_lane(inputs, lane, lanes, measured, steps, added, settings)
     for lane in range(count, inputs.shape[2]):
         for k in range(len(steps.starts)):
             inputs[k, :, lane] = inputs[k, :, count - 1]
@@ -207,20 +208,20 @@ def fill_lane(
     lanes: LaneRecords,
     measured: Measured,
     steps: Steps,
-    taken: int,
+    added: int,
     settings: InputSettings,
 ) -> None:
     """Compute the inputs of one lane; see `fill_inputs`."""
     held, still = lanes.held[lane], lanes.still[lane]
     stamps, rates = lanes.quiet_stamps[lane], lanes.quiet_rates[lane]
     for k in range(len(steps.starts)):
-        while taken < steps.tracks[k]:
-            left, right = measured.tracks[lane, taken, 0], measured.tracks[lane, taken, 1]
+        while added < steps.tracks[k]:
+            left, right = measured.tracks[lane, added, 0], measured.tracks[lane, added, 1]
             if left == left:
-                stamp = measured.track_stamps[taken]
+                stamp = measured.track_stamps[added]
                 lanes.stuck[lane] += take_tracks(held, stamp, left, right, settings)
                 stopped_after(still, stamp, left, right, settings.track_speed)
-            taken += 1
+            added += 1
         start, end = steps.starts[k], steps.ends[k]
         found = step_inputs(held, start, end, settings)
         for row in range(TRACK_ROWS):
@@ -228,9 +229,9 @@ def fill_lane(
         if steps.extras[k] & SILENT:
             inputs[k, ROW_SLOW, lane] = 0.0
         left, right = speeds_at(held, end, settings.hold_ns)
-        known = steps.known[k]
-        if known > steps.tracks[k]:
-            left, right = measured.tracks[lane, known - 1, 0], measured.tracks[lane, known - 1, 1]
+        newest = steps.output_tracks[k] - 1
+        if newest >= steps.tracks[k]:
+            left, right = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
             rate = measured.rates[lane, steps.samples[k]]
@@ -241,26 +242,26 @@ def fill_lane(
         if steps.extras[k] & POSITION:
             for part in range(FIX_VALUES):
                 inputs[k, ROW_FIX + part, lane] = measured.fixes[lane, steps.fixes[k], part]
-            inputs[k, ROW_FIX + FIX_VALUES, lane] = AS_USUAL
+            inputs[k, ROW_FIX + FIX_VALUES, lane] = GATED
 
 
 def check_sizes(
-    inputs: Floats, lanes: LaneRecords, measured: Measured, steps: Steps, taken: int
+    inputs: Floats, lanes: LaneRecords, measured: Measured, steps: Steps, added: int
 ) -> None:
     """Compare sizes; see `fill_inputs`."""
     count, n, tracks = len(lanes.held), len(steps.starts), len(measured.track_stamps)
     sizes_fit = len(inputs) >= n and inputs.shape[1] == ROWS and inputs.shape[2] >= count > 0
     sizes_fit &= len(lanes.still) == len(lanes.stuck) == len(lanes.quiet_stamps) == count
     sizes_fit &= lanes.quiet_stamps.shape == lanes.quiet_rates.shape
-    sizes_fit &= measured.tracks.shape == (count, tracks, 2) and 0 <= taken <= tracks
+    sizes_fit &= measured.tracks.shape == (count, tracks, 2) and 0 <= added <= tracks
     sizes_fit &= len(measured.rates) == count and measured.rates.shape == measured.forces.shape
     sizes_fit &= measured.fixes.shape[0] == count and measured.fixes.shape[2] == FIX_VALUES
     sizes_fit &= n == len(steps.ends) == len(steps.kinds) == len(steps.extras) == len(steps.tracks)
-    if not (sizes_fit and n == len(steps.samples) == len(steps.fixes) == len(steps.known)):
+    if not (sizes_fit and n == len(steps.samples) == len(steps.fixes) == len(steps.output_tracks)):
         raise ValueError(WRONG_SIZE)
     for k in range(n):
         # Counts are ends of ranges, samples and fixes are indices.
-        inside = 0 <= steps.tracks[k] <= steps.known[k] <= tracks
+        inside = 0 <= steps.tracks[k] <= steps.output_tracks[k] <= tracks
         inside &= 0 <= steps.samples[k] < max(1, measured.rates.shape[1])
         if steps.extras[k] & POSITION:
             inside &= 0 <= steps.fixes[k] < measured.fixes.shape[1]

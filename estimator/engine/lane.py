@@ -1,4 +1,4 @@
-"""A filter in traced numbers: its state, how measurements change it, and what it writes down."""
+"""One filter in traced numbers: state, covariance, updates, and values to store."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
-from icreckon.estimator.filter.ekf import IMU_KEPT
-from icreckon.estimator.filter.gate import LARGEST_REOPENING
+from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
 from icreckon.estimator.motion.motion_model import VehicleConstants
+from icreckon.estimator.sensors.measurement_models import IMU_FIXED
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel, Store
 from icreckon.estimator.tracing.trace import Traced, minimum, select
 
 FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
-# What is short of a bound by less is inside: rounding.
+# A value that violates a bound by less is inside: that is rounding. By bits of a number.
 OUTSIDE = {64: ROUNDING, 32: 1e-6}
 # A factor and a vector.
 Part = tuple[Any, Vector]
 
 
 class FilterShape(NamedTuple):
-    """What the code of a filter depends on; all else are numbers that it reads.
+    """Shape of a filter: all properties that its compiled code depends on.
 
     Attributes:
-        states: indices of the uncertain ones, without the fast slip, ascending.
+        states: indices of the uncertain states, without the fast slip, ascending.
         absent: indices of parameters that are zero and stay so.
         model: the motion model.
         considered: consider states, which no measurement moves.
-        bits: of each number, 64 or 32.
+        bits: number of bits of each number, 64 or 32.
     """
 
     states: tuple[int, ...]
@@ -51,19 +51,19 @@ class FilterShape(NamedTuple):
 
 
 class Lane:
-    """One filter of many: its state and covariance, and where it reads and writes.
+    """One filter of many: state and covariance, and the rows that it reads and writes.
 
     Args:
-        shape: of the filter.
-        with_fast_slip: whether the fast slip of the step that has just ended still counts.
-        judged: whether innovations and their covariances are stored, too.
+        shape: shape of the filter.
+        with_fast_slip: the fast slip of the step that has just ended is still a state.
+        innovations: store innovations and their covariances, too.
     """
 
     def __init__(
-        self, shape: FilterShape, *, with_fast_slip: bool = False, judged: bool = False
+        self, shape: FilterShape, *, with_fast_slip: bool = False, innovations: bool = False
     ) -> None:
         trace.start(shape.bits)
-        self.shape, self._judged = shape, judged
+        self.shape, self._innovations = shape, innovations
         self.layout = shape.layout
         self.rows, self._places = self.layout.rows, self.layout.constants
         self._states = states = (*shape.states, *FAST) if with_fast_slip else shape.states
@@ -71,7 +71,7 @@ class Lane:
         vehicle = VehicleConstants(*(cast(Any, self.constant(name)) for name in names))
         memory = [self.row(f"memory{k}") for k in range(shape.model.memory)]
         self.model_inputs = ModelInputs(shape.model, vehicle, memory)
-        self.fixed_for_imu = (*IMU_KEPT, *shape.considered)
+        self.fixed_for_imu = (*IMU_FIXED, *shape.considered)
         self.x = np.array([self._start(i) for i in range(s.SIZE)], dtype=object)
         pairs = [(i, j) for n, i in enumerate(states) for j in states[n:]]
         self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
@@ -86,15 +86,15 @@ class Lane:
         return trace.lift(0.0)
 
     def row(self, name: str) -> Traced:
-        """A number of the lane."""
+        """Number in a row of the workspace."""
         return trace.lane_input("lanes", self.rows[name])
 
-    def told(self, name: str) -> Traced:
-        """A number that the lane is told."""
+    def input(self, name: str) -> Traced:
+        """Input of the step, see `estimator.engine.layout.INPUTS`."""
         return trace.lane_input("inputs", INPUTS[name])
 
     def constant(self, name: str) -> Traced:
-        """A number that all lanes share."""
+        """Constant that all lanes share."""
         return trace.uniform_input("constants", self._places[name])
 
     @property
@@ -125,8 +125,8 @@ class Lane:
             for i in (*self.shape.states, *FAST):
                 self.stores[f"{axis}_by_{i}"] = row.get(i, 0.0)
 
-    def with_kept_derivatives(self, now: TracedTwist) -> TracedTwist:
-        """Replace derivatives by the parameters with the smoothed ones of the newest step."""
+    def with_smoothed_derivatives(self, now: TracedTwist) -> TracedTwist:
+        """Replace derivatives by the parameters with the regressors of the newest step."""
         for axis, row in enumerate(now.rows):
             row.update({i: self.row(f"r{axis}_{i}") for i in self.layout.parameters if i in row})
         return now
@@ -134,12 +134,12 @@ class Lane:
     def kernel(
         self, name: str, flags: Sequence[Traced] = (), *, with_fast_slip: bool = False
     ) -> Kernel:
-        """A kernel that writes down what has changed, state and covariance with it.
+        """Make a kernel that stores state, covariance and all other changed values.
 
         Args:
-            name: of the kernel.
-            flags: what it returns, see `Kernel`.
-            with_fast_slip: whether the fast slip is to be written down, too.
+            name: name of the kernel.
+            flags: flags that it returns, see `Kernel`.
+            with_fast_slip: store the fast slip, too.
         """
         stores = dict(self.stores)
         states = (*self.shape.states, *FAST) if with_fast_slip else self.shape.states
@@ -158,89 +158,90 @@ class Lane:
 
     def update(
         self,
-        residual: Any,
-        row: Vector,
-        variance: Any,
+        z: Any,
+        H: Vector,
+        R: Any,
         *parts: Part,
-        kept: Iterable[int] = (),
+        fixed: Iterable[int] = (),
         only: Any = True,
     ) -> None:
-        """A scalar update, in the lanes where `only` holds; for `parts` see `gated`."""
-        cross = self.P.times(_rest(row, parts), *parts)
-        per_expected = 1.0 / (dot(cross, row) + variance)
-        self._apply(residual, cross, select(only, per_expected, 0.0), kept)
+        """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
+        cross = self.P.times(_rest(H, parts), *parts)
+        inverse_S = 1.0 / (dot(cross, H) + R)
+        self._apply(z, cross, select(only, inverse_S, 0.0), fixed)
 
-    def _apply(self, residual: Any, cross: Vector, per_expected: Any, kept: Iterable[int]) -> None:
-        for i, share in self.P.take(cross, per_expected, kept).items():
-            self.x[i] = self.x[i] + share * residual
+    def _apply(self, z: Any, cross: Vector, inverse_S: Any, fixed: Iterable[int]) -> None:
+        for i, gain in self.P.update(cross, inverse_S, fixed).items():
+            self.x[i] = self.x[i] + gain * z
 
     def gated(
         self,
         sensor: str,
-        residual: Any,
-        row: Vector,
-        variance: Any,
+        z: Any,
+        H: Vector,
+        R: Any,
         *parts: Part,
-        reopen: int,
-        kept: Iterable[int] = (),
+        inflated: int,
+        fixed: Iterable[int] = (),
         only: Any = True,
     ) -> None:
-        """A gated scalar update, see `Reckoning`; it is counted.
+        """Gate a scalar measurement, update and count, see `estimator.filter.update`.
 
         Args:
-            sensor: by what name.
-            residual: measured less predicted.
-            row: derivative of the prediction by the states.
-            variance: of the measurement.
-            parts: of the row, that it shares with others: factors and vectors, of states that have no
-                other part in it.
-            reopen: the state that is made uncertain when re-acquiring.
-            kept: states that are not to be moved.
-            only: in which lanes.
+            sensor: name of the sensor.
+            z: innovation.
+            H: derivative of the predicted measurement by the states.
+            R: variance of the measurement noise.
+            parts: parts of H that other measurements have, too: factors and vectors, of states with no
+                other part in H.
+            inflated: state whose variance is inflated in re-acquisition.
+            fixed: states that the update does not move.
+            only: lanes that have the measurement.
         """
-        cross = self.P.times(_rest(row, parts), *parts)
-        expected = dot(cross, row) + variance
-        per_expected = 1.0 / expected
-        square = residual * residual
-        nis = square * per_expected
-        if self._judged:
-            asked = trace.truth_as_number(trace.lift_truth(only))
-            self.stores[f"{sensor}_r"], self.stores[f"{sensor}_rr"] = residual, asked * expected
-        in_a_row = self.row(f"{sensor}_row")
+        cross = self.P.times(_rest(H, parts), *parts)
+        S = dot(cross, H) + R
+        inverse_S = 1.0 / S
+        square = z * z
+        nis = square * inverse_S
+        if self._innovations:
+            tested = trace.truth_as_number(trace.lift_truth(only))
+            self.stores[f"{sensor}_z"], self.stores[f"{sensor}_S"] = z, tested * S
+        in_a_row = self.row(f"{sensor}_in_a_row")
         admitted = nis <= self.constant("threshold")
         reacquired = trace.lift_truth(only) & ~admitted & (in_a_row >= self.constant("patience"))
-        more = minimum(square, LARGEST_REOPENING * expected)
-        along = row.get(reopen, 0.0)
+        more = minimum(square, LARGEST_INFLATION * S)
+        along = H.get(inflated, 0.0)
 
-        added, per_expected = trace.where_needed(
+        added, inverse_S = trace.where_needed(
             reacquired,
-            [0.0, per_expected],
-            lambda: [more, 1.0 / (expected + more * along * along)],
+            [0.0, inverse_S],
+            lambda: [more, 1.0 / (S + more * along * along)],
         )
-        if reopen not in self.shape.considered:
-            # The variance of a consider state stays; the measurement is less certain instead.
-            self.P.add(reopen, reopen, added)
-            cross[reopen] = cross[reopen] + added * along
+        if inflated not in self.shape.considered:
+            # A considered state cannot be moved: R is inflated instead.
+            self.P.add(inflated, inflated, added)
+            cross[inflated] = cross[inflated] + added * along
         used = admitted | reacquired
-        self._apply(residual, cross, select(trace.lift_truth(only) & used, per_expected, 0.0), kept)
+        self._apply(z, cross, select(trace.lift_truth(only) & used, inverse_S, 0.0), fixed)
         self.count(sensor, nis, admitted, used, only)
 
     def count(self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any) -> None:
-        """Count what a gate has said, where it was asked."""
-        asked = trace.lift_truth(only)
+        """Count verdicts of a gate, in the lanes that have the measurement."""
+        tested = trace.lift_truth(only)
         one = trace.truth_as_number
-        in_a_row = self.row(f"{sensor}_row")
-        self.stores[f"{sensor}_row"] = select(asked, select(used, 0.0, in_a_row + 1.0), in_a_row)
+        in_a_row = self.row(f"{sensor}_in_a_row")
+        rejections = select(used, 0.0, in_a_row + 1.0)
+        self.stores[f"{sensor}_in_a_row"] = select(tested, rejections, in_a_row)
         for name, more in (
-            ("used", one(asked & used)),
-            ("rejected", one(asked & ~used)),
-            ("judged", one(asked & admitted)),
-            ("nis", select(asked & admitted, nis, 0.0)),
+            ("used", one(tested & used)),
+            ("rejected", one(tested & ~used)),
+            ("admitted", one(tested & admitted)),
+            ("nis", select(tested & admitted, nis, 0.0)),
         ):
             self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
 
     def keep_inside_bounds(self) -> None:
-        """See `IcrEkf.keep_inside_bounds`; what it costs is paid only where a lane is outside."""
+        """Project onto the bounds as `IcrEkf.keep_inside_bounds`, if a lane is outside."""
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
         considered = self.shape.considered
         bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*considered}]
@@ -256,11 +257,11 @@ class Lane:
             for direction, rest, least in bounds:
                 free = {i: by for i, by in direction.items() if i not in considered}
                 cross = self.P.times(free)
-                spread = dot(cross, free)
+                variance = dot(cross, free)
                 short = least - rest - dot(now, direction)
-                moves = (short > least_short) & (spread > 0.0)
-                share = select(moves, short / spread, 0.0)
-                now |= {i: now[i] + cross[i] * share for i in moving}
+                moves = (short > least_short) & (variance > 0.0)
+                per_cross = select(moves, short / variance, 0.0)
+                now |= {i: now[i] + cross[i] * per_cross for i in moving}
                 moved = moved | moves
             return [now[i] for i in states], moved
 
@@ -269,31 +270,31 @@ class Lane:
             x[i] = value
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
-        """Each bound by the uncertain states, what the others come to, and what it must reach."""
+        """Bounds: rows by uncertain states, sums over all other states, lower limits."""
         for number, places in enumerate(self.shape.model.bounds):
             of = {s.PARAMETERS.start + k: self.constant(f"bound{number}_{k}") for k in places}
-            known = {i: self.x[i] for i in of if i not in self.shape.states}
-            mine = {i: share for i, share in of.items() if i in self.shape.states}
+            certain = {i: self.x[i] for i in of if i not in self.shape.states}
+            uncertain = {i: by for i, by in of.items() if i in self.shape.states}
             least = self.constant(f"bound{number}_8")
-            yield mine, dot(known, {i: of[i] for i in known}), least
+            yield uncertain, dot(certain, {i: of[i] for i in certain}), least
 
 
 def array_rows(layout: Layout) -> tuple[int, int, int]:
-    """Number of rows of each of `ARRAYS`; of the constants, which all lanes share, of numbers."""
+    """Number of rows of each of `ARRAYS`; number of constants, which all lanes share."""
     return len(layout.rows), len(INPUTS), len(layout.constants)
 
 
 def idle_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make a kernel that does nothing."""
+    """Make a kernel that computes nothing."""
     return Kernel(name, array_rows(shape.layout), ())
 
 
 def _rest(row: Vector, parts: Iterable[Part]) -> Vector:
-    """What of a row is in none of its parts."""
+    """Entries of a row that are in none of its parts."""
     shared = {i for _, part in parts for i in part}
     return {i: value for i, value in row.items() if i not in shared}
 
 
 def x_of(x: Any, row: Vector) -> Vector:
-    """The states that a row has."""
+    """Values of the states that a row has."""
     return {i: x[i] for i in row}

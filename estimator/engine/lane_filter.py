@@ -15,7 +15,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.engine.filters import aligned, shared_constants
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.one_lane import NOT_ASKED, OneLane, one_lane
+from icreckon.estimator.engine.one_lane import NOT_TESTED, OneLane, one_lane
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING, IcrEkf
 from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.process_noise import Disturbances
@@ -45,7 +45,7 @@ class Workspace:
 
 
 class LaneEkf(IcrEkf):
-    """`IcrEkf` with its motion model traced and compiled; the same to rounding.
+    """`IcrEkf` with its motion model compiled; equal to it except for rounding.
 
     Args:
         model: the motion model; one that has no traced form is evaluated in Python.
@@ -153,7 +153,7 @@ class LaneStep:
         rate: float,
         force: float | None,
     ) -> Verdicts | None:
-        """See `WholeStep`."""
+        """Make a step with an IMU sample at its end, see `WholeStep`."""
         ekf = self._ekf
         compiled = ekf.compiled
         if compiled is None or ekf.clones is not None or ekf.observer is not None:
@@ -167,11 +167,11 @@ class LaneStep:
             self._gyro.rejected_in_a_row,
             self._accelerometer.rejected_in_a_row,
         )
-        asked = of_accelerometer[0] != NOT_ASKED
-        return Verdicts(of_gyro, of_accelerometer if asked else None)
+        tested = of_accelerometer[0] != NOT_TESTED
+        return Verdicts(of_gyro, of_accelerometer if tested else None)
 
     def time_step(self, tracks: HeldTrackSpeeds, start: int, end: int, *, pushed: bool) -> bool:
-        """See `WholeStep`."""
+        """Make a step without an IMU sample, see `WholeStep`."""
         ekf = self._ekf
         if ekf.compiled is None or ekf.clones is not None or ekf.observer is not None:
             return False

@@ -1,4 +1,4 @@
-"""What stands where in the workspace of a group of lanes, by name."""
+"""Layout of the workspace of a group of lanes: places by name."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Inputs of a step: those of each lane, and those that all lanes share.
 STEP_INPUTS = (*StepInputs._fields, "quiet_mean", "rate", "force", "now_left", "now_right")
-FIX_INPUTS = ("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "how")
-STEP_CONSTANTS = ("dt", "share", "decay", "mean", "integral", "cross", "final")
+FIX_INPUTS = ("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "fix_mode")
+STEP_CONSTANTS = ("dt", "smoothing", "decay", "mean", "integral", "cross", "final")
 CONSTANTS = (
     "gauge",
     "mass",
@@ -38,26 +38,26 @@ CONSTANTS = (
     "bias_margin",
     "position_threshold",
 )
-# Of each gate: rejections in a row; and what is counted.
+# Counts of each gate, rejections in a row first.
 GATES = ("gyro", "accelerometer", "position", "heading")
 COUNTS = (
     *(
         f"{gate}_{count}"
         for gate in GATES
-        for count in ("row", "used", "rejected", "nis", "judged")
+        for count in ("in_a_row", "used", "rejected", "nis", "admitted")
     ),
     "standstill",
 )
-# Of the step before: track speeds and force of inertia at its end, and whether the robot stood; and where
-# the filter thought to be at the newest fix.
-BEFORE = ("V_l", "V_r", "u", "stood", "believed_x", "believed_y")
+# Values from the step before: track speeds and force of inertia at its end, 1 if the robot stood; and the
+# predicted position at the newest fix.
+BEFORE = ("V_l", "V_r", "u", "stood", "predicted_x", "predicted_y")
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
-# Of each gate what it judged last, where a step is told: residual, and the covariance that this should
-# have; 0 where the gate was not asked.
-JUDGED = (
-    *(f"{gate}_{part}" for gate in ("gyro", "accelerometer", "heading") for part in ("r", "rr")),
-    *(f"position_{part}" for part in ("x", "y", "xx", "xy", "yy")),
+# Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had
+# no measurement.
+INNOVATIONS = (
+    *(f"{gate}_{part}" for gate in ("gyro", "accelerometer", "heading") for part in ("z", "S")),
+    *(f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")),
 )
 
 # Motion at some track speeds: indices, force of inertia and its limited value, and the derivatives of the
@@ -69,7 +69,7 @@ MOTION = (
 
 
 class Names:
-    """Names in an order, each with its place."""
+    """Places of names in an order."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self.names = tuple(names)
@@ -87,7 +87,7 @@ INPUTS = Names((*STEP_INPUTS, *FIX_INPUTS))
 
 @dataclass(frozen=True)
 class Layout:
-    """The rows of the workspace for a filter with some of the states.
+    """Layout of the workspace of a filter with some of the states.
 
     Attributes:
         states: indices of the uncertain states, ascending, without the fast slip.
@@ -99,12 +99,12 @@ class Layout:
 
     @property
     def parameters(self) -> tuple[int, ...]:
-        """Those of the states that are parameters."""
+        """Indices of the uncertain parameters."""
         return tuple(i for i in self.states if s.PARAMETERS.start <= i < s.PARAMETERS.stop)
 
     @property
     def rows(self) -> Names:
-        """Names of the rows: states, covariances, regressors, counts, twist; what is told only last."""
+        """Names of the rows: states, covariances, regressors, counts, twist; outputs last."""
         states, fast = self.states, range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
         all_states = (*states, *fast)
         return Names(
@@ -118,7 +118,7 @@ class Layout:
                 *(f"memory{k}" for k in range(self.model.memory)),
                 *(f"x{i}" for i in fast),
                 *(covariance_name(i, j) for j in fast for i in all_states if i <= j),
-                *JUDGED,
+                *INNOVATIONS,
                 *MOTION,
                 *(f"{axis}_by_{i}" for axis in TWIST[:3] for i in all_states),
             )
@@ -126,7 +126,7 @@ class Layout:
 
     @property
     def constants(self) -> Names:
-        """Names of the numbers that all lanes share."""
+        """Names of the constants that all lanes share."""
         return Names(
             (
                 *STEP_CONSTANTS,
@@ -138,15 +138,15 @@ class Layout:
         )
 
     @property
-    def told(self) -> tuple[str, ...]:
-        """Names of the rows that tell the rest of an estimate: states, variances, what gates judged."""
+    def more_outputs(self) -> tuple[str, ...]:
+        """Names of more rows of an estimate: states, variances, innovations, memory."""
         fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
         states = [i for i in (*self.states, *fast) if i >= s.POSE.stop]
         values = (*(f"x{i}" for i in states), *(covariance_name(i, i) for i in states))
         turn = range(TURN.start, TURN.stop) if self.model.kind == "friction" else ()
-        return (*values, *JUDGED, *(f"memory{k}" for k in turn))
+        return (*values, *INNOVATIONS, *(f"memory{k}" for k in turn))
 
 
 def covariance_name(a: int, b: int) -> str:
-    """Of a pair of states."""
+    """Name of the covariance of a pair of states."""
     return f"P{min(a, b)}_{max(a, b)}"

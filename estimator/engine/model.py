@@ -24,10 +24,10 @@ from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
 from icreckon.estimator.sensors import sensor_models, standstill
 from icreckon.estimator.tracing import trace
 
-# Newton's error is squared in each round: after a change of this share none that matters is left.
+# Newton's method squares the error in each round: after a relative change of this size it has converged.
 LAST_CHANGE = {64: 1e-6, 32: 1e-4}
 SMALLEST_CHANGE = {64: index_model.TOLERANCE, 32: 1e-6}
-# Up to this angle [rad] so many terms of a series are right to the last digit.
+# Up to this angle [rad] a series of so many terms is exact to rounding.
 SERIES_TO, TERMS = 0.5, 8
 # From the paper's axes: forward is its second, left minus its first.
 PAPER_AXIS = (1, 0, 2)
@@ -61,7 +61,7 @@ def traced_model(model: MotionModel) -> TracedModel | None:
     match model:
         case InertiaMotion():
             kind, slip_in_inertia = model.form, model.slip_in_inertia
-            # H counts by its sign alone, and no derivative by it is known.
+            # H counts by its sign alone, so there is no derivative by it.
             used = range(1, 8)
         case FrictionMotion():
             kind, used = "friction", range(FRICTION_PARAMETERS)
@@ -183,8 +183,8 @@ def _linearise_indices(
 
 
 def is_zero(value: Any) -> bool:
-    """Return True if a number is known to be zero in all lanes."""
-    return trace.lift(value).known == 0.0
+    """Return True if a number is the constant zero."""
+    return trace.lift(value).constant == 0.0
 
 
 def _balance(problem: Any, guess: Any) -> Any:

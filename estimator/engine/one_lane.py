@@ -1,4 +1,4 @@
-"""The traced step of one filter, on state and covariance as `IcrEkf` has them.
+"""Traced step of one filter, on the state and covariance of `IcrEkf`.
 
 The kernels are those of many filters side by side, compiled for one lane. State and covariance are copied
 to the workspace of the kernel before each call, and back afterwards.
@@ -27,9 +27,10 @@ from icreckon.estimator.tracing.jit_kernel import entry
 
 SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
-NOT_ASKED = -1
-# Places of the step's own constants, of the inputs of a kernel, and of what `TWIST` begins with.
-DT, SHARE, DECAY, MEAN, INTEGRAL, CROSS, FINAL = range(7)
+# Verdict of a gate that had no measurement.
+NOT_TESTED = -1
+# Places of the constants of a step, and of inputs of a kernel.
+DT, SMOOTHING, DECAY, MEAN, INTEGRAL, CROSS, FINAL = range(7)
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
@@ -39,7 +40,7 @@ class OneLane(NamedTuple):
     Attributes:
         shape: shape of the filter.
         imu_step: step with an IMU sample at its end.
-        time_step: step without.
+        time_step: step without one.
         twist: body velocity with its derivatives.
     """
 
@@ -59,11 +60,11 @@ class LanePlaces(NamedTuple):
         P: (n, n) rows of the covariance.
         regressors: row of the first regressor.
         memory: row of the first number of the model's memory.
-        memory_size: how many there are.
+        memory_size: number of numbers of the memory.
         V_l: row of the left track's speed at the end of the step before.
         u: row of the force of inertia there.
         stood: row that is 1 if the robot was found standing.
-        gyro: rows of the gyro: rejections in a row, number used, innovation, its variance.
+        gyro: rows of the gyro: rejections in a row, number admitted, innovation, its variance.
         accelerometer: the same rows of the accelerometer.
         twist: row of the twist's first component.
         motion: row of the first value of `MOTION`.
@@ -96,7 +97,7 @@ class LanePlaces(NamedTuple):
 
 
 def one_lane(model: MotionModel, considered: tuple[int, ...]) -> OneLane | None:
-    """Compile the step of a motion model for one lane; None if the model has no traced form.
+    """Compile the step of a motion model for one lane; None if it has no traced form.
 
     Every parameter, bias and scale is a state, so that all variants of a model share the machine code.
 
@@ -113,7 +114,7 @@ def _one_lane(model: TracedModel, considered: tuple[int, ...]) -> OneLane:
     parameters = tuple(PARAMETERS + k for k in model.parameters)
     others = (i for i in range(FAST_SLIP) if not PARAMETERS <= i < s.PARAMETERS.stop)
     shape = FilterShape(tuple(sorted((*others, *parameters))), (), model, considered)
-    of_sample = StepKind(stands=True, may_lack_force=True, judged=True, fast_slip=True)
+    of_sample = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)
     of_time = StepKind(imu=False, accelerometer=False, fast_slip=True)
     kernels = {
         "imu_step": partial(step_kernel, "imu_step", shape, of_sample),
@@ -121,13 +122,13 @@ def _one_lane(model: TracedModel, considered: tuple[int, ...]) -> OneLane:
         "twist": partial(_twist_kernel, "twist", shape),
     }
     compiled = {name: kernel_on_demand(name, make, 1, shape.bits) for name, make in kernels.items()}
-    made = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
+    shape_digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
     places = _places(shape)
     return OneLane(
         shape,
-        imu_step(compiled["imu_step"], places, made),
-        time_step(compiled["time_step"], places, made),
-        twist_of(compiled["twist"], places, made),
+        imu_step(compiled["imu_step"], places, shape_digest),
+        time_step(compiled["time_step"], places, shape_digest),
+        twist_of(compiled["twist"], places, shape_digest),
     )
 
 
@@ -135,7 +136,7 @@ def _twist_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel that evaluates a body velocity with its derivatives."""
     lane = Lane(shape, with_fast_slip=True)
     now = lane.twist_model(
-        lane.constant("mean"), lane.told("left"), lane.told("right"), lane.row("u")
+        lane.constant("mean"), lane.input("left"), lane.input("right"), lane.row("u")
     )
     lane.store_motion(now)
     return lane.kernel(name, with_fast_slip=True)
@@ -147,10 +148,10 @@ def _places(shape: FilterShape) -> LanePlaces:
     states = (*shape.states, *FAST)
 
     def of_gate(sensor: str) -> tuple[int, int, int, int]:
-        row, used, innovation, variance = (
-            rows[f"{sensor}_{part}"] for part in ("row", "judged", "r", "rr")
+        in_a_row, admitted, z, S = (
+            rows[f"{sensor}_{part}"] for part in ("in_a_row", "admitted", "z", "S")
         )
-        return row, used, innovation, variance
+        return in_a_row, admitted, z, S
 
     memory = shape.model.memory
     return LanePlaces(
@@ -216,7 +217,7 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePla
         for i in places.parameters:
             lane[row, 0] = regressors[axis, i - PARAMETERS]
             row += 1
-    # The search for the force of inertia begins anew, whatever was before.
+    # The search for the force of inertia starts anew, without a guess from the step before.
     lane[places.V_l, 0] = np.nan
 
 
@@ -240,29 +241,29 @@ def fill_constants(constants: Floats, dt: float, smoothing: float, time_constant
     """Compute the constants of a step of `dt` seconds."""
     decay, mean = fading(dt, time_constant)
     integral, cross, final = gauss_markov_noise(dt, time_constant)
-    constants[DT], constants[SHARE] = dt, smoothing
+    constants[DT], constants[SMOOTHING] = dt, smoothing
     constants[DECAY], constants[MEAN] = decay, mean
     constants[INTEGRAL], constants[CROSS], constants[FINAL] = integral, cross, final
 
 
 def verdict_of(lane: Floats, rows: tuple[int, int, int, int]) -> Any:
     """Verdict of a gate on the newest sample, innovation, its variance and NIS."""
-    in_a_row, judged, innovation, variance = rows
+    in_a_row, admitted, innovation, variance = rows
     if lane[variance, 0] == 0.0:
-        return NOT_ASKED, 0.0, 0.0, 0.0
+        return NOT_TESTED, 0.0, 0.0, 0.0
     verdict = REACQUIRED
-    if lane[judged, 0] > 0.0:
+    if lane[admitted, 0] > 0.0:
         verdict = ADMITTED
     elif lane[in_a_row, 0] > 0.0:
         verdict = REJECTED
-    r, S = lane[innovation, 0], lane[variance, 0]
-    return verdict, r, S, r * r / S
+    z, S = lane[innovation, 0], lane[variance, 0]
+    return verdict, z, S, z * z / S
 
 
 def imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step with an IMU sample at its end."""
 
-    def take_imu_sample(
+    def step_with_imu(
         x: Floats,
         P: Floats,
         regressors: Floats,
@@ -277,7 +278,7 @@ def imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         gyro_rejected: int,
         accelerometer_rejected: int,
     ) -> Any:
-        """Draw the fast slip, take the gyro and the accelerometer, and propagate.
+        """Draw the fast slip, update by the gyro and the accelerometer, and propagate.
 
         Args:
             x: (SIZE,) the state, changed in place.
@@ -295,8 +296,8 @@ def imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             accelerometer_rejected: samples that the gate of the accelerometer rejected in a row.
 
         Returns:
-            Of the gyro: verdict, innovation, its variance, and its NIS; the same of the accelerometer,
-            with `NOT_ASKED` for a verdict if it gave no force or the robot stands.
+            Verdict, innovation, its variance and NIS of the gyro, and those of the accelerometer. The
+            verdict is `NOT_TESTED` if there is no specific force or the robot stands.
 
         Raises:
             ValueError: an array has the wrong size.
@@ -314,13 +315,13 @@ def imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         empty_lane(lane, x, P, regressors, places)
         return verdict_of(lane, places.gyro), verdict_of(lane, places.accelerometer)
 
-    return entry(take_imu_sample, shape_digest)
+    return entry(step_with_imu, shape_digest)
 
 
 def time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step without an IMU sample."""
 
-    def take_time_step(
+    def step_without_imu(
         x: Floats,
         P: Floats,
         regressors: Floats,
@@ -332,7 +333,7 @@ def time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         smoothing: float,
         time_constant: float,
     ) -> None:
-        """Draw the fast slip and propagate; arguments as in `take_imu_sample`."""
+        """Draw the fast slip and propagate; arguments as in `step_with_imu`."""
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         fill_state(lane, constants, x, memory, places)
@@ -342,7 +343,7 @@ def time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, places)
 
-    return entry(take_time_step, shape_digest)
+    return entry(step_without_imu, shape_digest)
 
 
 def twist_of(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:

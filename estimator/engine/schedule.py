@@ -1,8 +1,8 @@
-"""Schedule of the steps of filters that run side by side, from the stamps of their measurements alone.
+"""Schedule of the steps of filters side by side, from the stamps of measurements.
 
-`walk` decides as `estimator.filter.filter` does for one filter: to where the filter moves with each
-measurement, and which fixes wait for the IMU. With a log it also decides, as `estimator.streaming.run`
-does, which estimates become rows.
+`walk_stamps` makes the steps that `estimator.filter.filter` takes with each measurement, and finds the
+fixes that wait for the IMU. Of a log it also finds the estimates that `estimator.streaming.run` writes as
+rows.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from icreckon.estimator.tracing.jit_kernel import entry
 Bytes = NDArray[np.int8]
 Places = NDArray[np.int32]
 
-# Kinds of steps: propagation up to an IMU sample, an IMU sample alone, propagation alone, and no step
-# but a fix on the way to the next.
+# Kinds of steps: propagation up to an IMU sample, an IMU sample alone, propagation alone, and a fix
+# alone, ahead of the next step.
 MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
-# Bits of a step: a fix at its end or on the way to it, with a heading; an estimate to output; and an IMU
-# that has stopped before its start.
+# Bits of a step: a fix at its end or ahead of it; the fix has a heading; a tick; and an IMU that was
+# silent before its start.
 POSITION, HEADING, TICK, SILENT = 1, 2, 4, 8
 # After the last measurement.
 END = 2**62
-# Reasons for which a log cannot be walked through, by number.
+# Reasons why a walk through the stamps of a log ends early, by number.
 REASONS = (
     "",
     "there is an IMU sample at a stamp that the filter has reached without it",
@@ -53,15 +53,15 @@ class Steps(NamedTuple):
 
     Attributes:
         starts: (n,) stamps of their starts, since the first stamp [ns].
-        ends: (n,) stamps of their ends [ns]; for a fix on the way, its own stamp.
+        ends: (n,) stamps of their ends [ns]; for a fix ahead, the stamp of the fix.
         kinds: (n,) kinds.
         intervals: (n,) time between the newest two IMU samples [s].
-        extras: (n,) bits of what is at the end besides.
+        extras: (n,) bits, see `POSITION` and the others.
         tracks: (n,) number of track-speed samples before the end of the step.
         samples: (n,) index of the IMU sample at the end.
         fixes: (n,) index of the fix at the end.
         ticks: (n,) index of the tick at the end.
-        known: (n,) number of track-speed samples before the output of the estimate.
+        output_tracks: (n,) number of track-speed samples before the output of the estimate.
     """
 
     starts: Stamps
@@ -73,7 +73,7 @@ class Steps(NamedTuple):
     samples: Stamps
     fixes: Stamps
     ticks: Stamps
-    known: Stamps
+    output_tracks: Stamps
 
     def part(self, begin: int, end: int) -> Steps:
         """Steps from `begin` to before `end`."""
@@ -81,10 +81,10 @@ class Steps(NamedTuple):
 
 
 class LogSteps(NamedTuple):
-    """Steps of a log and its rows, in columns; stamps are since the first track speeds [ns].
+    """Steps and rows of a log, in columns; stamps since the first track speeds [ns].
 
     Attributes:
-        starts: (n,) see `Steps`, as are those up to `known`.
+        starts: (n,) see `Steps`, as are those up to `output_tracks`.
         ends: (n,).
         kinds: (n,).
         intervals: (n,).
@@ -93,7 +93,7 @@ class LogSteps(NamedTuple):
         samples: (n,).
         fixes: (n,).
         rows: (n,) index of the row that is the estimate at the end of the step; -1 for none.
-        known: (n,).
+        output_tracks: (n,).
         row_stamps: (k,) stamps of the estimates that are rows [ns].
         row_samples: (k,) 1 if there was an IMU sample since the row before.
         row_fixes: (k,) index of the newest fix since the row before; -1 for none.
@@ -110,7 +110,7 @@ class LogSteps(NamedTuple):
     samples: Places
     fixes: Places
     rows: Places
-    known: Places
+    output_tracks: Places
     row_stamps: Stamps
     row_samples: Bytes
     row_fixes: Places
@@ -123,7 +123,7 @@ class LogSteps(NamedTuple):
         return bool(len(self.row_stamps)) and not (self.rows == 0).any()
 
     def part(self, begin: int, end: int) -> Steps:
-        """Steps from `begin` to before `end`; each estimate to output is a tick of its own."""
+        """Steps from `begin` to before `end`, with the ticks numbered from 0."""
 
         def long(column: NDArray[Any]) -> Stamps:
             return np.asarray(column[begin:end].astype(np.int64))
@@ -139,12 +139,12 @@ class LogSteps(NamedTuple):
             long(self.samples),
             long(self.fixes),
             np.maximum(np.cumsum((extras & TICK) > 0) - 1, 0),
-            long(self.known),
+            long(self.output_tracks),
         )
 
 
 def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> str | None:
-    """Reason why filters with sensors at these stamps [ns] cannot run side by side, or None."""
+    """Reason against filters side by side over these stamps [ns], or None."""
     if len(tracks) == 0 or len(imu) == 0:
         return "there are no track speeds, or no IMU samples"
     if tracks[0] != imu[0]:
@@ -160,7 +160,7 @@ def why_not_steps(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps) -> 
 
 
 def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, heading: bool) -> Steps:
-    """Steps of runs that share the stamps of their sensors, up to the last IMU sample.
+    """Make the steps of runs with the same stamps, up to the last IMU sample.
 
     Gaps in the track speeds of a run are not bridged, since other runs have none there: the IMU must be
     fast enough that filters never wait for it.
@@ -177,23 +177,23 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
     """
     reason = why_not_steps(tracks, imu, fixes, ticks)
     if reason is not None:
-        raise BatchError(f"these runs cannot be worked through side by side: {reason}")
+        raise BatchError(f"filters cannot run side by side over these runs: {reason}")
     headings = np.full(len(fixes), heading, dtype=np.int8)
-    begin, known = int(imu[0]), tracks[tracks <= imu[-1]]
-    found = _walked(SensorStamps(known, imu, fixes, headings), WalkLimits(LONGEST_TIME, END))
+    begin, until_end = int(imu[0]), tracks[tracks <= imu[-1]]
+    found = _walked(SensorStamps(until_end, imu, fixes, headings), WalkLimits(LONGEST_TIME, END))
     steps, absolute = found.part(0, len(found.kinds)), found.ends + begin
     is_tick = np.isin(absolute, ticks) & (steps.kinds <= UPDATE)
     return steps._replace(
         extras=(steps.extras & ~TICK) | np.where(is_tick, TICK, 0),
         ticks=np.searchsorted(ticks, absolute),
-        known=steps.tracks,
+        output_tracks=steps.tracks,
     )
 
 
 def steps_of_log(
     tracks: Stamps, imu: Stamps, fixes: Stamps, headings: Bytes, settings: Settings, output: int
 ) -> LogSteps:
-    """Steps of a log from its first track speeds on.
+    """Make the steps of a log from its first track speeds on.
 
     Args:
         tracks: stamps of the track speeds, at least one [ns].
@@ -219,7 +219,7 @@ def steps_after(
     settings: Settings,
     output: int,
 ) -> LogSteps:
-    """Steps of a filter that is on its way, without rows.
+    """Make the steps of a filter in the middle of a run, without rows.
 
     Args:
         tracks: stamps of the track speeds, the newest of the filter first [ns].
@@ -233,12 +233,12 @@ def steps_after(
         BatchError: filters side by side cannot process such stamps.
     """
     begin, none = int(tracks[0]), np.zeros(0, dtype=np.int64)
-    on_the_way = Walk(now - begin, now - begin, now - begin, tracks=1)
+    begun = Walk(now - begin, now - begin, now - begin, tracks=1)
     stamps = SensorStamps(tracks, imu, none, none.astype(np.int8))
     shifted = (clocks[0].shifted(-begin), clocks[1].shifted(-begin))
     if len(imu) and imu[0] <= now:
         raise BatchError(REASONS[1])
-    steps = _walked(stamps, _limits(settings), on_the_way, shifted)
+    steps = _walked(stamps, _limits(settings), begun, shifted)
     steps.extras[:] &= ~TICK
     steps.rows[:] = -1
     _output_last(steps, output)
@@ -250,7 +250,7 @@ def _limits(settings: Settings) -> WalkLimits:
 
 
 def _output_last(steps: LogSteps, output: int) -> None:
-    """Output the estimates of so many steps at the end."""
+    """Mark so many steps at the end as ticks."""
     at_end = slice(max(0, len(steps.kinds) - output), None)
     steps.extras[at_end] |= np.where(steps.kinds[at_end] <= UPDATE, TICK, 0).astype(np.int8)
 
@@ -296,7 +296,7 @@ class Walk(msgspec.Struct):
         tracks: number of track-speed samples so far.
         samples: number of IMU samples so far.
         fixes: number of fixes so far.
-        last_step: index of the newest step that is not a fix on the way; -1 for none.
+        last_step: index of the newest step that is not a fix alone; -1 for none.
         last_sample: index of the newest step with an IMU sample since the last row; -1 for none.
         newest_fix: index of the newest fix since the last row; -1 for none.
         gaps: number of gaps in the track speeds.
@@ -327,7 +327,7 @@ def _walked(
     start: Walk | None = None,
     clocks_at_start: tuple[ClockRecord, ClockRecord] | None = None,
 ) -> LogSteps:
-    """Walk through stamps [ns] from a state of the walk, or from the first track speeds."""
+    """Walk through stamps [ns] from a state, or from the first track speeds."""
     tracks, imu, fixes, headings = stamps
     begin = int(tracks[0])
     most = 2 * (len(tracks) + len(imu)) + len(fixes)
@@ -359,12 +359,12 @@ def walk_stamps(
     """Walk through the stamps of a log.
 
     Args:
-        state: (1,) state of the walk; a reason not to go on is left there.
+        state: (1,) state of the walk, changed in place; its reason is set if the walk ends early.
         clocks: (2,) clocks of the track speeds and of the IMU.
         stamps: stamps since the first track speeds.
         limits: limits of times between them.
-        steps: written to; two for each sample and one for each fix must fit, and a row for each sample of
-            the track speeds.
+        steps: written to; with room for two steps for each sample and one for each fix, and for a row
+            for each sample of the track speeds.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -374,7 +374,7 @@ def walk_stamps(
     sizes_fit &= min(len(steps.starts), len(steps.ends), len(steps.intervals)) >= most
     sizes_fit &= min(len(steps.kinds), len(steps.extras), len(steps.tracks)) >= most
     sizes_fit &= min(len(steps.samples), len(steps.fixes)) >= most
-    sizes_fit &= min(len(steps.rows), len(steps.known)) >= most
+    sizes_fit &= min(len(steps.rows), len(steps.output_tracks)) >= most
     sizes_fit &= min(len(steps.row_stamps), len(steps.row_samples)) >= len(stamps.tracks)
     if not sizes_fit or len(steps.row_fixes) < len(stamps.tracks):
         raise ValueError(WRONG_SIZE)
@@ -406,7 +406,7 @@ def walk_stamps(
 def walk_to_tracks(
     walk: Walk, tracks: ClockRecord, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps
 ) -> None:
-    """Take track speeds: the old ones count up to their own stamp, or up to the new ones' interval."""
+    """Add track speeds: old ones hold up to their stamp, or up to the new interval."""
     begun = walk.tracks > 0
     if begun and is_hole(tracks, stamp, hold):
         move(walk, imu, interval_start(tracks, stamp), hold, steps)
@@ -421,7 +421,7 @@ def walk_to_tracks(
 
 
 def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps) -> None:
-    """Take an IMU sample: it ends a step, and measures nothing of a gap before."""
+    """Add an IMU sample: it ends a step, and does not measure a gap before it."""
     number = walk.samples
     walk.samples += 1
     if walk.tracks == 0:
@@ -442,17 +442,17 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps:
 def walk_to_fix(
     walk: Walk, imu: ClockRecord, stamp: int, hold: float, bits: int, steps: LogSteps
 ) -> None:
-    """Take a fix: at the end of a step, or on the way to the one that an IMU sample will end."""
+    """Add a fix: at the end of a step, or before the end of a step under way."""
     number = walk.fixes
     walk.fixes += 1
     if walk.tracks == 0:
         return
-    # Before the first step there is none that the fix could be at the end of.
+    # Before the first step, no step ends at the stamp of the fix.
     waits = walk.steps == 0 if stamp == walk.now else stamp > walk.now and is_due_after(imu, stamp)
     if not waits:
         move(walk, imu, stamp, hold, steps)
     walk.newest_fix = number
-    # Innovations of fixes are output in any case; on the way, with the step before.
+    # Innovations of fixes are output in any case, of a fix ahead with the step before.
     for k in range(max(walk.last_step, 0), walk.steps):
         steps.extras[k] |= TICK
     step = add_step(walk, imu, stamp, AHEAD, steps) if waits else walk.steps - 1
@@ -473,7 +473,7 @@ def add_step(walk: Walk, imu: ClockRecord, end: int, kind: int, steps: LogSteps)
     step = walk.steps
     steps.starts[step], steps.ends[step], steps.kinds[step] = walk.now, end, kind
     steps.intervals[step], steps.extras[step] = imu.interval, 0
-    steps.tracks[step] = steps.known[step] = walk.tracks
+    steps.tracks[step] = steps.output_tracks[step] = walk.tracks
     steps.samples[step], steps.fixes[step], steps.rows[step] = 0, 0, -1
     walk.steps = step + 1
     return step
@@ -486,7 +486,7 @@ def add_row(walk: Walk, steps: LogSteps) -> None:
         steps.extras[walk.last_sample] |= TICK
     for k in range(max(walk.last_step, 0), walk.steps):
         steps.extras[k] |= TICK
-        steps.rows[k], steps.known[k] = row, walk.tracks
+        steps.rows[k], steps.output_tracks[k] = row, walk.tracks
     steps.row_stamps[row], steps.row_fixes[row] = walk.now, walk.newest_fix
     steps.row_samples[row] = walk.last_sample >= 0
     walk.rows, walk.written, walk.due = row + 1, walk.now, 0

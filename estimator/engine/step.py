@@ -1,4 +1,4 @@
-"""Step of the filter in traced numbers: draw fast slip, update by the IMU, propagate."""
+"""Step in traced numbers: draw the fast slip, update by the IMU, propagate."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ WALKING = range(s.PARAMETERS.start, s.TRACK_SCALE)
 
 
 class StepKind(NamedTuple):
-    """What happens in a step.
+    """Kind of a step, on which the code of its kernel depends.
 
     Attributes:
-        moves: whether time passes.
-        stands: whether a lane may be found standing at its end.
-        imu: whether there is an IMU sample at its end.
-        accelerometer: whether that has a specific force which is used.
-        may_lack_force: whether a lane may lack it; it is not a number then.
-        twist: whether the body velocity at its end is wanted.
-        judged: whether innovations and their covariances are stored.
-        fast_slip: whether the fast slip at its end is stored.
+        moves: time passes.
+        stands: lanes may be found standing at its end.
+        imu: there is an IMU sample at its end.
+        accelerometer: update with the sample's specific force.
+        may_lack_force: lanes may lack the specific force, which is NaN then.
+        twist: compute the body velocity at its end.
+        innovations: store innovations and their covariances.
+        fast_slip: store the fast slip at its end.
     """
 
     moves: bool = True
@@ -40,21 +40,21 @@ class StepKind(NamedTuple):
     accelerometer: bool = True
     may_lack_force: bool = False
     twist: bool = False
-    judged: bool = False
+    innovations: bool = False
     fast_slip: bool = False
 
     def reporting(self) -> StepKind:
-        """Make a step that stores all that an estimate needs."""
-        return self._replace(twist=True, judged=True, fast_slip=self.moves)
+        """Add the outputs of an estimate."""
+        return self._replace(twist=True, innovations=True, fast_slip=self.moves)
 
 
-class Foretold(NamedTuple):
-    """What the pose should be, see `estimator.sensors.predictions.Prediction`.
+class PredictedPose(NamedTuple):
+    """Predicted pose, see `estimator.sensors.predictions.Prediction`.
 
     Attributes:
-        values: (3,).
-        rows: (3,) their derivatives by the states.
-        covariance: (3, 3) of what the state does not tell of them.
+        values: (3,) x, y, yaw.
+        rows: (3,) derivatives by the states.
+        covariance: (3, 3) covariance of the error that is not in the state.
     """
 
     values: Sequence[Any]
@@ -66,52 +66,52 @@ def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
     """Make the kernel of a step.
 
     Args:
-        name: of the kernel.
-        shape: of the filter.
-        kind: what happens in the step.
+        name: name of the kernel.
+        shape: shape of the filter.
+        kind: kind of the step.
     """
-    lane = Lane(shape, judged=kind.judged)
+    lane = Lane(shape, innovations=kind.innovations)
     step = Step(lane, kind)
     if kind.moves:
         step.draw_fast_slip()
     if kind.imu:
         if kind.stands:
-            step.take_standstill()
-        step.take_gyro()
+            step.update_standstill()
+        step.update_gyro()
         if kind.accelerometer:
-            step.take_accelerometer()
+            step.update_accelerometer()
         lane.keep_inside_bounds()
     if kind.moves:
-        step.move()
+        step.propagate()
     if kind.twist:
         step.store_twist()
     return lane.kernel(name, with_fast_slip=kind.fast_slip)
 
 
 class Step:
-    """What the parts of a step share."""
+    """Step of a lane: inputs and intermediate results that its parts use."""
 
     def __init__(self, lane: Lane, kind: StepKind) -> None:
         self.lane, self.kind = lane, kind
-        told: Any = lane.told
+        step_input: Any = lane.input
         constant: Any = lane.constant
         self.slip = model.SlipConstants(*map(constant, model.SlipConstants._fields))
         self.imu = ImuConstants(
             *(constant(n) for n in ("gyro_density", "accelerometer_density", "imu_x", "imu_y"))
         )
-        self.smooth = told("smooth_left"), told("smooth_right")
+        self.smooth = step_input("smooth_left"), step_input("smooth_right")
         self.change = TrackChange(
-            (told("acceleration_left"), told("acceleration_right")),
-            told("window"),
-            told("speed_variance"),
-            told("age"),
+            (step_input("acceleration_left"), step_input("acceleration_right")),
+            step_input("window"),
+            step_input("speed_variance"),
+            step_input("age"),
         )
         self.stands: Any = trace.lift_truth(False)
         self.regressors: tuple[Vector, ...] = ({}, {}, {})
-        slow = told("slow") > 0.5
+        slow = step_input("slow") > 0.5
         if kind.stands:
             bias_sigma = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS) ** 0.5
-            mean, bias = told("quiet_mean"), lane.x[s.GYRO_BIAS]
+            mean, bias = step_input("quiet_mean"), lane.x[s.GYRO_BIAS]
             self.stands = model.stands(mean, bias, bias_sigma, constant("bias_margin"))
             slow = slow & ~self.stands
         elif not kind.imu:
@@ -119,7 +119,7 @@ class Step:
         else:
             lane.stores["stood"] = 0.0
         self.pushed = slow
-        left, right = told("left"), told("right")
+        left, right = step_input("left"), step_input("right")
         scale = 1.0 + lane.x[s.TRACK_SCALE]
         same = (left * scale == lane.row("V_l")) & (right * scale == lane.row("V_r"))
         self.model = self.lane.twist_model(1.0, left, right, select(same, lane.row("u"), 0.0))
@@ -130,14 +130,14 @@ class Step:
         return model.slip_at(*self.smooth, self.slip, gauge, lane.eta, self.pushed)
 
     def draw_fast_slip(self) -> None:
-        """A new one, which is independent of all that was known; and smooth the derivatives."""
+        """Draw the fast slip anew, independent of all states, and smooth the regressors."""
         lane, now = self.lane, self.model
-        share = lane.constant("share")
+        smoothing = lane.constant("smoothing")
         for axis, row in enumerate(now.rows):
             for i in lane.layout.parameters:
                 if i in row:
                     before = lane.row(f"r{axis}_{i}")
-                    row[i] = lane.stores[f"r{axis}_{i}"] = before + share * (row[i] - before)
+                    row[i] = lane.stores[f"r{axis}_{i}"] = before + smoothing * (row[i] - before)
         density = self._density(now)
         per_dt = 1.0 / lane.constant("dt")
         entries = {
@@ -150,14 +150,10 @@ class Step:
             {i: row[i] for i in lane.layout.parameters if i in row} for row in now.rows
         )
 
-    def _shared(self, axis: int) -> Vector:
-        """The part of a row of derivatives that is the same all through the step."""
-        return self.regressors[axis]
-
-    def foretell_pose(self) -> Foretold:
-        """The pose a step later, with no more than is known now; see `estimator.sensors.predictions`."""
+    def predict_pose(self) -> PredictedPose:
+        """Predict the pose a step later, see `estimator.sensors.predictions.pose_ahead`."""
         lane = self.lane
-        dt, now = lane.constant("dt"), lane.with_kept_derivatives(self.model)
+        dt, now = lane.constant("dt"), lane.with_smoothed_derivatives(self.model)
         density = self._density(now)
         step, by_yaw, M = model.step_on_se2(lane.x[s.YAW], [part * dt for part in now.twist])
         yaws = (by_yaw[0], by_yaw[1], 0.0)
@@ -177,44 +173,44 @@ class Step:
             ]
             for i in range(3)
         ]
-        return Foretold([lane.x[i] + step[i] for i in range(3)], rows, covariance)
+        return PredictedPose([lane.x[i] + step[i] for i in range(3)], rows, covariance)
 
     def _density(self, now: model.TracedTwist) -> Any:
-        """(3, 3) of the fast slip."""
+        """Density (3, 3) of the fast slip."""
         lane = self.lane
         return model.fast_slip_density(
             now.by_speeds,
-            lane.told("left_density"),
-            lane.told("right_density"),
+            lane.input("left_density"),
+            lane.input("right_density"),
             self.slip.white_time,
             self._sigma()[2],
-            lane.told("gap_density"),
+            lane.input("gap_density"),
         )
 
-    def _with_smooth_derivatives(self, now: model.TracedTwist) -> model.TracedTwist:
+    def _with_regressors(self, now: model.TracedTwist) -> model.TracedTwist:
         if self.kind.moves:
             for axis, row in enumerate(now.rows):
                 row.update(self.regressors[axis])
         return now
 
-    def take_standstill(self) -> None:
-        """A standing robot's twist is zero."""
+    def update_standstill(self) -> None:
+        """Update standing lanes with a twist of zero."""
         lane, now = self.lane, self.model
         before = lane.x.copy()
         for axis, variance in enumerate(STANDSTILL_VARIANCE):
             row = now.rows[axis]
-            residual = -now.twist[axis] - shift_of(row, lane.x, before)
-            shared = (1.0, self._shared(axis))
-            lane.update(residual, row, variance, shared, kept=lane.fixed_for_imu, only=self.stands)
+            z = -now.twist[axis] - shift_of(row, lane.x, before)
+            part = (1.0, self.regressors[axis])
+            lane.update(z, row, variance, part, fixed=lane.fixed_for_imu, only=self.stands)
         more = trace.truth_as_number(self.stands)
         lane.stores["standstill"] = lane.row("standstill") + more
         lane.stores["stood"] = more
-        speeds = lane.told("left"), lane.told("right")
+        speeds = lane.input("left"), lane.input("right")
         now = self.lane.twist_model(1.0, *speeds, now.u)
-        self.model = self._with_smooth_derivatives(now)
+        self.model = self._with_regressors(now)
 
-    def take_gyro(self) -> None:
-        """Yaw rate times scale, plus bias."""
+    def update_gyro(self) -> None:
+        """Update with the yaw rate: that of the robot times scale, plus bias."""
         lane, now = self.lane, self.model
         self.linearised_at = lane.x.copy()
         scale = 1.0 + lane.x[s.GYRO_SCALE]
@@ -222,16 +218,14 @@ class Step:
         for state, more in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, now.twist[2])):
             if state in lane.P.states:
                 row[state] = row.get(state, 0.0) + more
-        residual = lane.told("rate") - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
+        z = lane.input("rate") - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
         interval = lane.constant("interval")
         variance = model.gyro_variance(self.imu, interval, now.by_speeds[2], self.change)
-        shared = (scale, self._shared(2))
-        lane.gated(
-            "gyro", residual, row, variance, shared, reopen=s.SLIP_W, kept=lane.fixed_for_imu
-        )
+        part = (scale, self.regressors[2])
+        lane.gated("gyro", z, row, variance, part, inflated=s.SLIP_W, fixed=lane.fixed_for_imu)
 
-    def take_accelerometer(self) -> None:
-        """Specific force to the left."""
+    def update_accelerometer(self) -> None:
+        """Update with the specific force to the left."""
         lane, now = self.lane, self.model
         rough = model.sideways_density(self._sigma()[1], self.slip.time_constant)
         forecast = model.accelerometer_forecast(
@@ -245,48 +239,48 @@ class Step:
         if bias in lane.P.states:
             row[bias] = row.get(bias, 0.0) + 1.0
         predicted = forecast.predicted + self.linearised_at[bias]
-        force = lane.told("force")
-        asked: Any = ~self.stands if self.kind.stands else True
+        force = lane.input("force")
+        used: Any = ~self.stands if self.kind.stands else True
         if self.kind.may_lack_force:
             is_number = force == force
-            force, asked = select(is_number, force, 0.0), trace.lift_truth(asked) & is_number
-        residual = force - predicted - shift_of(row, lane.x, self.linearised_at)
+            force, used = select(is_number, force, 0.0), trace.lift_truth(used) & is_number
+        z = force - predicted - shift_of(row, lane.x, self.linearised_at)
         lane.gated(
             "accelerometer",
-            residual,
+            z,
             row,
             forecast.variance,
-            (forecast.by_w, self._shared(2)),
-            (forecast.by_v_x, self._shared(0)),
-            reopen=bias,
-            kept=lane.fixed_for_imu,
-            only=asked,
+            (forecast.by_w, self.regressors[2]),
+            (forecast.by_v_x, self.regressors[0]),
+            inflated=bias,
+            fixed=lane.fixed_for_imu,
+            only=used,
         )
 
-    def move(self) -> None:
+    def propagate(self) -> None:
         """Propagate to the end of the step, see `IcrEkf.predict_motion`."""
         lane = self.lane
         x, P, constant = lane.x, lane.P, lane.constant
         dt, decay = constant("dt"), constant("decay")
         sigma = self._sigma()
         turning = model.share_of_walk(*self.smooth)
-        left, right = lane.told("mean_left"), lane.told("mean_right")
+        left, right = lane.input("mean_left"), lane.input("mean_right")
         now = self.lane.twist_model(constant("mean"), left, right, self.model.u)
         scale = 1.0 + x[s.TRACK_SCALE]
         if now.u is not None:
             lane.stores.update(V_l=left * scale, V_r=right * scale, u=now.u)
-        now = self._with_smooth_derivatives(now)
+        now = self._with_regressors(now)
         step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])
         states = lane.shape.states
         walk = self._walks(turning)
         with_rows = [
-            P.times({i: value for i, value in row.items() if i not in shared}, (1.0, shared))
-            for row, shared in zip(now.rows, self.regressors, strict=True)
+            P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
+            for row, part in zip(now.rows, self.regressors, strict=True)
         ]
-        spread = np.empty((3, 3), dtype=object)
+        of_twist = np.empty((3, 3), dtype=object)
         for k in range(3):
             for m in range(k, 3):
-                spread[k, m] = spread[m, k] = dot(with_rows[k], now.rows[m])
+                of_twist[k, m] = of_twist[m, k] = dot(with_rows[k], now.rows[m])
         M_dt = [[part * dt for part in row] for row in M]
         yaws = (by_yaw[0], by_yaw[1], 0.0)
         carried: dict[tuple[int, int], Any] = {}
@@ -301,7 +295,7 @@ class Step:
             times = [
                 with_rows[m][i]
                 + yaws[i] * with_rows[m][s.YAW]
-                + sum((M_dt[i][k] * spread[k][m] for k in range(3)), start=0.0)
+                + sum((M_dt[i][k] * of_twist[k][m] for k in range(3)), start=0.0)
                 for m in range(3)
             ]
             for k in range(i, 3):
@@ -335,7 +329,7 @@ class Step:
         self.model = now
 
     def _walks(self, turning: Any) -> Vector:
-        """Densities of the random walks of the states that have one, squared."""
+        """Squared random-walk densities of the states that have one."""
         lane = self.lane
         walks: Vector = {}
         for i in lane.shape.states:
@@ -347,12 +341,12 @@ class Step:
         return walks
 
     def store_twist(self) -> None:
-        """Body velocity at the end, and its covariance."""
+        """Store the body velocity at the end of the step, and its covariance."""
         lane = self.lane
-        speeds = lane.told("now_left"), lane.told("now_right")
-        now = self._with_smooth_derivatives(lane.twist_model(1.0, *speeds, self.model.u))
+        speeds = lane.input("now_left"), lane.input("now_right")
+        now = self._with_regressors(lane.twist_model(1.0, *speeds, self.model.u))
         if not self.kind.moves:
-            # Nothing was smoothed yet: they stand as they are.
+            # Without a step there is nothing to smooth: the regressors are the present derivatives.
             for axis, row in enumerate(now.rows):
                 for i in lane.layout.parameters:
                     if i in row:
@@ -363,7 +357,7 @@ class Step:
 def _noise_of_pose(
     rows: tuple[Vector, Vector, Vector], M: Any, walk: Vector, sigma: Any, lane: Lane
 ) -> dict[tuple[int, int], Any]:
-    """What walks and slip add to the pose's covariances over a step."""
+    """Covariances of the pose that random walks and slip add over a step."""
     dt = lane.constant("dt")
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
     found: dict[tuple[int, int], Any] = {}
@@ -390,10 +384,10 @@ def _is_slip(state: int) -> bool:
 
 
 def shift_of(row: Vector, x: Any, since: Any) -> Any:
-    """How far a prediction has moved with the state since an earlier one."""
+    """Change of a predicted measurement since the state of its linearisation."""
     total: Any = 0.0
-    for i, share in row.items():
+    for i, by in row.items():
         moved = x[i] - since[i]
         if not model.is_zero(moved):
-            total = total + share * moved
+            total = total + by * moved
     return total

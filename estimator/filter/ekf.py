@@ -27,8 +27,6 @@ from icreckon.estimator.motion.propagation import Triple, fading, gauss_markov_n
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.measurement_models import IMU_FIXED
 
-# The name that the engines import.
-IMU_KEPT = IMU_FIXED
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
 # so much that they are those of another motion.
 REGRESSOR_SMOOTHING = 0.05

@@ -17,8 +17,6 @@ ADMITTED, REJECTED, REACQUIRED = range(3)
 VERDICTS = ("admitted", "rejected", "reacquired")
 # Largest inflation, over the variance of the innovation: double precision would lose that beside more.
 LARGEST_INFLATION = 1e10
-# The name that `engine` imports.
-LARGEST_REOPENING = LARGEST_INFLATION
 
 
 def verdict(nis: float, threshold: float, rejected_in_a_row: int, patience: int) -> int:

@@ -97,7 +97,7 @@ PACKED = 43
 
 
 def packed(constants: FrictionConstants) -> Floats:
-    """Pack the constants into one array (PACKED + 3 m,), which takes no time to pass to compiled code."""
+    """Pack the constants into one array (PACKED + 3 m,), which numba unboxes quickly."""
     ground, nominal, yaw_inertia, load_lag, estimated = constants
     numbers = [
         *(yaw_inertia, load_lag, ground.half_gauge, *ground.outline, ground.shear_modulus),

@@ -35,8 +35,8 @@ from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwi
 from icreckon.estimator.motion.motion_model import (
     NO_SLIP,
     Channels,
+    GainFactors,
     Motion,
-    Regressors,
     TwistDerivatives,
     Unremembering,
     VehicleConstants,
@@ -135,7 +135,7 @@ def linearise_at(
     """Compute motion and derivatives at the solution u of a balance; see `linearise`."""
     at = evaluate(u, problem)
     by = _channels(at, problem.vehicle.gauge, slip_in_inertia)
-    return _motion(u, at, slip), through_channels(by, _regressors(at))
+    return _motion(u, at, slip), through_channels(by, _gain_factors(at))
 
 
 class BalanceProblem(NamedTuple):
@@ -279,10 +279,10 @@ def _motion(u: Number, at: _Evaluation, slip: tuple[Number, Number, Number]) -> 
     return Motion(twist, at.indices, u, at.force)
 
 
-def _regressors(at: _Evaluation) -> Regressors:
-    """Regressors Z, S, S [N] and the square of the force [N²]."""
+def _gain_factors(at: _Evaluation) -> GainFactors:
+    """Gain factors Z, S, S [N] and the square of the force [N²]."""
     S = at.S_u * at.force
-    return Regressors(at.Z_u * at.force, S, S, at.force * at.force)
+    return GainFactors(at.Z_u * at.force, S, S, at.force * at.force)
 
 
 def _channels(at: _Evaluation, gauge: float, slip_in_inertia: bool) -> Channels:

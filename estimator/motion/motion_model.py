@@ -2,7 +2,7 @@
 
 `estimator.motion.index_model` has the paper's model, `estimator.motion.friction_model` that of friction.
 Internally, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three
-indices and the slip). So a derivative by a parameter is that by a channel times the *regressor*, the
+indices and the slip). So a derivative by a parameter is that by a channel times the *gain factor*, the
 factor of that parameter in its index. The interface has derivatives by the parameters, track speeds and
 slip themselves.
 
@@ -138,7 +138,7 @@ class Unremembering:
         """Begin a step, as in `MotionModel`."""
 
 
-class Regressors(NamedTuple):
+class GainFactors(NamedTuple):
     """Factor of each gain in its index, in units of the index over those of the gain."""
 
     zeta1: Number
@@ -160,10 +160,14 @@ class Channels(NamedTuple):
     r_w: tuple[Number, Number, Number]
 
 
-def through_channels(by: Channels, gains: Regressors) -> TwistDerivatives:
+def through_channels(by: Channels, factors: GainFactors) -> TwistDerivatives:
     """Derivatives by parameters, track speeds and slip from those by the channels."""
     return TwistDerivatives(
-        (_by_parameters(by, gains, 0), _by_parameters(by, gains, 1), _by_parameters(by, gains, 2)),
+        (
+            _by_parameters(by, factors, 0),
+            _by_parameters(by, factors, 1),
+            _by_parameters(by, factors, 2),
+        ),
         (_by_speeds(by, 0), _by_speeds(by, 1), _by_speeds(by, 2)),
         (
             (by.r_x[0], by.r_y[0], by.r_w[0]),
@@ -173,18 +177,18 @@ def through_channels(by: Channels, gains: Regressors) -> TwistDerivatives:
     )
 
 
-def _by_parameters(by: Channels, gains: Regressors, axis: int) -> tuple[Number, ...]:
+def _by_parameters(by: Channels, factors: GainFactors, axis: int) -> tuple[Number, ...]:
     """Derivatives (8,) of a component by the parameters; that by H is always zero."""
     zeta, epsilon, eta = by.zeta[axis], by.epsilon[axis], by.eta[axis]
     return (
         0.0 * zeta,
         zeta,
-        zeta * gains.zeta1,
+        zeta * factors.zeta1,
         epsilon,
-        epsilon * gains.epsilon1,
+        epsilon * factors.epsilon1,
         eta,
-        eta * gains.eta1,
-        eta * gains.eta2,
+        eta * factors.eta1,
+        eta * factors.eta2,
     )
 
 

@@ -1,5 +1,6 @@
-"""The pose estimator: measurements one at a time, as late as they come; and runs over a log.
+"""Pose estimator: one measurement at a time, in any order; runs over a log.
 
-`PoseEstimator` admits, orders and re-runs; `run` feeds it a log, `smooth` looks back from the end.
-Below: `engine`, `filter`.
+In: measurements or a log. Out: estimates, or the run of one variant. `PoseEstimator` checks measurements,
+orders them and re-runs the filter after late ones; `run` feeds it a log, `smooth` smooths the run. Below:
+`engine`, `filter`.
 """

@@ -1,4 +1,4 @@
-"""Engines of the filter: filterpy in Python, or the traced step at one lane."""
+"""Engines of a streaming filter: filterpy in Python, or the compiled step."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from icreckon.estimator.robot.settings import Engine, Settings
 
 
 class PlainEngine:
-    """filterpy's EKF, one measurement at a time."""
+    """Engine in Python: filterpy's EKF, one part of a step at a time."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
-        """See `StepEngine`."""
+        """Make the filter of a motion model, see `StepEngine`."""
         return IcrEkf(model)
 
     def make_step(
@@ -27,15 +27,15 @@ class PlainEngine:
         gyro: Gate,  # noqa: ARG002
         accelerometer: Gate,  # noqa: ARG002
     ) -> None:
-        """See `StepEngine`."""
+        """Make no whole step: its parts are made one at a time."""
         return
 
 
 class CompiledEngine:
-    """Motion model and whole step traced and compiled, for one lane."""
+    """Compiled engine: motion model and whole step traced, for one lane."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
-        """See `StepEngine`."""
+        """Make the filter of a motion model, see `StepEngine`."""
         from icreckon.estimator.engine.lane_filter import LaneEkf
 
         return LaneEkf(model)
@@ -49,7 +49,7 @@ class CompiledEngine:
         gyro: Gate,
         accelerometer: Gate,
     ) -> WholeStep | None:
-        """See `StepEngine`."""
+        """Make the whole step of a filter, see `StepEngine`."""
         from icreckon.estimator.engine.lane_filter import LaneEkf, LaneStep
 
         if not isinstance(ekf, LaneEkf):
@@ -58,5 +58,5 @@ class CompiledEngine:
 
 
 def engine_of(name: Engine) -> StepEngine:
-    """Engine by the name that `Settings.engine` has for it."""
+    """Engine by its name in `Settings.engine`."""
     return PlainEngine() if name == "plain" else CompiledEngine()

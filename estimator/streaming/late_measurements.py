@@ -1,4 +1,4 @@
-"""The last seconds of measurements, and how to work through them again when one comes late."""
+"""Recent measurements and checkpoints, for re-runs after late measurements."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ CHECKPOINT_EVERY = 16
 MOST_CHECKPOINTS = 1000
 
 
-class HistoryMemory(msgspec.Struct, frozen=True):
-    """All that a `History` goes by, but for the checkpoints that can be made again.
+class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memory"}):
+    """Checkpoint of a `History`: its oldest checkpoint of the filter and measurements.
 
     Attributes:
         after: key of the last measurement before the history.
-        memory: what the filter knew after it.
-        measurements: those since then, marks among them, in order; a row each, see `event_row`.
+        checkpoint: checkpoint of the filter after it.
+        measurements: later measurements and marks in order; a row each, see `event_row`.
     """
 
     after: Key
-    memory: FilterCheckpoint
+    checkpoint: FilterCheckpoint
     measurements: tuple[tuple[Any, ...], ...]
 
 
-class Checkpoint(NamedTuple):
-    """What the filter knew after the measurement of this key and before the next."""
+class KeyedCheckpoint(NamedTuple):
+    """Checkpoint of the filter after the measurement of a key, before the next."""
 
     after: Key
-    memory: FilterCheckpoint
+    checkpoint: FilterCheckpoint
 
 
 class History:
-    """Gives the filter its measurements in order, whatever order they come in.
+    """Recent measurements of a filter, which gets them in the order of their stamps.
 
-    A late measurement is put in its place, the filter is taken back to the checkpoint before it, and
-    what came since is worked through again. So the estimate is always the one of all measurements so
-    far in the order of their keys, to the last bit.
+    A late measurement is inserted in its place, the checkpoint before it is restored, and the filter is
+    re-run over all later ones. So the estimate is always that of all measurements so far in the order of
+    their keys, to the last bit.
 
     Args:
         reckoning: the filter.
-        span: how far back a measurement can be put in its place [s].
+        span: largest delay of a measurement [s].
     """
 
     def __init__(self, reckoning: Reckoning, span: float) -> None:
@@ -62,32 +62,32 @@ class History:
         self._span = round(span / NANOSECOND)
         self._keys: list[Key] = []
         self._events: list[Event] = []
-        self._checkpoints = [Checkpoint(BEFORE_ALL, reckoning.checkpoint())]
+        self._checkpoints = [KeyedCheckpoint(BEFORE_ALL, reckoning.checkpoint())]
         self._since_checkpoint = 0
 
-    def memory(self) -> HistoryMemory:
-        """What it goes by now."""
-        after, memory = self._checkpoints[0]
-        return HistoryMemory(after, memory, tuple(map(event_row, self._events)))
+    def checkpoint(self) -> HistoryCheckpoint:
+        """Checkpoint of the present state."""
+        after, oldest = self._checkpoints[0]
+        return HistoryCheckpoint(after, oldest, tuple(map(event_row, self._events)))
 
-    def recall(self, memory: HistoryMemory) -> None:
-        """Go by what it went by then; the filter must have been taken back to then, too.
+    def restore(self, checkpoint: HistoryCheckpoint) -> None:
+        """Restore a checkpoint; the filter's own of the same time must be restored before.
 
         Raises:
-            EstimatorError: the measurements are none, or not in order.
+            EstimatorError: a row is no measurement, or they are not in order.
         """
-        events = [event_of(row) for row in memory.measurements]
+        events = [event_of(row) for row in checkpoint.measurements]
         keys = [key_of(event) for event in events]
-        if any(one >= other for one, other in pairwise([memory.after, *keys])):
+        if any(one >= other for one, other in pairwise([checkpoint.after, *keys])):
             raise EstimatorError("the measurements of the history are not in order")
         self._keys, self._events = keys, events
-        self._checkpoints = [Checkpoint(memory.after, memory.memory)]
+        self._checkpoints = [KeyedCheckpoint(checkpoint.after, checkpoint.checkpoint)]
         if keys:
-            self._checkpoints.append(Checkpoint(keys[-1], self._reckoning.checkpoint()))
+            self._checkpoints.append(KeyedCheckpoint(keys[-1], self._reckoning.checkpoint()))
         self._since_checkpoint = 0
 
     def objection(self, key: Key) -> str | None:
-        """Why an event of this key cannot be put in its place; None if it can."""
+        """Reason to reject a measurement of this key; None if it can be inserted."""
         keys = self._keys
         if not keys:
             return None if key > self._checkpoints[0].after else TOO_OLD
@@ -102,53 +102,53 @@ class History:
         return None
 
     def starts_after(self, key: Key) -> bool:
-        """Whether no measurement has ever come before this key."""
+        """Return True if this key is before the first measurement of all."""
         return self._checkpoints[0].after == BEFORE_ALL and key < self._keys[0]
 
     def is_late(self, key: Key) -> bool:
-        """Whether an event of this key comes before one that was taken already."""
+        """Return True if this key is before the newest measurement."""
         return bool(self._keys) and key < self._keys[-1]
 
     def take(self, key: Key, event: Event) -> bool:
-        """Take an event there is no objection to; whether the filter used it."""
+        """Update the filter with a measurement or mark; return True if it was used."""
         if self.is_late(key):
             return self._insert(key, event)
         self._keys.append(key)
         self._events.append(event)
         used = self._reckoning.take(event)
-        if self._keep_checkpoint(key):
-            self._forget()
+        if self._add_checkpoint(key):
+            self._drop_obsolete()
         return used
 
     def set_clock(self, by: int) -> None:
-        """Go on by a clock that shows `by` more than the one so far [ns]; nothing older can come."""
+        """Change to a clock that is ahead by so much [ns], and clear the history."""
         stamp, rank = self._keys[-1]
         self.begin_anew((stamp + by, rank), self._reckoning.checkpoint().shifted(by))
 
     def begin_anew(self, after: Key, checkpoint: FilterCheckpoint) -> None:
-        """Restore a checkpoint behind the measurement of a key; nothing older can come."""
+        """Restore a checkpoint after the measurement of a key, and clear the history."""
         self._reckoning.restore(checkpoint)
         self._keys, self._events = [], []
-        self._checkpoints = [Checkpoint(after, checkpoint)]
+        self._checkpoints = [KeyedCheckpoint(after, checkpoint)]
         self._since_checkpoint = 0
 
     @property
     def newest(self) -> int:
-        """Stamp of the newest measurement that was taken [ns]."""
+        """Stamp of the newest measurement [ns]."""
         return self._keys[-1][0] if self._keys else self._checkpoints[0].after[0]
 
     def forget_mark(self, mark: Mark) -> None:
-        """Drop a mark, wherever it is kept."""
+        """Drop a mark from the filter, the history and all checkpoints."""
         self._reckoning.ekf.clones = self._reckoning.clones.without(mark.stamp)
         key = key_of(mark)
         place = bisect_left(self._keys, key)
         if place < len(self._keys) and self._keys[place] == key:
             del self._keys[place], self._events[place]
-        for index, (after, memory) in enumerate(self._checkpoints):
-            if memory.clones is not None:
-                left = memory.clones.without(mark.stamp)
-                without = msgspec.structs.replace(memory, clones=left)
-                self._checkpoints[index] = Checkpoint(after, without)
+        for index, (after, checkpoint) in enumerate(self._checkpoints):
+            if checkpoint.clones is not None:
+                clones = checkpoint.clones.without(mark.stamp)
+                without = msgspec.structs.replace(checkpoint, clones=clones)
+                self._checkpoints[index] = KeyedCheckpoint(after, without)
 
     def _insert(self, key: Key, event: Event) -> bool:
         place = bisect_left(self._keys, key)
@@ -156,28 +156,28 @@ class History:
         self._events.insert(place, event)
         while self._checkpoints[-1].after > key:
             self._checkpoints.pop()
-        after, memory = self._checkpoints[-1]
-        self._reckoning.restore(memory)
+        after, checkpoint = self._checkpoints[-1]
+        self._reckoning.restore(checkpoint)
         self._since_checkpoint = 0
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
-            taken = self._reckoning.take(self._events[index])
+            now_used = self._reckoning.take(self._events[index])
             if index == place:
-                used = taken
-            self._keep_checkpoint(self._keys[index])
+                used = now_used
+            self._add_checkpoint(self._keys[index])
         return used
 
-    def _keep_checkpoint(self, key: Key) -> bool:
-        """Whether it was time for one."""
+    def _add_checkpoint(self, key: Key) -> bool:
+        """Add a checkpoint if one is due; return True if it was added."""
         self._since_checkpoint += 1
         if self._since_checkpoint < CHECKPOINT_EVERY:
             return False
         self._since_checkpoint = 0
-        self._checkpoints.append(Checkpoint(key, self._reckoning.checkpoint()))
+        self._checkpoints.append(KeyedCheckpoint(key, self._reckoning.checkpoint()))
         return True
 
-    def _forget(self) -> None:
-        """Drop what no measurement can come before any more."""
+    def _drop_obsolete(self) -> None:
+        """Drop measurements and checkpoints that are older than the history."""
         checkpoints = self._checkpoints
         horizon = self._keys[-1][0] - self._span
         obsolete = 0

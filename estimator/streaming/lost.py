@@ -1,4 +1,4 @@
-"""Detection of lost filters: an estimate that is not finite, has negative variances, or is absurd."""
+"""Detection of lost filters, whose estimates are not finite or absurd."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.streaming.recorded_run import Run
 
-# No pose in metres is further from its origin, UTM coordinates included [m].
+# No position is further from its origin, not even in UTM coordinates [m].
 FURTHEST = 1e8
 # No ground robot is faster [m/s, rad/s].
 FASTEST = 1e3
-# Rounding makes variances of poses and velocities negative by no more, in single precision too.
+# Rounding makes variances negative by no more than this, in single precision too.
 ROUNDING = 1e-6
 USABLE, NOT_FINITE, NEGATIVE, ABSURD = range(4)
 REASONS = {
@@ -47,20 +48,13 @@ def reason_of(kind: int, seconds: float) -> str:
 
 
 def loss_kind(
-    x: float,
-    y: float,
-    yaw: float,
-    xx: float,
-    yy: float,
-    yaw_yaw: float,
-    v_x: float,
-    v_y: float,
-    w: float,
-    v_xx: float,
-    v_yy: float,
-    ww: float,
+    pose: Vector3, pose_variances: Vector3, twist: Vector3, twist_variances: Vector3
 ) -> int:
-    """Kind of loss of a pose and a twist with their variances; plain Python, for numba too."""
+    """Kind of loss of a pose and a twist; plain Python, for numba too."""
+    x, y, yaw = pose
+    xx, yy, yaw_yaw = pose_variances
+    v_x, v_y, w = twist
+    v_xx, v_yy, ww = twist_variances
     if not math.isfinite(x + y + yaw + v_x + v_y + w + xx + yy + yaw_yaw + v_xx + v_yy + ww):
         return NOT_FINITE
     if min(xx, yy, yaw_yaw, v_xx, v_yy, ww) < -ROUNDING:

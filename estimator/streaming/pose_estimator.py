@@ -1,4 +1,4 @@
-"""The streaming pose estimator: typed measurements in, one at a time; pose, twist and ICRs out."""
+"""Streaming pose estimator: measurements in one at a time; pose, twist, ICRs out."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class IcrPoints(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """An estimate at one time: what `PoseEstimator`'s properties of the same names say."""
+    """Estimate at one stamp, see the properties of `PoseEstimator` by these names."""
 
     stamp: int
     state: Floats
@@ -57,35 +57,35 @@ class Snapshot(NamedTuple):
 
 
 class PoseEstimator:
-    """Dead reckoning of a tracked or skid-steer robot from track speeds, IMU and occasional fixes.
+    """Dead reckoning of a skid-steer robot from track speeds, IMU and some fixes.
 
     Feed measurements as they come; read the estimate at any time. Poses are those of `base_link` in
     `odom`, twists are in `base_link` (REP-103).
 
-    As REP-105 asks of `odom`, the pose is continuous: what says how fast the robot moves (tracks, IMU,
-    body velocity) corrects the twist and then moves the pose by it, and only fixes make it jump. So the
-    estimate stands at the newest IMU sample; track speeds wait for the IMU to say how much of them is
-    slip, unless there is none.
+    The pose is continuous, as REP-105 requires of `odom`: tracks, IMU and body velocity correct the
+    twist, which moves the pose, and only fixes make it jump. The stamp of the estimate is that of the
+    newest IMU sample: track speeds are used at the next one, which measures their slip. Without an IMU
+    they are used at once.
 
-    Measurements may come in any order, as late as `Settings.history`: each is taken in at its own stamp
-    (at equal stamps tracks, IMU, position, heading, body velocity, pose, zero velocity), and what came
-    after it is worked through again. The estimate is the same as if all had come in time; it changes at
-    once when a late measurement is fed, its pose by what that says about the way since its stamp.
+    Measurements may come in any order, as late as `Settings.history`. Each is processed at its own stamp
+    (at equal stamps tracks, IMU, position, heading, body velocity, pose, zero velocity), and the filter
+    is re-run over all later ones. The estimate is the same as if all had come in time. It changes as soon
+    as a late measurement is fed.
 
-    The constructor compiles all that `feed` calls: 15 to 30 s the first time ever, less than a second in
-    later processes (`icreckon prepare` does it ahead, for an image). `feed` never waits for the compiler.
+    The constructor compiles all functions that `feed` calls: 15 to 30 s with an empty cache, less than a
+    second in later processes (`icreckon prepare` compiles ahead, for an image). `feed` never waits for
+    the compiler.
 
     Args:
         robot: the robot, see `load_robot`.
         variant: name of a filter variant, see `estimator.robot.variants.VARIANTS`.
-        settings: everything that is no property of the robot.
+        settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
 
     Raises:
-        EstimatorError: there is no such variant, an argument is not what it must be, a friction variant's
-            robot has no contact with the ground, or `Settings.considered` has a name that the variant
-            has not.
+        EstimatorError: there is no such variant, an argument is invalid, a friction variant's robot
+            has no contact with the ground, or `Settings.considered` has a name that the variant has not.
     """
 
     def __init__(
@@ -115,10 +115,10 @@ class PoseEstimator:
         warm_up(type(self._reckoning.ekf.model), robot, self.variant, self.settings)
         self._history = History(self._reckoning, self.settings.history)
         self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
-        # Counts of what the filter never gets to see, and which it therefore cannot forget.
+        # Counts of measurements that do not reach the filter; no checkpoint of the filter resets them.
         self._arrivals = Health()
 
-    # --- what it says -------------------------------------------------------------------------
+    # --- outputs -----------------------------------------------------------------------------
 
     @property
     def stamp(self) -> int | None:
@@ -161,7 +161,7 @@ class PoseEstimator:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The parameters of the variant's model by name, as estimated; units as in docs/model.md."""
+        """Estimated parameters of the variant's model by name; units as in docs/model.md."""
         named = self._named(s.PARAMETERS)
         return {name: named[name] for name in used_parameters(self.variant)}
 
@@ -182,30 +182,30 @@ class PoseEstimator:
 
     @property
     def stands(self) -> bool:
-        """Whether the robot was found standing at the newest IMU sample."""
+        """True if the robot was found standing at the newest IMU sample."""
         return self._reckoning.stands
 
     @property
     def health(self) -> Health:
-        """What became of the measurements so far: a copy, which does not go on counting."""
+        """Counts of the measurements so far: a copy, which later ones do not change."""
         health = self._reckoning.health.copy()
         health.add(self._arrivals)
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
-        """The newest innovation of each sensor that a gate has judged, without a copy of `health`."""
+        """Newest innovation of each sensor with a gate, without a copy of `health`."""
         sensors = self._reckoning.health.sensors.items()
         return [(name, one.newest_judged) for name, one in sensors if one.newest_judged is not None]
 
     @property
     def parameter_health(self) -> dict[str, ParameterHealth]:
-        """How well each of the parameters is known, and whether the present motion shows it."""
+        """Uncertainty of each parameter, and its excitation by the present motion."""
         reckoning = self._reckoning
         now = np.sqrt(np.diagonal(reckoning.ekf.P)[s.PARAMETERS])
         start = reckoning.parameter_sigmas
         moved = np.abs(reckoning.model().jacobian[:, s.PARAMETERS]) * start
         slip = np.array(reckoning.slip_sigma())[:, None]
-        # What does not move the twist at all is not excited, not even where there is no slip.
+        # A parameter that does not move the twist is not excited, not even if there is no slip.
         with np.errstate(divide="ignore", invalid="ignore"):
             excitation = np.where(moved > 0.0, moved / slip, 0.0).max(axis=0)
         rows = zip(now.tolist(), start.tolist(), excitation.tolist(), strict=True)
@@ -213,10 +213,10 @@ class PoseEstimator:
         return {name: ParameterHealth(*named[name]) for name in used_parameters(self.variant)}
 
     def snapshot(self) -> Snapshot:
-        """State, twist and indices at once, for the price of one evaluation of the model.
+        """State, twist and indices, with one evaluation of the motion model.
 
         Raises:
-            EstimatorError: nothing was fed yet.
+            EstimatorError: there was no measurement yet.
         """
         if self.stamp is None:
             raise EstimatorError("there is no estimate before the first measurement")
@@ -235,17 +235,17 @@ class PoseEstimator:
         names = state_names(self.variant)[part]
         return dict(zip(names, self._reckoning.ekf.x[part].tolist(), strict=True))
 
-    # --- what it is told ------------------------------------------------------------------------
+    # --- inputs --------------------------------------------------------------------------------
 
     def feed(self, measurement: Measurement) -> bool:
-        """Take one measurement.
+        """Update with one measurement.
 
-        A measurement that cannot be right (not finite, bad variance, duplicate stamp), that comes later
-        than `Settings.history`, or that the gates reject leaves the estimate as it was but for the
-        passing of time, and is counted in `health`.
+        A measurement is rejected, and counted in `health`, if it is invalid (not finite, bad variance,
+        duplicate stamp), later than `Settings.history`, or outside of its gate. The estimate then changes
+        at most by propagation to its stamp.
 
         Returns:
-            Whether the measurement was used.
+            True if the measurement was used.
 
         Raises:
             EstimatorError: the object is no measurement.
@@ -260,7 +260,7 @@ class PoseEstimator:
         )
         if reason is not None:
             self._arrivals.sensor(stream).reject(reason)
-            return reason == TOO_OLD and self._go_on_by_clock_of(admission.too_old(measurement))
+            return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
         admission.in_time()
         if history.is_late(key):
             self._arrivals.sensor(stream).late += 1
@@ -270,12 +270,12 @@ class PoseEstimator:
         """Copy the state of the filter and of its inputs."""
         return self._reckoning.checkpoint()
 
-    def go_on_from(self, checkpoint: FilterCheckpoint) -> None:
-        """Restore a later checkpoint of this filter, of an IMU sample; nothing older can come."""
+    def continue_from(self, checkpoint: FilterCheckpoint) -> None:
+        """Restore a later checkpoint, at an IMU sample, and clear the history."""
         self._history.begin_anew((checkpoint.imu.stamp, RANKS[ImuSample]), checkpoint)
 
-    def _go_on_by_clock_of(self, behind: list[Measurement]) -> bool:
-        """Take the first of these, if any, for the next after the newest; whether one was used."""
+    def _set_clock_back(self, behind: list[Measurement]) -> bool:
+        """Set the clock so that these follow the newest; return True if one was used."""
         if not behind:
             return False
         step = round(self._reckoning.imu_interval / NANOSECOND)
@@ -290,29 +290,29 @@ class PoseEstimator:
             used |= self.feed(measurement)
         return used
 
-    # --- how far it has come ----------------------------------------------------------------------
+    # --- relative motion --------------------------------------------------------------------------
 
     @property
     def marks(self) -> tuple[int, ...]:
-        """Stamps of the marks that are kept [ns]."""
+        """Stamps of the marks [ns]."""
         return self._reckoning.clones.stamps
 
     def mark(self, stamp: int | None = None) -> int:
-        """Remember where the robot is, for `relative_motion`; the estimate is not changed by it.
+        """Set a mark at the robot's pose, for `relative_motion`.
 
-        A mark is taken in at its own stamp, as late as a measurement may be; older measurements that
-        come after it still count. Between two steps of the filter the twist is taken as constant.
+        A mark is set at its own stamp, as late as a measurement may be; older measurements that come
+        later still count. Between two steps of the filter the twist is assumed constant. The estimate
+        does not change.
 
         Args:
             stamp: time [ns], or None for that of the estimate.
 
         Returns:
-            The stamp, by which the mark is known. There is one mark at a stamp: the second changes
-            nothing.
+            The stamp, which identifies the mark. There is one mark at a stamp: a second changes nothing.
 
         Raises:
-            EstimatorError: nothing was fed yet, the stamp is older than the history or further ahead
-                of the estimate than `Settings.hold`, or `MOST_MARKS` are kept already.
+            EstimatorError: there was no measurement yet, the stamp is older than the history or further
+                ahead of the estimate than `Settings.hold`, or there are `MOST_MARKS` marks already.
         """
         now = self.stamp
         if now is None:
@@ -326,7 +326,7 @@ class PoseEstimator:
         if self._history.starts_after(key):
             reason = "before the first measurement"
         elif len(self.marks) >= MOST_MARKS:
-            reason = f"{MOST_MARKS} are kept already; forget those that are no longer asked for"
+            reason = f"{MOST_MARKS} are kept already; forget those that are no longer used"
         elif ahead > self.settings.hold:
             reason = f"{ahead:.3f} s ahead of the estimate; feed what was measured until then"
         if reason is not None:
@@ -335,14 +335,14 @@ class PoseEstimator:
         return mark.stamp
 
     def relative_motion(self, from_stamp: int, to_stamp: int | None = None) -> RelativeMotion:
-        """How far the robot has moved from one mark to another, or to now.
+        """Motion of the robot from one mark to another, or to now.
 
-        What the two poses share, drift and all, is not in its covariance; what fixes since then say
-        about the motion is.
+        Its covariance does not contain the error that both poses have in common, such as earlier drift.
+        Fixes since the first mark correct the motion.
 
         Args:
-            from_stamp: of a mark [ns].
-            to_stamp: of another, or None for the time of the estimate.
+            from_stamp: stamp of a mark [ns].
+            to_stamp: stamp of another mark [ns], or None for the time of the estimate.
 
         Raises:
             EstimatorError: there is no such mark.
@@ -350,10 +350,10 @@ class PoseEstimator:
         return self._reckoning.clones.between(from_stamp, to_stamp, self.stamp or 0)
 
     def forget(self, stamp: int) -> None:
-        """Drop a mark that is no longer asked for; each costs time in every step.
+        """Drop a mark that is no longer used; each costs time in every step.
 
         Args:
-            stamp: of the mark [ns].
+            stamp: stamp of the mark [ns].
 
         Raises:
             EstimatorError: there is no such mark.
@@ -361,24 +361,24 @@ class PoseEstimator:
         self._reckoning.clones.place(stamp)
         self._history.forget_mark(Mark(stamp))
 
-    # --- how it outlives a program ----------------------------------------------------------------
+    # --- save and restore -------------------------------------------------------------------------
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Save the estimator to a file; `restore` continues from there.
 
         Args:
             path: the file.
-            overwrite: whether a file that is there may be replaced.
+            overwrite: replace a file that exists.
 
         Raises:
-            EstimatorError: the file is there already, or cannot be written.
+            EstimatorError: the file exists already, or cannot be written.
         """
         saved = SavedEstimator(
             self.variant.name,
             robot_constants(self.robot),
             self.settings,
             self._reckoning.checkpoint(),
-            self._history.memory(),
+            self._history.checkpoint(),
             self._arrivals,
             self._admission.witnesses,
         )
@@ -386,14 +386,15 @@ class PoseEstimator:
 
     @classmethod
     def restore(cls, path: str | Path, robot: Robot, variant: str | None = None) -> PoseEstimator:
-        """The estimator as it was when it was saved; it goes on to the last bit as if it had not been.
+        """Restore a saved estimator.
 
-        Settings are those it was saved with.
+        It continues as the saved one would have, to the last bit. Settings are those of the saved
+        estimator.
 
         Args:
-            path: a file that `save` has written.
-            robot: the robot that it was saved for.
-            variant: the variant that it must be of, None for any.
+            path: file that `save` has written.
+            robot: robot that it was saved for.
+            variant: required variant, None for any.
 
         Raises:
             EstimatorError: the file is missing, damaged or of an unknown version, or it was saved for
@@ -401,11 +402,11 @@ class PoseEstimator:
         """
         require_robot(robot)
         saved = read_saved(Path(path))
-        saved.require_fit(robot, variant, str(path), to_go_on=True)
+        saved.require_fit(robot, variant, str(path), to_continue=True)
         estimator = cls(robot, saved.variant, settings=saved.settings)
         try:
             estimator._reckoning.restore(saved.now)
-            estimator._history.recall(saved.history)
+            estimator._history.restore(saved.history)
         except (EstimatorError, KeyError, ValueError) as problem:
             raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
         estimator._arrivals = saved.arrivals
@@ -424,19 +425,19 @@ class PoseEstimator:
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> PoseEstimator:
-        """A new estimator that knows what a saved one has learnt.
+        """Start a new estimator with the parameters, biases and scales of a saved one.
 
-        Parameters, biases and scales are taken over with their covariance, the biases' grown by their
-        random walk over the time in between. All else starts anew: pose, slip, clock and counts.
+        They start with their covariance; that of the biases grows by their random walk over the time in
+        between. Pose, slip, clock and counts start anew.
 
         Args:
-            path: a file that `save` has written.
-            robot: the robot that it was saved for; densities and slip may have been changed since.
-            variant: the variant that it must be of, None for any.
+            path: file that `save` has written.
+            robot: robot that it was saved for; noise densities and slip may have changed since.
+            variant: required variant, None for any.
             off: time since it was saved [s].
-            settings: of the new estimator; those it was saved with where left out.
-            start: as for a new one.
-            start_sigma: as for a new one.
+            settings: settings of the new estimator; None for those of the saved one.
+            start: pose at the first track speeds: x, y [m], yaw [rad].
+            start_sigma: its standard deviations [m, m, rad].
 
         Raises:
             EstimatorError: as for `restore`, or `off` is negative.
@@ -445,7 +446,7 @@ class PoseEstimator:
         if not 0.0 <= off < np.inf:
             raise EstimatorError(f"off must be a time in seconds, zero or more, found {off!r}")
         saved = read_saved(Path(path))
-        saved.require_fit(robot, variant, str(path), to_go_on=False)
+        saved.require_fit(robot, variant, str(path), to_continue=False)
         estimator = cls(
             robot,
             saved.variant,
@@ -454,6 +455,6 @@ class PoseEstimator:
             start_sigma=start_sigma,
         )
         estimator._reckoning.warm_start(saved.now, off)
-        # The history starts from what the filter knows.
+        # The history starts with a checkpoint of the new state.
         estimator._history = History(estimator._reckoning, estimator.settings.history)
         return estimator

@@ -1,4 +1,4 @@
-"""One variant's run over a log, row by row."""
+"""Run of one variant over a log, row by row."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from icreckon.estimator.streaming.innovation_rows import Singles
 
 @dataclass(frozen=True)
 class Run:
-    """One variant's run over a log, sampled after each pair of track speeds.
+    """Run of one variant over a log, sampled after each pair of track speeds.
 
     Attributes:
-        variant: name of the filter variant; with "-smoothed" behind it, of a run that was smoothed.
+        variant: name of the filter variant, with "-smoothed" appended if the run is smoothed.
         trajectory: poses and twists with covariances.
         indices: (n, 3) zeta [m], epsilon [m], eta [-] of the motion at that time.
-        state_names: (SIZE,) of the filter's states, see `estimator.base.state`.
-        states: (n, SIZE) the filter's state.
-        state_sigmas: (n, SIZE) standard deviations of the state.
-        health: what became of the measurements.
-        innovation_names: (k,) components of the sensors that were judged, see
+        state_names: (SIZE,) names of the states, see `estimator.base.state`.
+        states: (n, SIZE) states of the filter.
+        state_sigmas: (n, SIZE) standard deviations of the states.
+        health: counts of the measurements.
+        innovation_names: (k,) components of the sensors with innovations, see
             `estimator.streaming.innovation_rows`.
-        innovations: (n, k) of each the newest innovation since the row before over the standard deviation
-            that it should have [-], NaN where there was none; of a smoothed run there are none.
+        innovations: (n, k) newest innovation of each component since the row before, over its predicted
+            standard deviation [-]; NaN if there was none. A smoothed run has no innovations.
     """
 
     variant: str
@@ -42,5 +42,5 @@ class Run:
 
     @property
     def stamps(self) -> Stamps:
-        """(n,) [ns]."""
+        """Stamps (n,) of the rows [ns]."""
         return self.trajectory.stamps

@@ -1,4 +1,4 @@
-"""Running a filter over a log."""
+"""Run a filter over a log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from icreckon.estimator.streaming.lost import loss_of, stopped_by
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
 from icreckon.estimator.streaming.recorded_run import Run
 
-# How many measurements pass between two reports of progress.
+# Number of measurements between two reports of progress.
 PROGRESS_EVERY = 500
 
 
@@ -37,13 +37,13 @@ def run(
     """Run one filter variant over a log, from its first measurement to its last.
 
     Args:
-        log: the measurements; its truth is not looked at.
+        log: the measurements; its truth is not used.
         robot: the robot.
         variant: name of a filter variant.
-        settings: of the pose estimator.
+        settings: settings of the pose estimator.
         start: pose at the start: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        progress: called now and then with the stamp [ns] that was reached.
+        progress: called from time to time with the stamp that was reached [ns].
 
     Raises:
         EstimatorError: no such variant, or a log without track speeds.
@@ -55,7 +55,7 @@ def run(
     return work_through(log, estimator, progress)
 
 
-# Numbers that are none are found afterwards, see `estimator.streaming.lost`.
+# NaN is found afterwards, see `estimator.streaming.lost`.
 @np.errstate(all="ignore")
 def work_through(
     log: Log,
@@ -64,13 +64,13 @@ def work_through(
     *,
     at_row: Callable[[], None] | None = None,
 ) -> Run:
-    """Feed a log to a new estimator, and write down what it says.
+    """Feed a log to a new estimator, and record its estimates.
 
     Args:
-        log: the measurements; its truth is not looked at.
-        estimator: a new one.
-        progress: called now and then with the stamp [ns] that was reached.
-        at_row: called after each row that is written down.
+        log: the measurements; its truth is not used.
+        estimator: new estimator.
+        progress: called from time to time with the stamp that was reached [ns].
+        at_row: called after each row.
 
     Raises:
         EstimatorError: a log without track speeds.
@@ -158,21 +158,21 @@ class Rows:
 
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """Run of the first `count` rows."""
-        kept = slice(0, count)
+        filled = slice(0, count)
         trajectory = Trajectory(
-            self.stamps[kept],
-            self.states[kept, s.POSE],
-            self.pose_covariances[kept],
-            self.twists[kept],
-            self.twist_covariances[kept],
+            self.stamps[filled],
+            self.states[filled, s.POSE],
+            self.pose_covariances[filled],
+            self.twists[filled],
+            self.twist_covariances[filled],
         )
         return Run(
             variant,
             trajectory,
-            self.indices[kept],
+            self.indices[filled],
             state_names,
-            self.states[kept],
-            self.sigmas[kept],
+            self.states[filled],
+            self.sigmas[filled],
             health,
             *self.innovations.finish(count),
         )

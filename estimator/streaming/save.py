@@ -1,13 +1,14 @@
-"""A saved estimator: all that it knows as one JSON file, for people to read and programs to go on from.
+"""Saved estimators: the whole estimator as one JSON file, which people can read.
 
     {"format": "icreckon estimator", "version": 2, "checksum": "...", "content": {
-        "variant", "robot", "settings"      what the estimator was made from
+        "variant", "robot", "settings"      arguments of the estimator
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
-        "history"                           what it knew before the history, and the measurements since
-        "arrivals", "witnesses"}}           counts, and clocks that are being watched
+        "history"                           checkpoint before the history, and the measurements since
+        "arrivals", "witnesses"}}           counts, and clocks that may have been set back
 
-Numbers are written so that they are read back to the last bit. The checksum is that of the content.
+Numbers are written with all digits: reading returns them to the last bit. The checksum is that of the
+content.
 """
 
 from __future__ import annotations
@@ -28,16 +29,16 @@ from icreckon.estimator.filter.health import Health
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, state_names
-from icreckon.estimator.streaming.late_measurements import HistoryMemory
+from icreckon.estimator.streaming.late_measurements import HistoryCheckpoint
 
 FORMAT = "icreckon estimator"
 VERSION = 2
 # Objects of so many characters stand on one line of the file.
 SHORT = 80
-# What of a robot file has no part in what the estimator does.
-ASIDE = ("log", "note", "format")
-# What learnt parameters, scales and biases are about; the rest is how far sensors are to be trusted.
-WHAT_IS_LEARNT = (
+# Keys of a robot file that an estimator does not depend on.
+UNUSED = ("log", "note", "format")
+# Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.
+LEARNT_FROM = (
     "name",
     "vehicle",
     "indices",
@@ -50,15 +51,15 @@ WHAT_IS_LEARNT = (
 
 
 class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is in the file.
+    """Content of the file.
 
     Attributes:
         variant: name of the filter variant.
-        robot: the robot file's content as far as it matters.
-        settings: of the estimator.
-        now: what the filter knows.
-        history: what late measurements need.
-        arrivals: counts of what the filter never got to see.
+        robot: the robot file's content that the estimator depends on.
+        settings: settings of the estimator.
+        now: checkpoint of the filter.
+        history: checkpoint of the history, for late measurements.
+        arrivals: counts of measurements that did not reach the filter.
         witnesses: see `estimator.log.input_checks.Admission`.
     """
 
@@ -66,24 +67,24 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robot: dict[str, Any]
     settings: Settings
     now: FilterCheckpoint
-    history: HistoryMemory
+    history: HistoryCheckpoint
     arrivals: Health
     witnesses: dict[str, tuple[int, int]]
 
     def require_fit(
-        self, robot: Robot, variant: str | None, source: str, *, to_go_on: bool
+        self, robot: Robot, variant: str | None, source: str, *, to_continue: bool
     ) -> None:
-        """Refuse a robot or a variant other than those it was saved for.
+        """Require the robot and the variant that the estimator was saved for.
 
         Args:
-            robot: the robot to go on with.
-            variant: name of the variant to go on with, None for any.
+            robot: the robot to continue with.
+            variant: name of the variant to continue with, None for any.
             source: file name, for messages.
-            to_go_on: whether everything must be the same, or only what learnt parameters, scales and
-                biases are about.
+            to_continue: all keys must agree; if False, only those that learnt parameters, scales and
+                biases depend on.
 
         Raises:
-            EstimatorError: it does not fit; the message says what differs.
+            EstimatorError: robot or variant differ; the message gives the difference.
         """
         if variant is not None and variant != self.variant:
             raise EstimatorError(
@@ -92,9 +93,9 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
         for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
-            matters = to_go_on or any((key + ".").startswith(f"{w}.") for w in WHAT_IS_LEARNT)
+            matters = to_continue or any((key + ".").startswith(f"{w}.") for w in LEARNT_FROM)
             if matters and before.get(key) != now.get(key):
-                advice = "start anew" if not to_go_on else "make a warm start, or start anew"
+                advice = "start anew" if not to_continue else "make a warm start, or start anew"
                 raise EstimatorError(
                     f"{source}: was saved for a robot with {key} = {before.get(key)!r}, here it is "
                     f"{now.get(key)!r}; use the same robot file, or {advice}"
@@ -102,27 +103,27 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def robot_constants(robot: Robot) -> dict[str, Any]:
-    """What of a robot file an estimator depends on, as JSON would have it."""
+    """Content of a robot file that an estimator depends on, as JSON has it."""
     data: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(robot))
-    return {key: value for key, value in data.items() if key not in ASIDE}
+    return {key: value for key, value in data.items() if key not in UNUSED}
 
 
 def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
-    """Write the file beside its place and move it there.
+    """Write a saved estimator: a temporary file, moved into place.
 
     Raises:
-        EstimatorError: something is there and may not be replaced, the file system refuses, or a number
+        EstimatorError: the path exists and may not be replaced, the file cannot be written, or a number
             is not finite.
     """
     if path.exists() and not (overwrite and path.is_file()):
         raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
     content = msgspec.to_builtins(saved, enc_hook=_to_plain)
     names = state_names(find_variant(saved.variant))
-    for memory in (content["now"], content["history"]["memory"]):
-        numbers = [*memory["state"], *np.ravel(memory["covariance"]), *memory["model"]]
+    for checkpoint in (content["now"], content["history"]["memory"]):
+        numbers = [*checkpoint["state"], *np.ravel(checkpoint["covariance"]), *checkpoint["model"]]
         if not np.isfinite(numbers).all():
             raise EstimatorError(f"{path}: not written, the estimate is not finite")
-        memory["state"] = dict(zip(names, memory["state"], strict=True))
+        checkpoint["state"] = dict(zip(names, checkpoint["state"], strict=True))
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -170,8 +171,8 @@ def read_saved(path: Path) -> SavedEstimator:
         raise EstimatorError(f"{path}: damaged, or changed by hand: the checksum does not fit")
     try:
         names = state_names(find_variant(content["variant"]))
-        for memory in (content["now"], content["history"]["memory"]):
-            memory["state"] = [memory["state"][name] for name in names]
+        for checkpoint in (content["now"], content["history"]["memory"]):
+            checkpoint["state"] = [checkpoint["state"][name] for name in names]
         return msgspec.convert(content, SavedEstimator, dec_hook=_from_plain)
     except (KeyError, TypeError, ValueError, EstimatorError) as problem:
         raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None

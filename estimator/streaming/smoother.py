@@ -1,13 +1,14 @@
-"""Fixed-interval smoothing of a log: each estimate from all measurements, those after it included.
+"""Fixed-interval smoothing: estimates from earlier and later measurements.
 
-The forward pass is the filter itself, to the last bit. Beside it runs a linear Kalman filter for the
-error of the filter's state, x = x_filter + delta: with the same transitions, noise, Jacobians, standstill
-updates and gates, but with the optimal gain throughout. The filter's own estimates cannot be smoothed as
-they are. Where it keeps states (Schmidt-Kalman: what measures the twist does not move the pose) they are
-not the best ones given the measurements so far, and the recursion of Rauch, Tung and Striebel, which
-takes them for that, would leave the pose at the end where it is and bend the path before it. What the
-filter avoids by keeping does not matter here: a smoothed path has no jumps, and all Jacobians stay those
-of the filter's states.
+The forward pass is the filter itself, to rounding. With it runs a linear Kalman filter for the error of
+the filter's state, x = x_filter + delta. It has the same transitions, noise, Jacobians, standstill
+updates and gates, but the optimal gain throughout.
+
+The filter's own estimates cannot be smoothed. Its fixed states (Schmidt-Kalman: twist measurements do not
+move the pose) are not optimal given the measurements so far. The recursion of Rauch, Tung and Striebel
+assumes that they are: it would leave the pose at the end where it is, and bend the path before it. The
+reason for fixed states does not hold here: a smoothed path has no jumps, and all Jacobians are those of
+the filter's states.
 
 The backward pass is the modified Bryson-Frazier form of that recursion (Bierman, Fixed interval smoothing
 with discrete measurements, International Journal of Control 18, 1973; the same estimates as those of
@@ -17,19 +18,19 @@ Simon, Optimal State Estimation, section 9.4, and Särkkä, Bayesian Filtering a
     over a step, backward:         lambda <- F' lambda              Lambda <- F' Lambda F
     over an update, backward:      lambda <- C' lambda - h' y / S   Lambda <- C' Lambda C + h' h / S
 
-with h the Jacobian's row, y the innovation, S its variance, k the gain and C = I - k h. Nothing is
-inverted, so states that are known exactly need no special care, nor does the fast slip, which is drawn
-anew with each step (there F has zeros).
+with h the Jacobian's row, y the innovation, S its variance, k the gain and C = I - k h. No matrix is
+inverted. So states of zero variance need no special case, nor does the fast slip, which is drawn anew
+with each step (there F has zeros).
 
-Smoothed parameters are brought inside their bounds as the filter's are. Where the heading is lost
-(`LOST_YAW`: long holes of a log) nothing linear can be said of the pose, and it is not smoothed across.
+Smoothed parameters are projected onto their bounds as the filter's are. If the heading is lost
+(`LOST_YAW`: after long gaps of a log), the pose cannot be linearised, and it is not smoothed across.
 
-The last smoothed estimate is that of the optimal gain: the filter's own where nothing was kept (tracks
-and fixes alone), otherwise at least as certain.
+The last smoothed estimate is that of the optimal gain. It is the filter's own if there were no fixed
+states (tracks and fixes alone), and otherwise at least as certain.
 
-Memory: some 1.5 kB for each IMU sample (the rows of F that are not trivial, and each update's row and
-gain), and 2.2 kB for each row of the result (the upper triangle of its covariance): 1.3 GB for an hour at
-100 Hz of IMU and 50 Hz of track speeds.
+Memory: some 1.5 kB for each IMU sample (the pose's rows of F, and each update's row and gain), and 2.2 kB
+for each row of the result (the upper triangle of its covariance). An hour at 100 Hz of IMU and 50 Hz of
+track speeds needs 1.3 GB.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class Smoothing(NamedTuple):
 
     Attributes:
         filtered: the run of `run`, to rounding.
-        smoothed: the same at the same stamps from all measurements; its `variant` ends in "-smoothed".
-            Its `health` is the filter's.
+        smoothed: smoothed run at the same stamps; its `variant` ends in "-smoothed", and its `health` is
+            the filter's.
     """
 
     filtered: Run
@@ -82,31 +83,31 @@ def smooth(
     """Run one filter variant over a log, and smooth it.
 
     Args:
-        log: the measurements; its truth is not looked at.
+        log: the measurements; its truth is not used.
         robot: the robot.
         variant: name of a filter variant.
-        settings: of the pose estimator.
+        settings: settings of the pose estimator.
         start: pose at the start: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        progress: called now and then with the stamp [ns] that the filter has reached.
+        progress: called from time to time with the stamp that the filter has reached [ns].
 
     Raises:
-        EstimatorError: no such variant, a log without track speeds, or states that are only considered.
+        EstimatorError: no such variant, a log without track speeds, or considered states in `settings`.
     """
     if settings is not None and settings.considered:
         raise EstimatorError(
-            "smoothing corrects all that it can, and cannot leave alone what Settings.considered names "
-            f"({', '.join(settings.considered)}); smooth without it, or give these no uncertainty"
+            "smoothing corrects all uncertain states, also those in Settings.considered "
+            f"({', '.join(settings.considered)}); smooth without it, or set their uncertainty to zero"
         )
     estimator = _TapedEstimator(
         robot, variant, settings=settings, start=start, start_sigma=start_sigma
     )
-    filtered = work_through(log, estimator, progress, at_row=estimator.keep_row)
+    filtered = work_through(log, estimator, progress, at_row=estimator.record_row)
     return Smoothing(filtered, estimator.tape.smoothed(filtered))
 
 
 class _TapedEstimator(PoseEstimator):
-    """A pose estimator of which a tape keeps what the smoother needs; fed in order only."""
+    """Pose estimator whose changes are recorded on a tape; fed in order only."""
 
     def __init__(
         self,
@@ -120,35 +121,43 @@ class _TapedEstimator(PoseEstimator):
         super().__init__(robot, variant, settings=settings, start=start, start_sigma=start_sigma)
         self.tape = _Tape(self._reckoning.ekf)
 
-    def keep_row(self) -> None:
-        """Remember that a row of the result is to be here."""
-        self.tape.keep_row(self._reckoning.track_speeds)
+    def record_row(self) -> None:
+        """Record the state of a row of the result."""
+        self.tape.record_row(self._reckoning.track_speeds)
 
 
 class _Step(NamedTuple):
-    """A transition: its rows for the pose, and what the slip decays by."""
+    """Transition: rows of F for the pose, and decay factor of the slip."""
 
     pose_rows: Floats
     decay: float
 
 
 class _Renewal(NamedTuple):
-    """States were drawn anew, independent of all before: the fast slip, or a pose that was lost."""
+    """States drawn anew, independent of all before: the fast slip, or a lost pose."""
 
     states: slice
 
 
 class _Update(NamedTuple):
-    """A scalar measurement: h, k, y and S."""
+    """Scalar update: Jacobian's row h, gain k, innovation y and its variance S."""
 
-    row: Floats
+    h: Floats
     gain: Floats
     innovation: float
-    expected: float
+    S: float
 
 
-class _KeptRow(NamedTuple):
-    """What is known where a row of the result is to be: how much was on the tape, and with it ..."""
+class _RowState(NamedTuple):
+    """State at a row of the result.
+
+    Attributes:
+        length: length of the tape before it.
+        delta: (SIZE,) optimal estimate of the error of the filter's state.
+        upper: upper triangle of its covariance.
+        speeds: track speeds [m/s].
+        model_memory: (m,) checkpoint of the motion model's memory.
+    """
 
     length: int
     delta: Floats
@@ -158,10 +167,10 @@ class _KeptRow(NamedTuple):
 
 
 class _Tape:
-    """Observer of a filter: tape of its changes, and of the optimal filter for its error.
+    """Observer of a filter: tape of its changes, and optimal filter of its error.
 
     Args:
-        ekf: the filter at its start.
+        ekf: the filter before its first change.
     """
 
     def __init__(self, ekf: IcrEkf) -> None:
@@ -170,12 +179,12 @@ class _Tape:
         self._delta: Floats = np.zeros(s.SIZE)
         self._optimal_P: Floats = ekf.P.copy()
         self._tape: list[_Step | _Renewal | _Update] = []
-        self._rows: list[_KeptRow] = []
+        self._rows: list[_RowState] = []
 
     # --- forward ---------------------------------------------------------------------------------
 
     def moved(self, F: Floats, Q: Floats) -> None:
-        """See `Observer`."""
+        """Record a transition, see `Observer`."""
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
@@ -184,11 +193,11 @@ class _Tape:
             self._renew(s.POSE, self._optimal_P[s.POSE, s.POSE].copy())
 
     def renewed(self, covariance: Floats) -> None:
-        """See `Observer`."""
+        """Record a new fast slip, see `Observer`."""
         self._renew(s.FAST_SLIP, covariance)
 
     def replaced(self, covariance: Floats) -> None:
-        """See `Observer`."""
+        """Record a relocated pose, see `Observer`."""
         self._renew(s.POSE, covariance)
 
     def _renew(self, states: slice, covariance: Floats) -> None:
@@ -199,37 +208,37 @@ class _Tape:
         self._tape.append(_Renewal(states))
 
     def inflated(self, states: tuple[int, ...], variance: float) -> None:
-        """See `Observer`."""
+        """Record an inflation, see `Observer`."""
         for index in states:
             self._optimal_P[index, index] += variance
 
     def updated(self, z: float, h: Floats, r: float, change: Floats) -> None:
-        """See `Observer`."""
+        """Record a scalar update, see `Observer`."""
         cross = self._optimal_P @ h
-        expected = float(h @ cross) + r
-        gain = cross / expected
+        S = float(h @ cross) + r
+        gain = cross / S
         innovation = z - float(h @ self._delta)
         self._delta = self._delta + gain * innovation - change
         self._optimal_P = self._optimal_P - np.outer(gain, cross)
-        self._tape.append(_Update(h, gain, innovation, expected))
+        self._tape.append(_Update(h, gain, innovation, S))
 
     def projected(self, change: Floats) -> None:
-        """See `Observer`; the optimal filter stays where it is, only smoothed states are projected."""
+        """Record a projection onto bounds; the optimal filter itself is not projected."""
         self._delta = self._delta - change
 
-    def keep_row(self, track_speeds: tuple[float, float]) -> None:
-        """Remember that a row of the result is to be here."""
+    def record_row(self, track_speeds: tuple[float, float]) -> None:
+        """Record the state of the optimal filter at a row of the result."""
         P, memory = self._optimal_P[UPPER], self._ekf.model.memory
-        row = _KeptRow(len(self._tape), self._delta.copy(), P, track_speeds, memory)
+        row = _RowState(len(self._tape), self._delta.copy(), P, track_speeds, memory)
         self._rows.append(row)
 
     # --- backward --------------------------------------------------------------------------------
 
     def smoothed(self, filtered: Run) -> Run:
-        """Go back over the tape, which is used up, as is the filter.
+        """Run the backward pass; it consumes the tape and overwrites the filter.
 
         Args:
-            filtered: what the filter said where rows were kept.
+            filtered: run of the filter, with a row for each recorded one.
         """
         ekf = self._ekf
         ekf.observer = ekf.clones = ekf.regressors = None
@@ -246,7 +255,7 @@ class _Tape:
             smoothed_P = P - P @ information @ P
             ekf.x = filtered.states[index] + row.delta - P @ adjoint
             ekf.P = 0.5 * (smoothed_P + smoothed_P.T)
-            # What is known exactly may come out less certain than nothing by a rounding.
+            # Rounding may make a variance of zero negative.
             np.fill_diagonal(ekf.P, np.maximum(ekf.P.diagonal(), 0.0))
             ekf.keep_inside_bounds()
             ekf.model.recall(row.model_memory)
@@ -270,14 +279,14 @@ class _Tape:
 def _back(
     event: _Step | _Renewal | _Update, adjoint: Floats, information: Floats
 ) -> tuple[Floats, Floats]:
-    """What lambda and Lambda were before an event on the tape, from those after it."""
+    """Compute lambda and Lambda before an event on the tape from those after it."""
     match event:
-        case _Update(row, gain, innovation, expected):
-            adjoint = adjoint - row * (float(gain @ adjoint) + innovation / expected)
+        case _Update(h, gain, innovation, S):
+            adjoint = adjoint - h * (float(gain @ adjoint) + innovation / S)
             with_gain = information @ gain
-            half = with_gain - row * (0.5 * (float(gain @ with_gain) + 1.0 / expected))
-            turned = np.outer(row, half)
-            return adjoint, information - (turned + turned.T)
+            half = with_gain - h * (0.5 * (float(gain @ with_gain) + 1.0 / S))
+            one_side = np.outer(h, half)
+            return adjoint, information - (one_side + one_side.T)
         case _Renewal(states):
             adjoint = adjoint.copy()
             adjoint[states] = 0.0

@@ -1,7 +1,7 @@
-"""Compilation ahead: no measurement of a robot has to wait for the compiler.
+"""Compilation ahead of the first measurement, so that `feed` never waits for it.
 
-A throw-away filter takes one measurement of each kind, in motion, at rest and across a gap. Afterwards
-every kernel that a filter of this motion model calls is compiled, or loaded from disk.
+A filter that is thrown away processes measurements of each kind, in motion, at rest and across a gap.
+Afterwards every kernel that a filter of this motion model calls is compiled, or loaded from disk.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ READY: set[tuple[object, ...]] = set()
 def warm_up(model: type, robot: Robot, variant: Variant, settings: Settings) -> None:
     """Compile all kernels of a filter, once in a process for each shape of filter.
 
-    This takes 15 to 30 s on a machine where nothing is compiled yet, and less than a second later.
+    This takes 15 to 30 s with an empty cache, and less than a second with a full one.
 
     Args:
         model: class of the filter's motion model.

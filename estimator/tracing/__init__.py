@@ -1,5 +1,6 @@
-"""Compiler: functions of numbers become machine code, for one filter or for many lanes.
+"""Compiler of functions of numbers, for one filter or for many lanes.
 
-`trace` records what a function does with its numbers, `emit` writes that as vector code, `jit_kernel`
-compiles with numba, `kernel_cache` keeps machine code on disk. It knows no filter. Below: `base`.
+In: functions in plain Python. Out: machine code. `trace` records the operations of a function, `emit`
+writes them as vector code, `jit_kernel` compiles with numba, `kernel_cache` saves machine code on disk.
+The room contains no filter. Below: `base`.
 """

@@ -1,8 +1,8 @@
-"""Traced numbers made into machine code: vector instructions, of which each lane is a filter.
+"""Vector code of traced numbers, with one filter in each lane.
 
-A kernel reads and writes rows of one flat workspace: row r holds a number of each lane, at
-`[r * WIDTH + lane]`. Kernels are written in LLVM's own language, with vectors as wide as the machine has
-them, and called from functions that numba compiles.
+A kernel reads and writes rows of one flat workspace: row r has a number of each lane, at
+`[r * width + lane]`. Kernels are emitted in LLVM's intermediate representation, with vectors as wide as
+the machine's registers, and called from functions that numba compiles.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from numba.extending import intrinsic
 
 from icreckon.estimator.tracing.trace import TRACING, Traced
 
-# Arrays of every kernel: what the lanes hold, the inputs of a step, and what all lanes share.
+# Arrays of every kernel: workspace of the lanes, inputs of a step, and constants of all lanes.
 ARRAYS = ("lanes", "inputs", "constants")
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
-# Products may be added without rounding in between; nothing else is loosened.
+# Multiply-add may round once instead of twice; no other change of rounding is allowed.
 LOOSE = ("contract",)
 FLAG_BITS = 16
-# A number of the workspace is read again rather than kept where more operations than this lie between:
-# there are not so many registers, and keeping it in memory of one's own costs a write as well.
-KEPT_FOR = 150
+# A number of the workspace is loaded again after so many operations. The machine has too few registers
+# for all numbers, and a copy on the stack would cost a write as well.
+RELOAD_AFTER = 150
 # Rows are counted from this one, to both sides: near ones have shorter instructions.
 MIDDLE_ROW = 128
 
 
 def lanes_of_machine(bits: int) -> int:
-    """How many numbers of so many bits the machine's vector registers hold."""
+    """Number of lanes of the machine's vector registers, for numbers of so many bits."""
     features = llvm.get_host_cpu_features()
     for feature, width in (("avx512f", 512), ("avx2", 256)):
         if features.get(feature):
@@ -40,7 +40,7 @@ def lanes_of_machine(bits: int) -> int:
 
 
 class Store(NamedTuple):
-    """Where a traced number goes."""
+    """Output of a kernel: a traced number, and the row that it is written to."""
 
     array: str
     row: int
@@ -48,14 +48,13 @@ class Store(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """What a kernel computes.
+    """Kernel in traced numbers.
 
     Attributes:
-        name: of the kernel.
-        rows: number of rows of each of `ARRAYS`; of the constants, which all lanes share, of numbers.
-        stores: what is written.
-        flags: truth values, of which the kernel returns the lanes where they hold: a bit for each
-            lane, `FLAG_BITS` for each of them.
+        name: name of the kernel.
+        rows: number of rows of each of `ARRAYS`; number of constants, which all lanes share.
+        stores: outputs of the kernel.
+        flags: truth values that the kernel returns, `FLAG_BITS` for each: bit k is that of lane k.
     """
 
     name: str
@@ -64,25 +63,18 @@ class Kernel(NamedTuple):
     flags: Sequence[Traced] = ()
 
 
-def compiled_kernel(kernel: Kernel, width: int, bits: int = 64) -> Any:
-    """Make a function of `ARRAYS` for numba to call; it returns the flags.
+def kernel_on_demand(
+    kernel_name: str, make: Callable[[], Kernel], width: int, bits: int = 64
+) -> Any:
+    """Make a function of `ARRAYS` for numba to call, which returns the kernel's flags.
+
+    The kernel is traced when the function is compiled, and not at all if its code is in the cache.
 
     Args:
-        kernel: what is to be done.
-        width: how many lanes there are.
-        bits: of each number, 64 or 32.
-    """
-    return kernel_on_demand(kernel.name, lambda: kernel, width, bits)
-
-
-def kernel_on_demand(kernel_name: str, make: Callable[[], Kernel], width: int, bits: int) -> Any:
-    """Make a function of a kernel that is traced when it is compiled, not if its code is on disk.
-
-    Args:
-        kernel_name: its name.
-        make: makes it.
-        width: how many lanes there are.
-        bits: of each number, 64 or 32.
+        kernel_name: name of the kernel.
+        make: function that traces the kernel.
+        width: number of lanes.
+        bits: number of bits of each number, 64 or 32.
     """
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -110,7 +102,7 @@ def kernel_on_demand(kernel_name: str, make: Callable[[], Kernel], width: int, b
 
 
 class _Emitter:
-    """Writes one kernel into a function."""
+    """Emitter of one kernel into a function."""
 
     def __init__(self, function: Any, kernel: Kernel, width: int, number: Any) -> None:
         self.function, self.kernel, self.width = function, kernel, width
@@ -129,11 +121,11 @@ class _Emitter:
         self.align = width * (8 if number == ir.DoubleType() else 4)
 
     def emit(self) -> None:
-        """Everything."""
+        """Emit the whole kernel."""
         kernel = self.kernel
         for name, pointer in self.pointers.items():
             self.pointers[name] = self.builder.gep(pointer, [LONG(MIDDLE_ROW * self.width)])
-        self._look_again()
+        self._hide_pointers()
         wanted = [store.value for store in kernel.stores] + list(kernel.flags)
         nodes = reachable(wanted)
         waiting: dict[Traced, list[Store]] = {}
@@ -148,11 +140,11 @@ class _Emitter:
                 if before is not None:
                     self._compute(before)
                 self._store(store)
-        told = LONG(0)
+        flags = LONG(0)
         for place, flag in enumerate(kernel.flags):
             bits = self.builder.shl(self._bits(flag), LONG(place * FLAG_BITS))
-            told = self.builder.or_(told, bits)
-        self.builder.ret(told)
+            flags = self.builder.or_(flags, bits)
+        self.builder.ret(flags)
 
     def _compute(self, node: Traced) -> Any:
         if node.op == "load":
@@ -160,21 +152,21 @@ class _Emitter:
         found = self.values.get(node)
         if found is None:
             self.done += 1
-            if self.done % KEPT_FOR == 0 and not self.in_loop:
-                self._look_again()
+            if self.done % RELOAD_AFTER == 0 and not self.in_loop:
+                self._hide_pointers()
             found = self.values[node] = self._code(node)
         return found
 
     def _load(self, node: Traced) -> Any:
         epoch, value = self.loads.get(node, (-1, None))
-        now = self.done // KEPT_FOR
+        now = self.done // RELOAD_AFTER
         if value is None or (epoch != now and node.extra not in self.written):
             value = self.builder.load(self._address(*node.extra), align=self.align)
             self.loads[node] = now, value
         return value
 
-    def _look_again(self) -> None:
-        """Make the compiler believe that the arrays may be others now."""
+    def _hide_pointers(self) -> None:
+        """Hide from the optimiser that the pointers are unchanged, so that it loads again."""
         for name, pointer in self.pointers.items():
             kind = ir.FunctionType(pointer.type, [pointer.type])
             self.pointers[name] = self.builder.asm(kind, "", "=r,0", [pointer], side_effect=True)
@@ -239,13 +231,13 @@ class _Emitter:
         return self.vector([1.0] * self.width) if kind == self.vector else self.number(1.0)
 
     def _widened(self, node: Traced) -> Any:
-        """A value in all lanes."""
+        """Vector of a value in all lanes."""
         value = self._compute(node)
         if value.type in (self.vector, self.truths):
             return value
         if node not in self.wide:
             kind = self.truths if node.truth else self.vector
-            if node.known is not None:
+            if node.constant is not None:
                 self.wide[node] = kind(
                     [node.extra if not node.truth else int(node.extra)] * self.width
                 )
@@ -288,11 +280,11 @@ class _Emitter:
         return b.icmp_unsigned("!=", b.bitcast(flag, kind), kind(0))
 
     def _loop(self, of: Traced) -> list[Any]:
-        """Rounds while any lane needs one; their values come back as a list."""
+        """Emit the rounds of a loop; return its final values."""
         loop, most = of.extra
         b = self.builder
         needed, *begin = [self._widened(arg) for arg in of.args]
-        # What only the rounds need is worked out there; the compiler takes it out of the loop again.
+        # Values that only the rounds need are computed there; the optimiser moves constant ones out.
         inside = reachable([*loop.results, loop.again]) - set(self.values) - set(loop.carried)
         before = b.block
         body, after = b.append_basic_block("round"), b.append_basic_block("settled")
@@ -300,7 +292,7 @@ class _Emitter:
         b.position_at_end(body)
         counter = b.phi(INT)
         counter.add_incoming(INT(0), before)
-        known, known_wide, known_loads = dict(self.values), dict(self.wide), dict(self.loads)
+        values, wide, loads = dict(self.values), dict(self.wide), dict(self.loads)
         for carried, value in zip(loop.carried, begin, strict=True):
             phi = b.phi(self.vector)
             phi.add_incoming(value, before)
@@ -325,8 +317,8 @@ class _Emitter:
             phi.add_incoming(value, before)
             phi.add_incoming(result, end)
             final.append(phi)
-        # What was worked out inside a round is not there outside.
-        self.values, self.wide, self.loads = known, known_wide, known_loads
+        # Values that were computed inside a round do not exist outside.
+        self.values, self.wide, self.loads = values, wide, loads
         return final
 
 
@@ -338,7 +330,7 @@ def _number(node: Traced) -> int:
 
 
 def reachable(wanted: Iterable[Traced]) -> set[Traced]:
-    """All that some numbers are worked out of, themselves included, but not what goes on in loops."""
+    """Nodes that some numbers depend on, without the insides of loops."""
     found: set[Traced] = set()
     left = list(wanted)
     while left:

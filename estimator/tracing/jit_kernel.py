@@ -1,12 +1,12 @@
-"""One source for plain Python and for numba: functions compiled together with those that they call.
+"""Compilation of plain Python functions together with the functions they call.
 
-Functions are written once, in plain Python, where the equations belong. `entry` compiles such a function;
-what it calls by name from this package is compiled too. What numba cannot do in the plain way (tell an
-array from a number) has a twin here for one number at a time.
+Functions are written once, in plain Python, beside their equations. `entry` compiles such a function, and
+the functions of this package that it calls by name. If numba cannot compile one as it is (because it
+distinguishes arrays from numbers), a twin for one number at a time stands in `COMPILED`.
 
-Names of compiled functions become symbols of machine code, and machine code that is loaded from disk is
-linked by symbol: of two symbols with one name the first counts. So every name holds a digest of all that
-its machine code depends on. numba's own counter does not tell them apart, it starts anew in each process.
+Names of compiled functions become symbols of machine code, and machine code from disk is linked by
+symbol: of two symbols with the same name the first is used. So every name contains a digest of all that
+its machine code depends on. numba's own counter is not enough: it starts anew in each process.
 
 Import it inside functions only, or from other kernels: numba takes half a second to load.
 """
@@ -26,7 +26,7 @@ from icreckon.estimator.tracing.trace import LIBRARY
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 COMPILED: dict[Any, Any] = {}
-# What only compiled code calls needs no way in from Python, which takes time to make.
+# A function that only compiled code calls needs no wrapper for Python, which takes time to compile.
 INNER: dict[str, Any] = {
     "error_model": "numpy",
     "no_cpython_wrapper": True,
@@ -35,71 +35,73 @@ INNER: dict[str, Any] = {
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function for Python and for other kernels to call; keep its machine code on disk."""
+    """Compile a function for Python and for other kernels, with a disk cache."""
     twin = _renamed(function, function.__globals__, "")
-    return cast(Function, _kept(twin, {"error_model": "numpy"}))
+    return cast(Function, _cached(twin, {"error_model": "numpy"}))
 
 
 def jit(function: Callable[..., Any]) -> Any:
-    """Compile a function for other compiled ones to call."""
+    """Compile a function that other compiled ones call."""
     if function not in COMPILED:
         COMPILED[function] = njit(**INNER)(_with_compiled_callees(function, ""))
     return COMPILED[function]
 
 
-def inner(made: str) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function that is defined anew for each shape, for other compiled ones to call.
+def inner(shape_digest: str) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function that is defined for each shape and called by compiled ones.
 
     Args:
-        made: digest of the shape.
+        shape_digest: digest of the shape.
     """
-    return lambda function: njit(**INNER)(_with_compiled_callees(function, made))
+    return lambda function: njit(**INNER)(_with_compiled_callees(function, shape_digest))
 
 
-def entry(function: Callable[..., Any], made: str = "") -> Any:
-    """Compile a function and all that it calls for Python to call; keep its machine code on disk.
+def entry(function: Callable[..., Any], shape_digest: str = "") -> Any:
+    """Compile a function, and those that it calls, for Python, with a disk cache.
 
-    The machine code lets go of the interpreter while it works.
+    The machine code releases the interpreter's lock while it runs.
 
     Args:
         function: the function.
-        made: digest of the shape, of a function that is defined anew for each.
+        shape_digest: digest of the shape, if the function is defined anew for each shape.
 
     Raises:
         ValueError: the function has variables of an enclosing function, and no digest of them.
     """
-    if function.__code__.co_freevars and not made:
+    if function.__code__.co_freevars and not shape_digest:
         raise ValueError(
             f"{function.__qualname__} uses variables of the function around it and needs a digest of them"
         )
-    return _kept(_with_compiled_callees(function, made), {"error_model": "numpy", "nogil": True})
+    return _cached(
+        _with_compiled_callees(function, shape_digest), {"error_model": "numpy", "nogil": True}
+    )
 
 
-def _kept(function: FunctionType, options: dict[str, Any]) -> Any:
+def _cached(function: FunctionType, options: dict[str, Any]) -> Any:
     dispatcher = njit(**options)(function)
     package = function.__module__.split(".")[1]
     dispatcher._cache = KernelCache(f"{function.__module__}.{function.__qualname__}", package)
     return dispatcher
 
 
-def _with_compiled_callees(function: Any, made: str) -> FunctionType:
+def _with_compiled_callees(function: Any, shape_digest: str) -> FunctionType:
     names = dict(function.__globals__)
     for name in function.__code__.co_names:
         callee = names.get(name)
         if isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
             names[name] = jit(callee)
-    return _renamed(function, names, made)
+    return _renamed(function, names, shape_digest)
 
 
-def _renamed(function: Any, names: dict[str, Any], made: str) -> FunctionType:
-    """Copy a function under a name that holds the digests of all that its machine code depends on."""
+def _renamed(function: Any, names: dict[str, Any], shape_digest: str) -> FunctionType:
+    """Copy a function; its name contains digests of all inputs of the compiler."""
     twin = FunctionType(
         function.__code__, names, function.__name__, function.__defaults__, function.__closure__
     )
     digest = environment_digest(function.__module__.split(".")[1])
     twin.__module__ = function.__module__
     name = function.__qualname__.replace("<locals>.", "")
-    twin.__qualname__ = ".".join(filter(None, (name, made, digest)))
+    twin.__qualname__ = ".".join(filter(None, (name, shape_digest, digest)))
     return twin
 
 

@@ -1,8 +1,8 @@
-"""Machine code on disk: one file for each compiled signature, safe for many processes at once.
+"""Machine code on disk, one file for each signature; safe for many processes.
 
-numba's own cache keeps an index for each function. Two processes that save different signatures at the
-same time leave an index entry that leads to the other's machine code. Here a file is named by all that
-its machine code depends on, it carries its key and a checksum, and it is moved into place whole.
+numba's own cache has an index for each function. If two processes save different signatures at the same
+time, an index entry may lead to the other's machine code. Here the name of a file depends on all that its
+machine code depends on. A file contains its key and a checksum, and is moved into place whole.
 
 Import it inside functions only, or from kernels: numba takes half a second to load.
 """
@@ -40,14 +40,14 @@ DIGITS = 16
 
 
 class KernelCache(_Cache):
-    """Disk cache of one compiled function, in the interface that numba's dispatcher expects.
+    """Disk cache of one compiled function, with the interface of numba's own.
 
-    A file that is missing, damaged, or of another key is not loaded; the function is compiled instead. A
-    folder that cannot be written costs one warning in each process, and nothing else.
+    If a file is missing, damaged, or has another key, the function is compiled instead. If the folder
+    cannot be written, there is one warning in each process.
 
     Args:
-        name: qualified name of the function; it tells apart all functions of the package.
-        package: of the function: estimator or simulation.
+        name: qualified name of the function, unique in the package.
+        package: package of the function: estimator or simulation.
     """
 
     def __init__(self, name: str, package: str) -> None:
@@ -57,15 +57,15 @@ class KernelCache(_Cache):
 
     @property
     def cache_path(self) -> str:
-        """Folder of the files."""
+        """Folder of the cached files."""
         return str(self._folder)
 
     def enable(self) -> None:
-        """Load and save from now on."""
+        """Turn the cache on."""
         self._enabled = True
 
     def disable(self) -> None:
-        """Neither load nor save from now on."""
+        """Turn the cache off: neither load nor save."""
         self._enabled = False
 
     def flush(self) -> None:
@@ -75,7 +75,7 @@ class KernelCache(_Cache):
                 path.unlink()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load the machine code of a signature; None if it is not there."""
+        """Load the machine code of a signature; None if there is none."""
         if not self._enabled:
             return None
         target_context.refresh()
@@ -114,7 +114,7 @@ class KernelCache(_Cache):
 
 
 def cache_folder() -> Path:
-    """Folder of all compiled functions: $NUMBA_CACHE_DIR/icreckon, or the user's cache folder."""
+    """Folder of compiled functions: $NUMBA_CACHE_DIR/icreckon, or the user's cache."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
         return Path(chosen) / "icreckon"
@@ -129,7 +129,7 @@ def cache_folder() -> Path:
 
 
 def keeps_kernels() -> bool:
-    """Try to write to the folder of this version; return whether that works."""
+    """Try to write to the cache folder; return True if that works."""
     try:
         cache_folder().mkdir(parents=True, exist_ok=True)
         write_whole(cache_folder() / "writable", b"")
@@ -140,7 +140,7 @@ def keeps_kernels() -> bool:
 
 @cache
 def environment_digest(package: str) -> str:
-    """Digest of all that machine code depends on besides signature and processor.
+    """Digest of all inputs of the compiler except signature and processor.
 
     These are the source files of the package and of the packages below it, and the versions of Python,
     numba, llvmlite and NumPy.
@@ -167,7 +167,7 @@ def _short_digest(text: bytes) -> str:
 
 @cache
 def _warn_once(folder: str, reason: str) -> None:
-    """Warn that compiled functions cannot be kept, once in a command; its workers are silent."""
+    """Warn once in a command that compiled functions cannot be saved."""
     if parent_process() is not None:
         return
     warnings.warn(

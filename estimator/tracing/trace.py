@@ -1,9 +1,9 @@
-"""Traced numbers: what is done to them is written down, to be compiled for many lanes at once.
+"""Traced numbers, whose operations are recorded and compiled for many lanes.
 
-A `Traced` stands for one number of each lane. Functions of numbers (those of
-`estimator.motion.index_model`, say) are run once with traced numbers for arguments, through `traced`,
-and what they compute becomes a graph. It holds each expression once, and what is known to be zero or one
-is left out as it is built: a Jacobian's zeros cost nothing.
+A `Traced` stands for one number of each lane. Functions of numbers (for example those of
+`estimator.motion.index_model`) are run once with traced numbers for arguments, through `traced`, and
+their operations become a graph. The graph contains each expression once. Constant zeros and ones are left
+out as it is built: a Jacobian's zeros cost nothing.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from collections.abc import Callable, Sequence
 from types import FunctionType, SimpleNamespace
 from typing import Any, ClassVar, cast
 
-# Held while something is traced: there is one graph at a time.
+# Held during tracing: there is one graph at a time.
 TRACING = threading.RLock()
-# Operations of one lane's number, of several, and of truth values.
+# Operations whose arguments may be exchanged.
 COMMUTATIVE = {"add", "mul", "and", "or"}
 
-# Functions of these modules are traced, or compiled, where traced or compiled ones call them.
+# Functions of these modules are traced, or compiled, if traced or compiled ones call them.
 LIBRARY = "icreckon.estimator."
 
 
@@ -28,19 +28,19 @@ class Traced:
     """A number or truth value in each lane.
 
     Attributes:
-        op: what it is the result of.
-        args: of what.
-        extra: a constant's value, the place of an input, or what else belongs to the operation.
-        number: its place in the order in which they were made.
-        uniform: whether it is the same in all lanes.
-        truth: whether it is a truth value.
-        bits: of all numbers of the graph.
+        op: operation that it results from.
+        args: arguments of the operation.
+        extra: value of a constant, place of an input, or another property of the operation.
+        number: place in the order of creation.
+        uniform: it is the same in all lanes.
+        truth: it is a truth value.
+        bits: number of bits of all numbers of the graph.
     """
 
     __slots__ = ("args", "extra", "number", "op", "truth", "uniform")
-    # NumPy's arrays leave operations with these to them.
+    # NumPy's arrays leave operations with traced numbers to this class.
     __array_ufunc__ = None
-    _kept: ClassVar[dict[Any, Traced]] = {}
+    _nodes: ClassVar[dict[Any, Traced]] = {}
     bits: ClassVar[int] = 64
 
     op: str
@@ -52,12 +52,12 @@ class Traced:
 
     @property
     def real(self) -> Traced:
-        """Itself."""
+        """Real part, the number itself."""
         return self
 
     @property
-    def known(self) -> float | None:
-        """The value of a constant, else None."""
+    def constant(self) -> float | None:
+        """Value of a constant; None for any other number."""
         return cast(float, self.extra) if self.op == "constant" else None
 
     def __add__(self, other: Any) -> Traced:
@@ -128,33 +128,33 @@ class Traced:
 
 
 def start(bits: int = 64) -> None:
-    """Forget what was traced before: a new graph begins. The caller holds `TRACING` until it is done.
+    """Start a new graph; the caller holds `TRACING` until the graph is compiled.
 
     Args:
-        bits: of each number, 64 or 32.
+        bits: number of bits of each number, 64 or 32.
     """
-    Traced._kept, Traced.bits = {}, bits
+    Traced._nodes, Traced.bits = {}, bits
 
 
 def lift(value: Any) -> Traced:
-    """A traced number of a plain one."""
+    """Make a traced number of a plain one."""
     if isinstance(value, Traced):
         return value
     return _make("constant", (), float(value), uniform=True)
 
 
 def lane_input(array: str, row: int) -> Traced:
-    """A number of each lane, from a row of an array."""
+    """Input of each lane, from a row of an array."""
     return _make("load", (), (array, row))
 
 
 def uniform_input(array: str, index: int) -> Traced:
-    """A number that is the same in all lanes, from an array of such."""
+    """Input that is the same in all lanes, from an array."""
     return _make("scalar", (), (array, index), uniform=True)
 
 
 def select(condition: Any, yes: Any, no: Any) -> Any:
-    """One or the other, by a truth value."""
+    """Choose one of two values by a truth value."""
     if not isinstance(condition, Traced):
         return yes if condition else no
     yes, no = lift(yes), lift(no)
@@ -164,36 +164,36 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def minimum(first: Any, second: Any) -> Any:
-    """The smaller of two, the first if they are equal."""
+    """Smaller of two numbers, the first if they are equal."""
     if _plain(first, second):
         return builtins.min(first, second)
     return select(lift(second) < first, second, first)
 
 
 def maximum(first: Any, second: Any) -> Any:
-    """The larger of two, the first if they are equal."""
+    """Larger of two numbers, the first if they are equal."""
     if _plain(first, second):
         return builtins.max(first, second)
     return select(lift(second) > first, second, first)
 
 
 def rounded(value: Traced) -> Traced:
-    """The nearest whole number."""
+    """Nearest whole number."""
     return _unary("round", value, round)
 
 
 def truth_as_number(value: Any) -> Traced:
-    """1 or 0."""
+    """Number of a truth value: 1 or 0."""
     return cast(Traced, select(value, 1.0, 0.0))
 
 
 class Loop:
-    """Rounds that go on while any lane needs another.
+    """Loop of rounds while any lane needs one.
 
     Attributes:
-        carried: what goes from round to round, inside a round.
-        results: the same after a round.
-        again: whether a lane needs another round.
+        carried: values at the start of a round.
+        results: the same values at its end.
+        again: truth value of each lane: it needs another round.
     """
 
     def __init__(self, carried: list[Traced], results: list[Traced], again: Traced) -> None:
@@ -206,18 +206,18 @@ def repeat(
     a_round: Callable[..., tuple[Sequence[Traced], Traced]],
     most: int,
 ) -> list[Traced]:
-    """Do a round again and again while any lane needs one.
+    """Repeat a round while any lane needs one.
 
-    Lanes that need none must not mind: `a_round` changes nothing there that matters.
+    All lanes take part in each round, so `a_round` must not change the results of lanes that need none.
 
     Args:
-        needed: whether a first round is needed, in each lane.
-        initial: what goes from round to round, at first.
-        a_round: makes what it is after a round, and whether another one is needed.
-        most: so many rounds at most.
+        needed: truth value of each lane: it needs a first round.
+        initial: initial values.
+        a_round: function from the values to those after a round, and the truth value of another round.
+        most: highest number of rounds.
 
     Returns:
-        What it is in the end, and whether one more round would be needed.
+        The final values, and the truth value of one more round.
     """
     begin = [lift(value) for value in initial]
     carried = [_fresh("carried", index) for index in range(len(begin))]
@@ -229,7 +229,7 @@ def repeat(
 
 
 def lift_truth(value: Any) -> Traced:
-    """A traced truth value of a plain one."""
+    """Make a traced truth value of a plain one."""
     if isinstance(value, Traced):
         return value
     return _make("constant", (), float(value), uniform=True, truth=True)
@@ -238,12 +238,12 @@ def lift_truth(value: Any) -> Traced:
 def where_needed(
     needed: Any, usual: Sequence[Any], instead: Callable[[], Sequence[Any]]
 ) -> list[Traced]:
-    """Values that are others in some lanes, worked out only if there are such.
+    """Replace values in some lanes, computed only if there are such lanes.
 
     Args:
-        needed: in which lanes they are others.
-        usual: what they are elsewhere.
-        instead: what they are there.
+        needed: truth value of each lane: its values are replaced.
+        usual: values of all other lanes.
+        instead: function that returns the values of these lanes.
     """
 
     def a_round(*values: Traced) -> tuple[Sequence[Traced], Traced]:
@@ -254,30 +254,30 @@ def where_needed(
 
 
 def traced(function: Callable[..., Any]) -> Any:
-    """Make a function of plain numbers work with traced ones, and with it those of icreckon it calls.
+    """Copy a function of plain numbers, and those that it calls, for traced numbers.
 
     Args:
-        function: written for plain numbers, without branches on them.
+        function: function of plain numbers, without branches on them.
     """
-    known: dict[Any, Any] = {}
+    twins: dict[Any, Any] = {}
 
     def twin(original: Any) -> Any:
-        if original not in known:
+        if original not in twins:
             names = dict(original.__globals__)
             copy = FunctionType(original.__code__, names, original.__name__, original.__defaults__)
-            known[original] = copy
+            twins[original] = copy
             for name in original.__code__.co_names:
                 callee = names.get(name)
                 if name in PLAIN:
                     names[name] = PLAIN[name]
                 elif isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
                     names[name] = twin(callee)
-        return known[original]
+        return twins[original]
 
     return twin(function)
 
 
-# --- how they are made -----------------------------------------------------------------------------
+# --- graph ----------------------------------------------------------------------------------------
 
 
 def _make(
@@ -291,16 +291,16 @@ def _make(
     key = (op, tuple(arg.number for arg in args), extra, truth)
     if op in COMMUTATIVE:
         key = (op, tuple(sorted(arg.number for arg in args)), extra, truth)
-    found = Traced._kept.get(key)
+    found = Traced._nodes.get(key)
     if found is None:
-        found = Traced._kept[key] = _new(op, args, extra, uniform, truth)
+        found = Traced._nodes[key] = _new(op, args, extra, uniform, truth)
     return found
 
 
 def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = ()) -> Traced:
-    """One that is not the same as any other."""
+    """Make a number that is equal to no other."""
     node = _new(op, args, extra, False, False)
-    Traced._kept["fresh", node.number] = node
+    Traced._nodes["fresh", node.number] = node
     return node
 
 
@@ -308,7 +308,7 @@ def _new(op: str, args: tuple[Traced, ...], extra: Any, uniform: bool, truth: bo
     node = object.__new__(Traced)
     node.op, node.args, node.extra = op, args, extra
     node.uniform, node.truth = uniform, truth
-    node.number = len(Traced._kept)
+    node.number = len(Traced._nodes)
     return node
 
 
@@ -321,11 +321,11 @@ def _plain(*values: Any) -> bool:
 
 
 def _add(a: Traced, b: Traced) -> Traced:
-    if a.known is not None and b.known is not None:
-        return lift(a.known + b.known)
-    if a.known == 0.0:
+    if a.constant is not None and b.constant is not None:
+        return lift(a.constant + b.constant)
+    if a.constant == 0.0:
         return b
-    if b.known == 0.0:
+    if b.constant == 0.0:
         return a
     if b.op == "negate":
         return _subtract(a, b.args[0])
@@ -335,11 +335,11 @@ def _add(a: Traced, b: Traced) -> Traced:
 
 
 def _subtract(a: Traced, b: Traced) -> Traced:
-    if a.known is not None and b.known is not None:
-        return lift(a.known - b.known)
-    if b.known == 0.0:
+    if a.constant is not None and b.constant is not None:
+        return lift(a.constant - b.constant)
+    if b.constant == 0.0:
         return a
-    if a.known == 0.0:
+    if a.constant == 0.0:
         return _negate(b)
     if a is b:
         return lift(0.0)
@@ -349,8 +349,8 @@ def _subtract(a: Traced, b: Traced) -> Traced:
 
 
 def _negate(a: Traced) -> Traced:
-    if a.known is not None:
-        return lift(-a.known)
+    if a.constant is not None:
+        return lift(-a.constant)
     if a.op == "negate":
         return a.args[0]
     if a.op == "sub":
@@ -363,58 +363,58 @@ def _multiply(a: Traced, b: Traced) -> Traced:
         a = truth_as_number(a)
     if b.truth:
         b = truth_as_number(b)
-    if a.known is not None and b.known is not None:
-        return lift(a.known * b.known)
-    if b.known is not None:
+    if a.constant is not None and b.constant is not None:
+        return lift(a.constant * b.constant)
+    if b.constant is not None:
         a, b = b, a
-    if a.known is not None:
-        if a.known == 0.0:
+    if a.constant is not None:
+        if a.constant == 0.0:
             return a
-        if a.known == 1.0:
+        if a.constant == 1.0:
             return b
-        if a.known == -1.0:
+        if a.constant == -1.0:
             return _negate(b)
-        if a.known < 0.0:
-            return _negate(_multiply(lift(-a.known), b))
+        if a.constant < 0.0:
+            return _negate(_multiply(lift(-a.constant), b))
     if a.op == "negate":
         return _negate(_multiply(a.args[0], b))
     if b.op == "negate":
         return _negate(_multiply(a, b.args[0]))
     for flag, other in ((a, b), (b, a)):
-        if flag.op == "select" and {flag.args[1].known, flag.args[2].known} == {0.0, 1.0}:
+        if flag.op == "select" and {flag.args[1].constant, flag.args[2].constant} == {0.0, 1.0}:
             condition, yes, _ = flag.args
-            chosen = (other, 0.0) if yes.known == 1.0 else (0.0, other)
+            chosen = (other, 0.0) if yes.constant == 1.0 else (0.0, other)
             return cast(Traced, select(condition, *chosen))
     return _make("mul", (a, b), uniform=_all_uniform(a, b))
 
 
 def _reciprocal(a: Traced) -> Traced:
-    if a.known is not None:
-        return lift(1.0 / a.known)
+    if a.constant is not None:
+        return lift(1.0 / a.constant)
     if a.op == "negate":
         return _negate(_reciprocal(a.args[0]))
     return _make("reciprocal", (a,), uniform=a.uniform)
 
 
 def _unary(op: str, a: Traced, of_plain: Callable[[float], float]) -> Traced:
-    if a.known is not None:
-        return lift(of_plain(a.known))
+    if a.constant is not None:
+        return lift(of_plain(a.constant))
     if op == "abs" and a.op == "negate":
         a = a.args[0]
     return _make(op, (a,), uniform=a.uniform)
 
 
 def _compare(relation: str, a: Traced, b: Traced) -> Traced:
-    if a.known is not None and b.known is not None:
-        return lift_truth(RELATIONS[relation](a.known, b.known))
+    if a.constant is not None and b.constant is not None:
+        return lift_truth(RELATIONS[relation](a.constant, b.constant))
     return _make("compare", (a, b), relation, uniform=_all_uniform(a, b), truth=True)
 
 
 def _logical(op: str, a: Any, b: Any) -> Traced:
     a, b = lift_truth(a), lift_truth(b)
     for one, other in ((a, b), (b, a)):
-        if one.known is not None:
-            absorbs = (one.known == 0.0) == (op == "and")
+        if one.constant is not None:
+            absorbs = (one.constant == 0.0) == (op == "and")
             return cast(Traced, one if absorbs else other)
     return _make(op, (a, b), uniform=_all_uniform(a, b), truth=True)
 
@@ -440,9 +440,10 @@ HALF_PI = {
 
 
 def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
-    """Of angles up to some 1e5 rad (1e3 in single precision); within two units in the last place of one.
+    """Sine and cosine of an angle, within two units in the last place of one.
 
-    The Taylor series on -pi/4 to pi/4, cut where the rest is below 1e-17.
+    Angles are up to some 1e5 rad (1e3 in single precision). The Taylor series on -pi/4 to pi/4 ends where
+    the rest is below 1e-17.
     """
     if not isinstance(angle, Traced):
         return math.sin(angle), math.cos(angle)
@@ -456,7 +457,7 @@ def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
         sine = square * (sine + (-1.0) ** k / math.factorial(2 * k + 1))
         cosine = square * (cosine + (-1.0) ** k / math.factorial(2 * k))
     sine, cosine = r + r * sine, 1.0 + cosine
-    # Which of the four quadrants, as 0 to 3.
+    # Number of the quadrant, 0 to 3.
     fourth = quadrant - 4.0 * rounded(quadrant * 0.25 - 0.375)
     swaps = (fourth == 1.0) | (fourth == 3.0)
     sine, cosine = select(swaps, cosine, sine), select(swaps, sine, cosine)
@@ -481,7 +482,7 @@ def _square_root(value: Any) -> Any:
 _FUNCTIONS = SimpleNamespace(
     sin=_sine, cos=_cosine, sqrt=_square_root, exp=math.exp, expm1=math.expm1, pi=math.pi
 )
-# What plain functions go by for numbers, and what takes its place.
+# Names in functions of plain numbers, and their values for traced ones.
 PLAIN: dict[str, Any] = {
     "max": maximum,
     "min": minimum,

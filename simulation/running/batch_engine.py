@@ -279,7 +279,7 @@ def _statistics(filters: BatchFilter, worked: Worked) -> Floats:
             sums[FINAL_NEES],
             sums[VELOCITY_NEES] / sums[VELOCITY_COUNT],
             *(
-                counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_judged"])
+                counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_admitted"])
                 for name in SENSORS
             ),
             *(counts[f"{name}_rejected"] for name in SENSORS),

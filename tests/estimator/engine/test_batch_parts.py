@@ -32,7 +32,7 @@ from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 from icreckon.estimator.sensors.standstill import StandstillDetector
 from icreckon.estimator.tracing import trace
-from icreckon.estimator.tracing.emit import Kernel, Store, compiled_kernel, lanes_of_machine
+from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand, lanes_of_machine
 
 WIDTH = lanes_of_machine(64)
 ROBOT = load_robot("auriga-alpha")
@@ -47,7 +47,8 @@ def in_lanes(function, *columns):
         Store("lanes", len(columns) + row, trace.lift(value)) for row, value in enumerate(values)
     ]
     rows = len(columns) + len(values)
-    kernel = compiled_kernel(Kernel("tested", (rows, 0, 0), stores), WIDTH)
+    tested = Kernel("tested", (rows, 0, 0), stores)
+    kernel = kernel_on_demand("tested", lambda: tested, WIDTH)
 
     @njit
     def call(lanes):
@@ -122,7 +123,7 @@ def test_expressions_are_worked_out_as_python_does(values, seed) -> None:
 def test_what_is_zero_costs_nothing() -> None:
     trace.start()
     a = trace.lane_input("lanes", 0)
-    assert (a * 0.0).known == 0.0
+    assert (a * 0.0).constant == 0.0
     assert a + 0.0 is a
     assert a * 1.0 is a
     assert (0.0 * a + a * 2.0) is (2.0 * a)
@@ -148,7 +149,7 @@ def test_updates_that_are_put_off_come_to_the_same() -> None:
         h = np.array([row.get(i, 0.0) for i in range(5)])
         cross = lazy.times(row)
         expected = sum(cross[i] * h[i] for i in range(5)) + 0.3
-        lazy.take(cross, 1.0 / expected, kept)
+        lazy.update(cross, 1.0 / expected, kept)
         c = P @ h
         k = c / (h @ c + 0.3)
         k[list(kept)] = 0.0
@@ -290,7 +291,8 @@ def test_stamps_that_do_not_fit_are_named() -> None:
 def test_the_inner_loops_use_the_widest_registers_there_are() -> None:
     """Nearly all multiplications of a step are of whole vectors."""
     filters = BatchFilter(ROBOT, VARIANTS["constant-online"], Settings())
-    kernel = compiled_kernel(step_kernel("usual", filters.shape, StepKind()), WIDTH)
+    usual = step_kernel("usual", filters.shape, StepKind())
+    kernel = kernel_on_demand("usual", lambda: usual, WIDTH)
 
     @njit
     def step(lanes, inputs, constants):

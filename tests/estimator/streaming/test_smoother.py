@@ -157,8 +157,8 @@ class _Batch(smoother._Tape):
         super().updated(residual, row, variance, change)
         self.offset = self.offset - change
 
-    def keep_row(self, track_speeds):
-        super().keep_row(track_speeds)
+    def record_row(self, track_speeds):
+        super().record_row(track_speeds)
         self.rows.append(([each.copy() for each in self.maps], self.offset.copy()))
 
     def solve(self):

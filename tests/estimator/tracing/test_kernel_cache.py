@@ -19,7 +19,7 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing import kernel_cache
-from icreckon.estimator.tracing.emit import Kernel, Store, compiled_kernel, lanes_of_machine
+from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand, lanes_of_machine
 from icreckon.estimator.tracing.jit_kernel import compiled, entry
 from icreckon.estimator.tracing.kernel_cache import (
     DIGITS,
@@ -244,7 +244,8 @@ def test_other_sources_have_another_folder(
 def test_a_kernel_cannot_address_rows_that_its_arrays_lack() -> None:
     start()
     stores = [Store("lanes", 1, lane_input("lanes", 0))]
-    kernel = compiled_kernel(Kernel("beyond", (1, 0, 0), stores), lanes_of_machine(64))
+    beyond = Kernel("beyond", (1, 0, 0), stores)
+    kernel = kernel_on_demand("beyond", lambda: beyond, lanes_of_machine(64))
     from numba import njit
 
     @njit
@@ -290,7 +291,7 @@ def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> Non
         case "estimates":
             estimates = estimates[:, :3]
         case "refused":
-            lanes = lanes._replace(refused=lanes.refused[:1])
+            lanes = lanes._replace(rejected=lanes.rejected[:1])
         case "ticks":
             estimates = estimates[:1]
     with pytest.raises(ValueError, match="wrong size"):
