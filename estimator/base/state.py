@@ -31,6 +31,8 @@ STATE_NAMES: Final[tuple[str, ...]] = (
     "fast_slip_w",
 )
 
+# Name of a parameter's place that the variant's model does not use.
+NO_NAME: Final = ""
 SIZE: Final = len(STATE_NAMES)
 X, Y, YAW = range(3)
 POSE: Final = slice(0, 3)

@@ -78,7 +78,7 @@ def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
         EstimatorError: there is no such parameter, bias or scale; the message names the nearest.
     """
     names = state_names(variant)
-    allowed = [name for name in names[s.LEARNT] if not name.startswith("unused")]
+    allowed = [*filter(None, names[s.LEARNT])]
     for name in settings.considered:
         if name not in allowed:
             raise SettingError(

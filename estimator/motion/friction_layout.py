@@ -22,8 +22,6 @@ PARAMETER_NAMES: Final[tuple[str, ...]] = (
     "x_CM",
     "y_CM",
     "z_CM",
-    "unused_1",
-    "unused_2",
 )
 
 

@@ -214,13 +214,14 @@ def default_adaptation(variant: str, **changes: float) -> Adaptation:
 
 
 def parameter_names(variant: Variant) -> tuple[str, ...]:
-    """Names of the eight parameters of a variant's model, in their order in the state."""
-    return FRICTION_PARAMETERS if variant.model == "friction" else INDEX_PARAMETERS
+    """Names (8,) of the parameters of a variant's model in the state, `NO_NAME` for unused places."""
+    names = FRICTION_PARAMETERS if variant.model == "friction" else INDEX_PARAMETERS
+    return (*names, *(s.NO_NAME for _ in range(len(INDEX_PARAMETERS) - len(names))))
 
 
 def used_parameters(variant: Variant) -> tuple[str, ...]:
     """Names of the parameters that the variant's model uses."""
-    return tuple(name for name in parameter_names(variant) if not name.startswith("unused"))
+    return tuple(filter(None, parameter_names(variant)))
 
 
 def state_names(variant: Variant | str) -> tuple[str, ...]:

@@ -123,7 +123,8 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
         numbers = [*checkpoint["state"], *np.ravel(checkpoint["covariance"]), *checkpoint["model"]]
         if not np.isfinite(numbers).all():
             raise EstimatorError(f"{path}: not written, the estimate is not finite")
-        checkpoint["state"] = dict(zip(names, checkpoint["state"], strict=True))
+        values = zip(names, checkpoint["state"], strict=True)
+        checkpoint["state"] = {name: value for name, value in values if name}
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -172,7 +173,7 @@ def read_saved(path: Path) -> SavedEstimator:
     try:
         names = state_names(find_variant(content["variant"]))
         for checkpoint in (content["now"], content["history"]["memory"]):
-            checkpoint["state"] = [checkpoint["state"][name] for name in names]
+            checkpoint["state"] = [checkpoint["state"][name] if name else 0.0 for name in names]
         return msgspec.convert(content, SavedEstimator, dec_hook=_from_plain)
     except (KeyError, TypeError, ValueError, EstimatorError) as problem:
         raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None

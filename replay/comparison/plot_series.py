@@ -95,7 +95,7 @@ def _parameters(one: Run, start: int) -> Results:
     found: Results = {"t_s": _rounded((one.stamps[rows] - start) * NANOSECOND)}
     for index in range(s.LEARNT.start, s.LEARNT.stop):
         name, sigma = one.state_names[index], one.state_sigmas[rows, index]
-        if not name.startswith("unused") and sigma.any():
+        if name and sigma.any():
             found[name] = {
                 "value": _rounded(one.states[rows, index]),
                 "sigma": _rounded(sigma),

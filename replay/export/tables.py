@@ -88,7 +88,7 @@ def run_columns(one: Run, robot: Robot, start: int) -> dict[str, Any]:
         single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = x, y
     for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.LEARNT.stop)):
         name = one.state_names[index]
-        if not name.startswith("unused"):
+        if name:
             single[column(name)] = one.states[:, index]
             single[column(name, "sigma")] = one.state_sigmas[:, index]
     for index, name in enumerate(one.innovation_names):
