@@ -1,4 +1,4 @@
-"""Dead reckoning on the sample logs, with a geometry identified only on other logs of the same robot.
+"""Dead reckoning on the sample logs, with a geometry calibrated only on other logs of the same robot.
 
     python benchmarks/accuracy.py DATA [--write BASELINE | --check BASELINE]
 
@@ -7,7 +7,7 @@ warthog_grass_2024_8_8_16h11s19, warthog_grass_2024_7_29_14h46s15, warthog_aspha
 marmotte_part1 and husky_deflated_part1, as MCAP bags.
 
 Every fold begins with the makers' geometry (wheel radius, track, no slip) and an IMU that is mounted
-square, which are identified anew (`icreckon identify`) on the training logs, as is the latency of the
+square, which are calibrated anew (`icreckon calibrate`) on the training logs, as is the latency of the
 track speeds: for each Warthog log the other three, for Marmotte and Husky one half of the log for the
 other. Noise is that of the robot files: measured on these logs at rest and as vibration, not tuned to
 their drift. No fixes. The truth's lag and lever arm are found anew for each filter, on the log that is
@@ -17,7 +17,7 @@ Figures are the position error after 30 s (10 s) over the distance [%], summed o
 aligned at each one's start. Intervals are 95 % bootstrap intervals over blocks of 60 s of all logs of a
 row. NEES is that of the motion over 30 s (10 s), by its own covariance and the truth's noise, which is
 taken to be what is left over half a second; 3 is ideal. "Nominal track" is the same filter with the
-identified radius and the maker's track; "nothing known" has the maker's radius too, which no gyro shows.
+calibrated radius and the maker's track; "nothing known" has the maker's radius too, which no gyro shows.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from _study import spread, table
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative
-from icreckon.estimator.calibration import identify
+from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import drift, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries
@@ -82,7 +82,7 @@ class Piece(NamedTuple):
 
 
 class Fold(NamedTuple):
-    """What is scored, and what its geometry is identified on; `row` is where it counts."""
+    """What is scored, and what its geometry is calibrated on; `row` is where it counts."""
 
     row: str
     robot: str
@@ -158,7 +158,7 @@ class Job(NamedTuple):
 def score(job: Job) -> list[Score]:
     """The scores of all variants on a fold, and of those that learn with less known."""
     fold = job.fold
-    known, makers = identified(job.data, fold)
+    known, makers = calibrated(job.data, fold)
     log = cut(read_log(job.data / fold.scored.log, known), fold.scored)
     found = [scored(fold, log, known, name, name) for name in job.variants]
     if not job.less_known:
@@ -170,7 +170,7 @@ def score(job: Job) -> list[Score]:
     return found
 
 
-def identified(data: Path, fold: Fold) -> tuple[Robot, Robot]:
+def calibrated(data: Path, fold: Fold) -> tuple[Robot, Robot]:
     """The robot as its training logs show it, and as its makers do (both with the latency found)."""
     robot = with_latency(as_made(fold.robot), 0.0)
     late = []
@@ -184,7 +184,7 @@ def identified(data: Path, fold: Fold) -> tuple[Robot, Robot]:
             late.append(latency.seconds)
     makers = with_latency(robot, float(np.mean(late)) if late else 0.0)
     logs = [cut(read_log(data / piece.log, makers), piece) for piece in fold.training]
-    return identify(logs, makers).robot, makers
+    return calibrate(logs, makers).robot, makers
 
 
 def as_made(name: str) -> Robot:

@@ -1,8 +1,8 @@
-"""What `identify` finds on the sample logs, one by one and together: two tables in Markdown.
+"""Calibrations of the sample logs, one by one and together: two tables in Markdown.
 
     python benchmarks/calibrated_logs.py DATA
 
-DATA is the folder of the sample logs, see accuracy.py. Each identification starts from the makers'
+DATA is the folder of the sample logs, see accuracy.py. Each calibration starts from the makers'
 figures and an IMU that is mounted square, as there.
 """
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from _study import table
 from accuracy import ASPHALT, GRASS, HALVED, as_made
 
-from icreckon.estimator.calibration import Identification, identify
+from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.replay.reading.read_log import read_log
 
 LOGS = {
@@ -29,7 +29,7 @@ LOGS = {
 }
 
 
-def found_row(name: str, found: Identification) -> list[str]:
+def found_row(name: str, found: Calibration) -> list[str]:
     """Radius, track, lags and the truth's point."""
 
     def told(parameter: str, digits: int) -> str:
@@ -49,7 +49,7 @@ def found_row(name: str, found: Identification) -> list[str]:
     ]
 
 
-def model_row(name: str, found: Identification) -> list[str]:
+def model_row(name: str, found: Calibration) -> list[str]:
     """Held-out drift of each model, and how the others differ from the one that is supported."""
     comparison = found.comparison
     scores = [
@@ -68,7 +68,7 @@ def main() -> None:
     every = {}
     for name, (robot_name, logs) in LOGS.items():
         robot = as_made(robot_name)
-        every[name] = identify([read_log(data / log, robot) for log in logs], robot)
+        every[name] = calibrate([read_log(data / log, robot) for log in logs], robot)
     head = ["log", "effective radius, m", "effective track, m", "truth late, s"]
     rows = [found_row(name, found) for name, found in every.items()]
     table([*head, "its point forward, left, m", "zeta1, m/N"], rows)

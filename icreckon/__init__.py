@@ -3,6 +3,7 @@
 The public names of the estimator, the simulator and the replay module are imported when first used.
 """
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,8 @@ if TYPE_CHECKING:
     from icreckon.estimator.base.state import STATE_NAMES as STATE_NAMES
     from icreckon.estimator.batch.feed_arrays import feed_arrays as feed_arrays
     from icreckon.estimator.batch.many import run_many as run_many
-    from icreckon.estimator.calibration import Identification as Identification
-    from icreckon.estimator.calibration import identify as identify
+    from icreckon.estimator.calibration import Calibration as Calibration
+    from icreckon.estimator.calibration import calibrate as calibrate
     from icreckon.estimator.filter.clones import RelativeMotion as RelativeMotion
     from icreckon.estimator.filter.health import Health as Health
     from icreckon.estimator.filter.health import JudgedInnovation as JudgedInnovation
@@ -86,6 +87,7 @@ _MODULES = {
 _HOMES = {
     "Adaptation": "icreckon.estimator.robot.variants",
     "BodyVelocity": "icreckon.estimator.log.measurements",
+    "Calibration": "icreckon.estimator.calibration",
     "EncoderSpec": "icreckon.simulation.sensors.specs",
     "EstimatorError": "icreckon.estimator.base.errors",
     "FixSeries": "icreckon.estimator.log.log",
@@ -94,7 +96,6 @@ _HOMES = {
     "HeadingFix": "icreckon.estimator.log.measurements",
     "Health": "icreckon.estimator.filter.health",
     "IcreckonError": "icreckon.estimator.base.errors",
-    "Identification": "icreckon.estimator.calibration",
     "ImuSample": "icreckon.estimator.log.measurements",
     "ImuSeries": "icreckon.estimator.log.log",
     "InertialSpec": "icreckon.simulation.sensors.specs",
@@ -128,10 +129,10 @@ _HOMES = {
     "TwistSeries": "icreckon.estimator.log.log",
     "VARIANTS": "icreckon.estimator.robot.variants",
     "ZeroVelocity": "icreckon.estimator.log.measurements",
+    "calibrate": "icreckon.estimator.calibration",
     "compare": "icreckon.replay.comparison.compare",
     "default_adaptation": "icreckon.estimator.robot.variants",
     "drift": "icreckon.estimator.log.scores",
-    "identify": "icreckon.estimator.calibration",
     "inspect": "icreckon.replay.inspection.inspect",
     "load_robot": "icreckon.estimator.robot.robot_file",
     "load_scenario": "icreckon.simulation.scenario",
@@ -153,12 +154,22 @@ _HOMES = {
     "write_log": "icreckon.replay.export.log_bag",
     "write_report": "icreckon.report.replay.folder",
 }
+# Former names, which warn for one version.
+_FORMER = {"Identification": "Calibration", "identify": "calibrate"}
 
 __all__ = sorted({*_HOMES, *_MODULES})  # noqa: PLE0605 - the table above is the one list of names
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
+    if name in _FORMER:
+        new = _FORMER[name]
+        warnings.warn(
+            f"icreckon.{name} is now icreckon.{new}; the former name goes with the next version",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return __getattr__(new)
     if name in _MODULES:
         value: Any = import_module(_MODULES[name])
     elif name in _HOMES:

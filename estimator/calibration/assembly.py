@@ -1,4 +1,4 @@
-"""Assembly of fits: the identified robot, its parameters, and a verdict."""
+"""Assembly of fits: the calibrated robot, its parameters, and a verdict."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, SLIP
 from icreckon.estimator.calibration.result import (
+    Calibration,
     Comparison,
     FoundParameter,
-    Identification,
     OfLog,
     Residuals,
     Status,
@@ -47,8 +47,8 @@ def assembled(
     again: Again,
     *,
     speeds_by_radius: bool,
-) -> Identification:
-    """Assemble the identification from its parts.
+) -> Calibration:
+    """Assemble the calibration from its parts.
 
     Args:
         robot: the robot as described by its file.
@@ -90,7 +90,7 @@ def assembled(
         new = _put(usable[name], new)
     parameters = _parameters(robot, new, fits, usable, main, speeds_by_radius)
     names, correlations = _correlations(fits.get("inertia", fits["constant"]))
-    return Identification(
+    return Calibration(
         new,
         parameters,
         names,
@@ -185,7 +185,7 @@ def _common(robot: Robot, main: Fit, by_model: float, speeds_by_radius: bool) ->
 
 
 def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
-    """Scale of the gyro with the identified mounting, which determines the vertical."""
+    """Scale of the gyro with the calibrated mounting, which determines the vertical."""
     if robot.imu.gyro_axes == "z":
         return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
     # Ratio of the robot's rotation about the new vertical to that about the old one.
@@ -236,7 +236,7 @@ def _sigma_over_logs(main: Fit, name: str, known: float) -> float:
 
 
 def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
-    """Identified roll, pitch, yaw [deg], and the rotation."""
+    """Calibrated roll, pitch, yaw [deg], and the rotation."""
     roll, pitch, yaw = (float(one[0]) for one in _turns(main))
     turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
     angles = np.degrees(

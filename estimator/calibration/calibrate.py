@@ -1,4 +1,4 @@
-"""Identification of a robot from logs, from segments to a calibrated robot file."""
+"""Calibration of a robot from logs, from segments to a calibrated robot file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from icreckon.estimator.calibration.cross_validation import validate
 from icreckon.estimator.calibration.fit import Fit, fit
 from icreckon.estimator.calibration.models import MODELS, model_of
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
-from icreckon.estimator.calibration.result import Identification
+from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -26,7 +26,7 @@ AGAINST = -0.3
 """Correlation of turning by gyro and truth, or tracks, that indicates a wrong sign."""
 
 
-def identify(
+def calibrate(
     logs: Sequence[Log],
     robot: Robot,
     *,
@@ -35,8 +35,8 @@ def identify(
     models: Sequence[str] = MODELS,
     speeds_by_radius: bool = True,
     progress: Callable[[float], None] | None = None,
-) -> Identification:
-    """Identify a robot's parameters from logs with a pose truth.
+) -> Calibration:
+    """Calibrate a robot's parameters from logs with a pose truth.
 
     The method is maximum likelihood over segments. The truth may be late, and that of another point of
     the robot than base_link. If neither this point nor the IMU's position is known (an IMU at the robot
@@ -56,7 +56,7 @@ def identify(
         progress: called with the share done, 0 to 1.
 
     Returns:
-        The identified robot, every parameter with its standard error, the observable parameters, and
+        The calibrated robot, every parameter with its standard error, the observable parameters, and
         the supported model.
 
     Raises:
@@ -66,7 +66,7 @@ def identify(
     require_robot(robot)
     chosen = _models(models)
     if not logs:
-        raise EstimatorError("no log to identify from; give one or more")
+        raise EstimatorError("no log to calibrate from; give one or more")
     if not SHORTEST <= segment <= LONGEST:
         raise EstimatorError(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"

@@ -1,4 +1,4 @@
-"""Residuals of all segments and their derivatives by all identified parameters.
+"""Residuals of all segments and their derivatives by all calibrated parameters.
 
 Rows of a segment, in this order: displacement by the truth less that by model and gyro, along and across
 its middle heading [m]; rotation by the gyro less that by the model [rad]; rotation by the truth less that
@@ -35,7 +35,7 @@ STEP = 1e-4
 
 @dataclass(frozen=True)
 class Problem:
-    """Identification problem: segments, model, and parameters.
+    """Calibration problem: segments, model, and parameters.
 
     Attributes:
         recording: the segments.
@@ -262,7 +262,7 @@ def problem_of(
     lever_arm: tuple[float, float] | None,
     imu_place_known: bool,
 ) -> Problem:
-    """Make the identification problem of a model.
+    """Make the calibration problem of a model.
 
     Args:
         recording: the segments.

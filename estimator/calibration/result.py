@@ -1,4 +1,4 @@
-"""Result of an identification."""
+"""Result of a calibration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Status = Literal["shown", "conditional", "held"]
 
 @dataclass(frozen=True)
 class FoundParameter:
-    """Identified parameter.
+    """Calibrated parameter.
 
     Attributes:
         name: name in the robot file, with its table if ambiguous: "imu.gyro_scale".
@@ -144,7 +144,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Errors of segments for a figure: by the robot file, and by the identified robot.
+    """Errors of segments for a figure: by the robot file, and by the calibrated robot.
 
     Attributes:
         seconds: (n,) time since the first log's start, logs in sequence [s].
@@ -160,11 +160,11 @@ class Residuals:
 
 
 @dataclass(frozen=True)
-class Identification:
-    """Identification of a robot.
+class Calibration:
+    """Calibration of a robot.
 
     Attributes:
-        robot: the identified robot.
+        robot: the calibrated robot.
         parameters: all parameters of the robot, unobservable ones included.
         correlation_names: names of the rows of `correlations`.
         correlations: (c, c) of the estimates of the model with most index parameters.

@@ -39,7 +39,7 @@ LAGS = np.arange(-0.5, 1.2001, 0.02)
 LAG_WINDOW = 1.0
 """Window over which rotations are compared to find the lag [s]."""
 LEAST_SEGMENTS = 10
-"""Least number of moving segments for an identification."""
+"""Least number of moving segments for a calibration."""
 LEAST_TURNING = 1.0
 """Least total rotation of the robot [rad]."""
 SMALLEST_BLOCK, LARGEST_BLOCK, BLOCKS = 3, 8, 10
@@ -233,12 +233,12 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     """
     if log.truth is None or len(log.truth.poses.stamps) < 2:
         raise EstimatorError(
-            f"log {log.name!r} holds no pose truth, so nothing to identify from; name its topic in "
+            f"log {log.name!r} holds no pose truth, so nothing to calibrate from; name its topic in "
             "[log.truth] of the robot file"
         )
     if log.imu is None or len(log.imu.stamps) < 2:
         raise EstimatorError(
-            f"log {log.name!r} holds no IMU samples; identification needs a gyro: name its topic in "
+            f"log {log.name!r} holds no IMU samples; calibration needs a gyro: name its topic in "
             "[log.imu] of the robot file"
         )
     if len(log.tracks.stamps) < 2:
@@ -473,7 +473,7 @@ def _first_lag(
     if len(starts) < 8:
         raise EstimatorError(
             f"truth and IMU of log {name!r} share only {max(0.0, high + LAG_WINDOW - low):.1f} s; "
-            "nothing can be identified from that"
+            "nothing can be calibrated from that"
         )
     between = np.searchsorted(truth_times, starts + LAG_WINDOW) - np.searchsorted(
         truth_times, starts

@@ -3,10 +3,13 @@
 A variant is an index model (the role of the eight parameters, and those it uses) with parameters that are
 estimated (`online`) or kept (`fixed`). The slip residual, which the model leaves unexplained, is part of
 it: a poorer model needs more. The defaults here apply if the robot file has no `[slip]`.
+
+`register` adds a variant with a motion model of one's own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -40,11 +43,19 @@ Model = Literal["differential", "constant", "inertia", "friction"]
 
 @dataclass(frozen=True)
 class Variant:
-    """Filter variant: name, index model, and True if it estimates the parameters."""
+    """Filter variant.
+
+    Attributes:
+        name: its name.
+        model: shipped model; parameters, initial values, adaptation and slip are those of this model.
+        online: True if it estimates the parameters.
+        motion: factory of its motion model for a robot; None for the motion model of `model`.
+    """
 
     name: str
     model: Model
     online: bool
+    motion: Callable[[Robot], MotionModel] | None = None
 
 
 VARIANTS = {
@@ -160,6 +171,29 @@ def find_variant(name: str) -> Variant:
     return found
 
 
+def register(variant: Variant) -> None:
+    """Add a variant; its name is valid wherever those of `VARIANTS` are.
+
+    A motion model without a traced form (`estimator.engine.model`) is evaluated in Python, with either
+    engine, and cannot run side by side. Studies refuse it, and the worker processes of a replay lack it.
+
+    Raises:
+        EstimatorError: the name is taken, or there is no such shipped model.
+    """
+    if variant.name in VARIANTS:
+        raise EstimatorError(f"{variant.name!r}: there is such a variant already")
+    if variant.model not in DEFAULT_SLIP:
+        raise EstimatorError(
+            f"no model named {variant.model!r}{nearest_hint(variant.model, list(DEFAULT_SLIP))}"
+        )
+    VARIANTS[variant.name] = variant
+
+
+def unregister(name: str) -> None:
+    """Remove a variant that `register` added."""
+    del VARIANTS[name]
+
+
 def default_adaptation(variant: str, **changes: float) -> Adaptation:
     """Default adaptation of a variant, with changes.
 
@@ -234,13 +268,16 @@ def motion_model(
     Args:
         robot: the robot.
         variant: the variant.
-        form: see `estimator.motion.index_model.solve`; not used by the friction model.
+        form: see `estimator.motion.index_model.solve`; not used by the friction model, nor by one of
+            the variant's own.
         slip_in_inertia: see `estimator.motion.index_model.solve`; not used by the friction model.
         adaptation: adaptation of the variant; its default for None.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground.
     """
+    if variant.motion is not None:
+        return variant.motion(robot)
     if variant.model == "friction":
         estimated = parameter_sigmas(robot, variant, adaptation or DEFAULT_ADAPTATION["friction"])
         return FrictionMotion(

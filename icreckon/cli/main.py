@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -304,7 +305,7 @@ def inspect(
 
 
 @app.command()
-def identify(
+def calibrate(
     log: Annotated[
         list[Path],
         typer.Argument(
@@ -347,9 +348,9 @@ def identify(
 
     Reports which parameters the logs determine, and which model they support.
     """
-    from icreckon.cli.identify import run_identify
+    from icreckon.cli.calibrate import run_calibrate
 
-    run_identify(
+    run_calibrate(
         paths=log,
         message_files=msg or [],
         robot_name=robot,
@@ -361,6 +362,14 @@ def identify(
         as_json=json,
         overwrite=overwrite,
     )
+
+
+# Former name of the command, which goes with the next version.
+@app.command("identify", hidden=True)
+@wraps(calibrate)
+def _identify(**options: Any) -> None:
+    typer.echo("icreckon identify is now called icreckon calibrate", err=True)
+    calibrate(**options)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Calibration outputs: results as plain data, and the identified robot file.
+"""Calibration outputs: results as plain data, and the calibrated robot's file.
 
 Below: `comparison`, `estimator.calibration`.
 """

@@ -1,4 +1,4 @@
-"""Results of an identification as plain data: the content of `results.json`."""
+"""Results of a calibration as plain data: the content of `results.json`."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from icreckon.estimator.calibration import Identification
+from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.log.log import Log
 from icreckon.replay.comparison.results import FORMAT, Results, digest, versions
 
 
-def summarise_identification(
-    found: Identification,
+def summarise_calibration(
+    found: Calibration,
     logs: list[Log],
     *,
     configuration: dict[str, Any],
     inputs: dict[str, Path],
 ) -> Results:
-    """Summarise an identification for tables and figure.
+    """Summarise a calibration for tables and figure.
 
     Args:
-        found: the identification.
+        found: the calibration.
         logs: its logs.
         configuration: options of the command.
         inputs: input files, by their displayed names.
     """
     return {
         "format": FORMAT,
-        "command": "identify",
+        "command": "calibrate",
         "configuration": configuration,
         "seed": None,
         "versions": versions(),

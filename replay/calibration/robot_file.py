@@ -1,4 +1,4 @@
-"""Robot file of an identification: complete, with standard errors as comments."""
+"""Robot file of a calibration: complete, with standard errors as comments."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 
 import msgspec
 
-from icreckon.estimator.calibration import Identification
+from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.calibration.result import FoundParameter
 from icreckon.estimator.robot.robot_file import Robot
 
-FIRST_WORDS = "# Identified by icreckon"
+FIRST_WORDS = "# Calibrated by icreckon"
+# First words of the files of `icreckon identify`, the former name of the command.
+FORMER_FIRST_WORDS = "# Identified by icreckon"
 # Significant digits of a computed number.
 DIGITS = 7
 # Column at which the comments of short lines are aligned.
@@ -24,13 +26,13 @@ SIGMAS = {
 }
 
 
-def robot_file_text(found: Identification, sources: Sequence[str], robot_name: str) -> str:
+def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str) -> str:
     """Format the text of a robot file, as input of `load_robot`.
 
     Args:
-        found: the identification.
+        found: the calibration.
         sources: names of the logs.
-        robot_name: robot with which the identification started, a name or a file.
+        robot_name: robot with which the calibration started, a name or a file.
     """
     robot = found.robot
     header = [
@@ -65,7 +67,7 @@ def robot_file_text(found: Identification, sources: Sequence[str], robot_name: s
     return "\n".join(lines) + "\n"
 
 
-def _of_logs(found: Identification) -> list[str]:
+def _of_logs(found: Calibration) -> list[str]:
     lines = []
     for log in found.logs:
         (bias, bias_sigma), (lag, lag_sigma) = log.gyro_bias, log.lag
@@ -100,7 +102,7 @@ def _vehicle_comments(robot: Robot, comments: Mapping[str, str]) -> dict[str, st
     }
 
 
-def _imu_comments(found: Identification, comments: Mapping[str, str]) -> dict[str, str]:
+def _imu_comments(found: Calibration, comments: Mapping[str, str]) -> dict[str, str]:
     errors = {one.name: one.sigma for one in found.parameters}
     own = _under("imu", comments) | SIGMAS
     turns = [errors.get(f"imu.{name}") for name in ("roll", "pitch", "yaw")]

@@ -107,7 +107,11 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     robot: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
-        find_variant(self.variant)
+        if find_variant(self.variant).motion is not None:
+            raise SimulationError(
+                f"studies take shipped variants only: {self.variant!r} has a motion model of its own, "
+                "which their worker processes cannot import"
+            )
         label = self.label or self.variant
         _require_name("label of a variant", label)
         msgspec.structs.force_setattr(self, "label", label)

@@ -1,4 +1,4 @@
-"""Figure of an identification, made from its results only."""
+"""Figure of a calibration, made from its results only."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ LINE = 110
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
 
 
-def write_identification_figure(path: Path, results: Results) -> None:
+def write_calibration_figure(path: Path, results: Results) -> None:
     """Draw segment errors before and after, certainties and held-out scores as PNG.
 
     Args:
         path: the file.
-        results: output of `replay.calibration.results.summarise_identification`.
+        results: output of `replay.calibration.results.summarise_calibration`.
     """
     with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(15, 9), layout="constrained")
@@ -55,7 +55,7 @@ def _draw_errors(axes: list[Axes], results: Results) -> None:
     for row, (one, name, unit) in enumerate(zip(axes, ROWS, UNITS, strict=True)):
         for key, colour, label in (
             ("before", BEFORE, "as the robot file was"),
-            ("after", AFTER, f"identified, {results['supported_model']}"),
+            ("after", AFTER, f"calibrated, {results['supported_model']}"),
         ):
             values = unit * np.array(series[key])[:, row]
             size = np.sqrt(np.mean(values**2))

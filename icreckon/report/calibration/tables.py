@@ -1,4 +1,4 @@
-"""Tables of an identification for the terminal, made from its results only."""
+"""Tables of a calibration for the terminal, made from its results only."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STATUS = {
 STRONG_CORRELATION = 0.9
 
 
-def identification_tables(results: Results) -> Group:
+def calibration_tables(results: Results) -> Group:
     """Parameters, logs, models, and the verdict."""
     return Group(
         _parameters(results), _logs(results), _models(results), *map(Text, _footnotes(results))

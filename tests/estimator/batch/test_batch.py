@@ -256,8 +256,9 @@ def test_single_precision_says_nearly_the_same(variant: str) -> None:
         zero = np.zeros(3)
         (worked,) = work_through_runs([filters], [measured], steps, start=zero, start_sigma=zero)
         assert worked.lanes.workspace.dtype.itemsize == bits / 8
-        found.append([filters.state(worked.lanes, lane % filters.width) for lane in range(8)])
-    for (x, P), (y, Q) in zip(*found, strict=True):
+        found.append([filters.state(worked.lanes, lane) for lane in range(filters.width)])
+    # There are twice as many lanes in single precision; a machine has 2 to 8 in double.
+    for (x, P), (y, Q) in zip(*found, strict=False):
         sigma = np.sqrt(np.diagonal(P))
         known = sigma > 0.0
         assert np.abs((y - x)[known] / sigma[known]).max() < 0.01

@@ -20,6 +20,7 @@ from icreckon.estimator.log.measurements import ZeroVelocity
 from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison import compare as comparison
@@ -30,13 +31,6 @@ from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
-INDEX_VARIANTS = (
-    "differential",
-    "constant-fixed",
-    "constant-online",
-    "inertia-fixed",
-    "inertia-online",
-)
 # What rounding may come to, in standard deviations. Where track speeds are hardly known, the gyro cuts
 # the variance of the yaw rate to a billionth, of which doubles have seven digits left.
 ROUNDING, FEW_DIGITS = 1e-8, 1e-6
@@ -148,7 +142,7 @@ def assert_same(
 
 
 def test_all_variants_in_one_pass_say_what_each_says_alone() -> None:
-    runs = assert_same(drive(), *INDEX_VARIANTS)
+    runs = assert_same(drive(), *VARIANTS)
     health = runs["inertia-online"].health
     assert health.standstill_updates > 0
     assert health.sensors["gyro"].rejected.get("gate", 0) + health.sensors["gyro"].used > 2000
@@ -312,8 +306,6 @@ def test_what_cannot_be_taken_is_refused_by_name() -> None:
 
     refused(replace(log, imu=None), "no IMU")
     refused(replace(log, others=(ZeroVelocity(begin, (0.1, 0.1, 0.1)),)), "ZeroVelocity")
-    refused(log, "those of the index models can", "friction-online")
-    refused(log, "considered", settings=Settings(considered=("eta0",)))
     refused(log, "engine", settings=Settings(engine="plain"))
     forces = log.imu.linear_acceleration
     assert forces is not None
@@ -343,7 +335,7 @@ def test_long_logs_are_compared_side_by_side(monkeypatch: pytest.MonkeyPatch) ->
     apart = compare(log, ROBOT, variants)
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
     told: list[float] = []
-    monkeypatch.setattr(comparison, "run", _only_friction)
+    monkeypatch.setattr(comparison, "run", _not_streamed)
     together = compare(log, ROBOT, variants, progress=told.append)
     assert list(together.runs) == list(variants)
     for variant, found in together.runs.items():
@@ -352,10 +344,10 @@ def test_long_logs_are_compared_side_by_side(monkeypatch: pytest.MonkeyPatch) ->
     assert told[0] < 0.5 < told[-1] <= 1.0
 
 
-def test_processes_are_for_the_variants_that_cannot_go_along(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_processes_are_for_what_cannot_run_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     log, asked = drive(), []
+    log = log.between(log.start, log.start + 12 * 10**9)
+    others = (ZeroVelocity(int(log.tracks.stamps[50]), (0.1, 0.1, 0.1)),)
 
     def processes(task: Any, variants: list[str], workers: int, progress: Any) -> Any:
         asked.append((tuple(variants), workers))
@@ -363,15 +355,16 @@ def test_processes_are_for_the_variants_that_cannot_go_along(
 
     monkeypatch.setattr(comparison, "_in_processes", processes)
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
-    variants = ("friction-fixed", "constant-online", "friction-online")
-    found = compare(log.between(log.start, log.start + 12 * 10**9), ROBOT, variants, workers=3)
+    variants = ("constant-online", "friction-online")
+    compare(log, ROBOT, variants, workers=3)
+    assert asked == []
+    found = compare(replace(log, others=others), ROBOT, variants, workers=3)
     assert tuple(found.runs) == variants
-    assert asked == [(("friction-fixed", "friction-online"), 3)]
+    assert asked == [(variants, 3)]
 
 
-def _only_friction(log: Log, robot: Robot, variant: str, **options: Any) -> Run:
-    assert variant.startswith("friction"), "this was to run side by side"
-    return run(log, robot, variant, **options)
+def _not_streamed(*_: Any, **__: Any) -> Run:
+    raise AssertionError("all variants were to run side by side")
 
 
 def test_what_side_by_side_cannot_take_is_streamed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -392,7 +385,7 @@ def test_a_truth_that_was_logged_is_aligned_side_by_side(
     log = read_log(sample_log(data_dir, "warthog_asphalt_2024_9_25_12h8s57"), robot)
     apart = compare(log, robot, ("constant-online",))
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
-    monkeypatch.setattr(comparison, "run", _only_friction)
+    monkeypatch.setattr(comparison, "run", _not_streamed)
     together = compare(log, robot, ("constant-online",))
     assert apart.alignment is not None
     assert together.alignment is not None

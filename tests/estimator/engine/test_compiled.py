@@ -10,7 +10,6 @@ import pytest
 
 from icreckon.estimator.base import state
 from icreckon.estimator.engine.lane_filter import LaneEkf
-from icreckon.estimator.filter import initial_state
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -27,9 +26,12 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
     VARIANTS,
+    Variant,
     find_variant,
     initial_parameters,
     motion_model,
+    register,
+    unregister,
 )
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.smoother import smooth
@@ -383,17 +385,22 @@ class Sluggish:
 
 
 @pytest.fixture
-def sluggish(monkeypatch):
-    def use(time_constant):
-        monkeypatch.setattr(initial_state, "motion_model", lambda *_, **__: Sluggish(time_constant))
+def sluggish():
+    """Register the variant "sluggish" with a time constant."""
 
-    return use
+    def use(time_constant):
+        register(
+            Variant("sluggish", "inertia", online=True, motion=lambda _: Sluggish(time_constant))
+        )
+
+    yield use
+    unregister("sluggish")
 
 
 def test_model_that_is_not_compiled_is_asked_in_python(sluggish):
     ours, used = fed("compiled")
     sluggish(0.0)
-    theirs, theirs_used = fed("compiled")
+    theirs, theirs_used = fed("compiled", "sluggish")
     assert isinstance(theirs._reckoning.ekf.model, Sluggish)
     assert used == theirs_used
     assert max(apart(theirs, ours)) < 1e-9
@@ -402,15 +409,15 @@ def test_model_that_is_not_compiled_is_asked_in_python(sluggish):
 @pytest.mark.parametrize("engine", ["plain", "compiled"])
 def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, engine, tmp_path):
     sluggish(0.2)
-    late, _ = fed(engine, history=2.0)
-    in_order, _ = fed(engine, measurements=everything_in_order(), history=2.0)
+    late, _ = fed(engine, "sluggish", history=2.0)
+    in_order, _ = fed(engine, "sluggish", everything_in_order(), history=2.0)
     memory = late._reckoning.ekf.model.memory
     assert np.abs(memory).max() > 0.01
     assert (memory == in_order._reckoning.ekf.model.memory).all()
     assert (late.state == in_order.state).all()
 
     half = len(EVERYTHING) // 2
-    before, _ = fed(engine, measurements=EVERYTHING[:half])
+    before, _ = fed(engine, "sluggish", EVERYTHING[:half])
     before.save(tmp_path / "saved.json")
     after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
     for m in EVERYTHING[half : half + 400]:

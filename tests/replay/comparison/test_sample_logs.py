@@ -142,7 +142,7 @@ def test_the_proposed_robot_file_needs_no_more_than_three_numbers(
         reckoned = run(replace(log, truth=None), robot, "constant-online").trajectory
         truth = align_truth(log.truth, reckoned).truth.poses
         drifts.append(drift(reckoned.pose_series, truth, 30.0).percent_mean)
-    # The shipped file was identified with the truth of this log; the proposed one may not look at it.
+    # The shipped file was calibrated with the truth of this log; the proposed one may not look at it.
     assert drifts[0] < 1.4 * drifts[1]
 
 

@@ -1,4 +1,4 @@
-"""`icreckon identify`: a robot's calibration from logs with a truth."""
+"""`icreckon calibrate`: calibration of a robot from logs with a truth."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from pathlib import Path
 import typer
 
 from icreckon.cli.console import messages, progress, results, results_folder
-from icreckon.estimator.calibration import identify
+from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
-from icreckon.replay.calibration.results import summarise_identification
-from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
+from icreckon.replay.calibration.results import summarise_calibration
+from icreckon.replay.calibration.robot_file import FIRST_WORDS, FORMER_FIRST_WORDS, robot_file_text
 from icreckon.replay.comparison.results import write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
-from icreckon.report.calibration.figure import write_identification_figure
-from icreckon.report.calibration.tables import identification_tables
+from icreckon.report.calibration.figure import write_calibration_figure
+from icreckon.report.calibration.tables import calibration_tables
 from icreckon.report.replay.folder import FIGURE_FILE, RESULTS_FILE
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
 BAG_FOLDER = "metadata.yaml"
 
 
-def run_identify(
+def run_calibrate(
     *,
     paths: list[Path],
     message_files: list[Path],
@@ -41,7 +41,7 @@ def run_identify(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Run `icreckon identify`; arguments as in its help."""
+    """Run `icreckon calibrate`; arguments as in its help."""
     if robot_name is None:
         raise ReplayError(
             f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
@@ -50,16 +50,16 @@ def run_identify(
     if len({path.resolve() for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
     robot = load_robot(robot_name)
-    starts = (FIRST_WORDS.encode(),)
+    starts = (FIRST_WORDS.encode(), FORMER_FIRST_WORDS.encode())
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
     arm = None if lever_arm is None else _pair(lever_arm)
     definitions = read_definitions(message_files)
-    with results_folder(out, f"icreckon-identify-{paths[0].stem}", overwrite=overwrite) as folder:
+    with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         logs = [_read(path, robot, definitions) for path in paths]
-        with progress(f"identifying {robot.name} from {len(logs)} log(s)") as report_progress:
-            found = identify(
+        with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report_progress:
+            found = calibrate(
                 logs,
                 robot,
                 segment=segment,
@@ -68,7 +68,7 @@ def run_identify(
                 speeds_by_radius=in_rates(topic_map(robot, robot_name)),
                 progress=report_progress,
             )
-        summary = summarise_identification(
+        summary = summarise_calibration(
             found,
             logs,
             configuration={
@@ -81,11 +81,11 @@ def run_identify(
             inputs={str(path): path for path in [*paths, *message_files]},
         )
         write_results(folder / RESULTS_FILE, summary)
-        write_identification_figure(folder / FIGURE_FILE, summary)
+        write_calibration_figure(folder / FIGURE_FILE, summary)
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:
-            results().print(identification_tables(summary))
+            results().print(calibration_tables(summary))
     if write is not None:
         text = robot_file_text(found, [log.name for log in logs], robot_name)
         with written_beside(write, overwrite=overwrite, starts=starts) as new:

@@ -1,6 +1,6 @@
-"""Whether the intervals of `icreckon identify` hold: simulated robots whose parameters are known.
+"""Coverage of the intervals of `icreckon calibrate`: simulated robots whose parameters are known.
 
-    python benchmarks/identification.py [--seeds 100] [--workers 2]
+    python benchmarks/calibration.py [--seeds 100] [--workers 2]
 
 Each seed is another robot (the eight parameters off the file by 15 %, radius by 3 %, gyro scale by 1 %,
 a gyro bias of 0.01 rad/s, an IMU that is turned by a degree or two), another drive of 300 s, and another
@@ -26,7 +26,7 @@ from _study import table
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.calibration import Identification, identify
+from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -47,7 +47,7 @@ class Case:
     Attributes:
         log: as read with the robot file.
         robot: the robot file, which is not quite right.
-        true: the true values of parameters, by the names of an identification.
+        true: the true values of parameters, by the names of a calibration.
         read: (3,) what the gyro reads where the robot turns at 1 rad/s [rad/s].
     """
 
@@ -113,7 +113,7 @@ def make_case(seed: int, drive: str, options: dict[str, float], duration: float)
     return Case(changed, file, values, scales * mounted.imu_rotation[2])
 
 
-def estimates(found: Identification) -> dict[str, tuple[float, float, str]]:
+def estimates(found: Calibration) -> dict[str, tuple[float, float, str]]:
     """Value, standard error and status of each parameter that a case knows the truth of."""
     result = {one.name: (one.value, one.sigma or np.inf, one.status) for one in found.parameters}
     first = found.logs[0]
@@ -122,7 +122,7 @@ def estimates(found: Identification) -> dict[str, tuple[float, float, str]]:
     return result
 
 
-def compared(case: Case, found: Identification) -> dict[str, tuple[float, float, str]]:
+def compared(case: Case, found: Calibration) -> dict[str, tuple[float, float, str]]:
     """Error, standard error and status by name."""
     known = estimates(found)
     # What the gyro reads of turning, by the mounting that was found, is to be scaled right.
@@ -137,7 +137,7 @@ def compared(case: Case, found: Identification) -> dict[str, tuple[float, float,
 def one_seed(seed: int, duration: float) -> dict[str, tuple[float, float, str]]:
     """Error, standard error and status by name, for one simulated robot."""
     case = make_case(seed, DRIVES[seed % len(DRIVES)], {}, duration)
-    found = identify([case.log], case.robot, models=("constant", "inertia"))
+    found = calibrate([case.log], case.robot, models=("constant", "inertia"))
     return compared(case, found)
 
 
@@ -180,14 +180,14 @@ def unexcited() -> None:
     """What drives that do not excite show."""
     case = make_case(0, "straight", {}, 120.0)
     try:
-        identify([case.log], case.robot)
-        print("straight lines: identified!")
+        calibrate([case.log], case.robot)
+        print("straight lines: calibrated!")
     except EstimatorError as error:
         print(f"straight lines: {error}")
     counts: Counter[tuple[str, str]] = Counter()
     for seed in range(5):
         case = make_case(seed, "circle", {}, 120.0)
-        found = identify([case.log], case.robot, models=("constant", "inertia"))
+        found = calibrate([case.log], case.robot, models=("constant", "inertia"))
         counts.update((one.name, one.status) for one in found.parameters)
     names = [name for name, _ in counts if name.startswith(("indices", "truth"))]
     rows = [

@@ -1,4 +1,4 @@
-"""`icreckon identify` from bag to robot file, and every command of the page about it."""
+"""`icreckon calibrate` from bag to robot file, and every command of the page about it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import msgspec
 import pytest
 
 from command_line import fails, icreckon
-from icreckon.cli.identify import run_identify
+from icreckon.cli.calibrate import run_calibrate
 from icreckon.estimator.base.errors import IcreckonError
-from icreckon.estimator.calibration import identify
+from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.scores import drift
 from icreckon.estimator.robot.robot_file import Robot, Slip, load_robot
 from icreckon.replay.base.errors import ReplayError
@@ -31,14 +31,14 @@ PAGE = "docs/calibrate.md"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bag of a robot that is not quite its file's, and what identification made of it."""
-    folder = tmp_path_factory.mktemp("identify")
+    """A bag of a robot that is not quite its file's, and what calibration made of it."""
+    folder = tmp_path_factory.mktemp("calibrate")
     robot = load_robot("auriga-alpha")
     scenario = Scenario(duration=90.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
     write_log(simulate(scenario, robot), folder / "drive", "mcap", robot)
     words = ("--robot", "auriga-alpha", "--models", "differential,constant,inertia")
     words = (*words, "--write", "found.toml", "--out", "results")
-    done = icreckon("identify", "drive", *words, cwd=folder)
+    done = icreckon("calibrate", "drive", *words, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "The data support inertia-based ICRs" in done.stdout
     assert "not shown: held" in done.stdout
@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_leaves_results_and_a_picture(folder: Path) -> None:
     results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
-    assert results["command"] == "identify"
+    assert results["command"] == "calibrate"
     assert list(results["inputs"]) == ["drive"]
     assert results["inputs"]["drive"].startswith("sha256:")
     assert results["supported_model"] == "inertia"
@@ -69,7 +69,7 @@ def test_the_robot_file_loads_and_replays(folder: Path) -> None:
     for name in ("eta0", "epsilon0", "epsilon1", "zeta1", "eta2"):
         assert getattr(robot.indices, name) == pytest.approx(getattr(found.indices, name), rel=1e-6)
     text = (folder / "found.toml").read_text(encoding="utf-8")
-    assert text.startswith("# Identified by icreckon from drive, starting from auriga-alpha.\n")
+    assert text.startswith("# Calibrated by icreckon from drive, starting from auriga-alpha.\n")
     assert "\nH = 0.67134" in text
     assert "± " in text
     topic_map(robot, "found.toml")
@@ -85,29 +85,44 @@ def test_the_robot_file_loads_and_replays(folder: Path) -> None:
     assert inertia < constant
 
 
-def identified(folder: Path, **options: object) -> None:
+def calibrated(folder: Path, **options: object) -> None:
     """The command's own function, with what is usual where nothing else is asked for."""
     usual: dict[str, object] = dict.fromkeys(("write", "lever_arm", "models"))
     usual |= {"paths": ["drive"], "robot_name": "auriga-alpha", "out": folder / "none"}
     usual |= {"message_files": [], "segment": 3.0, "as_json": False, "overwrite": False}
     usual |= options
     usual["paths"] = [folder / str(name) for name in usual["paths"]]
-    run_identify(**usual)
+    run_calibrate(**usual)
 
 
 def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
     before = (folder / "found.toml").read_text(encoding="utf-8")
     with pytest.raises(ReplayError, match=r"found\.toml exists already"):
-        identified(folder, write=folder / "found.toml", out=folder / "other")
+        calibrated(folder, write=folder / "found.toml", out=folder / "other")
     (folder / "mine.toml").write_text("# mine\n", encoding="utf-8")
     with pytest.raises(ReplayError, match="did not write"):
-        identified(folder, write=folder / "mine.toml", overwrite=True, out=folder / "other")
+        calibrated(folder, write=folder / "mine.toml", overwrite=True, out=folder / "other")
     assert (folder / "found.toml").read_text(encoding="utf-8") == before
     assert not (folder / "other").exists()
 
 
+def test_the_former_name_of_the_command_works_and_is_hidden(folder: Path) -> None:
+    """A robot file that it wrote may be replaced."""
+    former = folder / "former.toml"
+    former.write_text("# Identified by icreckon from drive\n", encoding="utf-8")
+    words = ("drive", "--robot", "auriga-alpha", "--models", "constant", "--out", "former")
+    done = icreckon("identify", *words, "--write", former, "--overwrite", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "icreckon identify is now called icreckon calibrate" in done.stderr.splitlines()
+    assert former.read_text(encoding="utf-8").startswith("# Calibrated by icreckon from drive")
+    assert json.loads((folder / "former" / "results.json").read_text())["command"] == "calibrate"
+    listed = icreckon("--help", cwd=folder).stdout
+    assert "calibrate" in listed
+    assert "identify" not in listed
+
+
 def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
-    """Mapping, slip, notes: what identification does not touch is written as it was."""
+    """Mapping, slip, notes: what calibration does not touch is written as it was."""
     shipped = load_robot("auriga-alpha")
     mapped = shipped.log | {
         "tracks": shipped.log["tracks"] | {"latency": 0.0},
@@ -120,7 +135,7 @@ def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
         slip={"inertia-online": Slip(turning_x=0.07)},
     )
     log = read_log(folder / "drive", shipped)
-    found = identify([log], full, models=("constant",))
+    found = calibrate([log], full, models=("constant",))
     path = folder / "full.toml"
     path.write_text(robot_file_text(found, ["drive"], "full"), encoding="utf-8")
     again = load_robot(path)
@@ -153,7 +168,7 @@ def test_a_folder_of_files_is_one_log(folder: Path) -> None:
         write_log(changed, folder / "whole" / name, "mcap", robot)
         (bag,) = (folder / "whole" / name).glob("*.mcap")
         bag.rename(folder / "parts" / f"{name}.mcap")
-    identified(folder, paths=["parts"], models="constant", out=folder / "joined")
+    calibrated(folder, paths=["parts"], models="constant", out=folder / "joined")
     results = json.loads((folder / "joined" / "results.json").read_text(encoding="utf-8"))
     (only,) = results["logs"]
     assert only["distance_m"] > 10.0
@@ -173,7 +188,7 @@ def test_a_folder_of_files_is_one_log(folder: Path) -> None:
 def test_bad_input_is_refused(folder: Path, options: dict[str, object], said: str) -> None:
     before = sorted(folder.iterdir())
     with pytest.raises(IcreckonError, match=re.escape(said)):
-        identified(folder, **options)
+        calibrated(folder, **options)
     assert sorted(folder.iterdir()) == before
 
 
@@ -181,9 +196,9 @@ def test_a_bag_without_truth_is_one_line(tmp_path: Path) -> None:
     robot = load_robot("auriga-alpha")
     scenario = Scenario(duration=10.0, include_truth=False)
     write_log(simulate(scenario, robot), tmp_path / "blind", "mcap", robot)
-    said = fails("identify", "blind", "--robot", "auriga-alpha", cwd=tmp_path)
+    said = fails("calibrate", "blind", "--robot", "auriga-alpha", cwd=tmp_path)
     assert "holds no pose truth" in said
-    assert not list(tmp_path.glob("icreckon-identify*"))
+    assert not list(tmp_path.glob("icreckon-calibrate*"))
 
 
 @pytest.mark.slow

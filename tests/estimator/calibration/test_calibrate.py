@@ -1,6 +1,6 @@
-"""Identification finds what is true of simulated robots, and says what their drives do not show.
+"""Calibration finds what is true of simulated robots, and says what their drives do not show.
 
-Coverage over a hundred seeds is measured by benchmarks/identification.py; here are a few short runs.
+Coverage over a hundred seeds is measured by benchmarks/calibration.py; here are a few short runs.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from identification import Case, compared, make_case
+from calibration import Case, compared, make_case
 
 from conftest import sample_log
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.calibration import Identification, identify
+from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -33,11 +33,11 @@ def case() -> Case:
 
 
 @pytest.fixture(scope="module")
-def found(case: Case) -> Identification:
-    return identify([case.log], case.robot, models=KINEMATIC)
+def found(case: Case) -> Calibration:
+    return calibrate([case.log], case.robot, models=KINEMATIC)
 
 
-def off_by(found: Identification, case: Case) -> dict[str, float]:
+def off_by(found: Calibration, case: Case) -> dict[str, float]:
     """Errors in standard errors, of what is shown."""
     return {
         name: error / sigma
@@ -46,7 +46,7 @@ def off_by(found: Identification, case: Case) -> dict[str, float]:
     }
 
 
-def test_everything_is_found_within_its_standard_errors(found: Identification, case: Case) -> None:
+def test_everything_is_found_within_its_standard_errors(found: Calibration, case: Case) -> None:
     errors = off_by(found, case)
     indices = {"zeta0", "zeta1", "epsilon0", "epsilon1", "eta0", "eta1"}
     assert {f"indices.{name}" for name in indices} <= set(errors)
@@ -55,7 +55,7 @@ def test_everything_is_found_within_its_standard_errors(found: Identification, c
     assert np.mean(np.abs(list(errors.values())) < 1.96) > 0.7
 
 
-def test_the_robot_has_what_was_found(found: Identification, case: Case) -> None:
+def test_the_robot_has_what_was_found(found: Calibration, case: Case) -> None:
     robot = found.robot
     assert robot.vehicle.sprocket_radius == found.parameter("sprocket_radius").value
     assert robot.imu.gyro_scale == found.parameter("imu.gyro_scale").value
@@ -69,7 +69,7 @@ def test_the_robot_has_what_was_found(found: Identification, case: Case) -> None
     assert msgspec.convert(msgspec.to_builtins(robot), Robot) == robot
 
 
-def test_the_model_that_is_true_is_supported(found: Identification) -> None:
+def test_the_model_that_is_true_is_supported(found: Calibration) -> None:
     comparison = found.comparison
     assert comparison.supported == "inertia"
     assert found.verdict.startswith("The data support inertia-based ICRs")
@@ -80,7 +80,7 @@ def test_the_model_that_is_true_is_supported(found: Identification) -> None:
     )
 
 
-def test_H_is_never_shown(found: Identification) -> None:
+def test_H_is_never_shown(found: Calibration) -> None:
     known = found.parameter("indices.H")
     assert known.status == "held"
     assert known.sigma is None
@@ -88,7 +88,7 @@ def test_H_is_never_shown(found: Identification) -> None:
     assert "literal" in known.note
 
 
-def test_correlations_are_correlations(found: Identification) -> None:
+def test_correlations_are_correlations(found: Calibration) -> None:
     matrix = found.correlations
     assert matrix.shape == (len(found.correlation_names),) * 2
     np.testing.assert_allclose(np.diag(matrix), 1.0)
@@ -106,7 +106,7 @@ def test_two_logs_share_the_robot_but_not_bias_and_lag(case: Case) -> None:
         truth=Truth(PoseSeries(poses.stamps + 200_000_000, poses.poses)),
     )
     first = part(case.log, 0.0, 0.5)
-    both = identify([first, part(second, 0.5, 1.0)], case.robot, models=("constant", "inertia"))
+    both = calibrate([first, part(second, 0.5, 1.0)], case.robot, models=("constant", "inertia"))
     one, other = both.logs
     assert other.lag[0] - one.lag[0] == pytest.approx(0.2, abs=0.01)
     assert other.gyro_bias[0] - one.gyro_bias[0] == pytest.approx(0.01, abs=0.001)
@@ -133,7 +133,7 @@ def part(log: Log, begin: float, end: float) -> Log:
     )
 
 
-def test_outliers_of_the_truth_count_for_little(case: Case, found: Identification) -> None:
+def test_outliers_of_the_truth_count_for_little(case: Case, found: Calibration) -> None:
     """Jumps of half a metre and 10 degrees, five of them."""
     poses = case.log.truth.poses
     jumped = poses.poses.copy()
@@ -142,7 +142,7 @@ def test_outliers_of_the_truth_count_for_little(case: Case, found: Identificatio
         after = compose(compose(start, [0.5, 0.0, 0.17]), relative_to(start, jumped[place:]))
         jumped[place:] = after
     log = replace(case.log, truth=Truth(PoseSeries(poses.stamps, jumped)))
-    robust = identify([log], case.robot, models=("constant", "inertia"))
+    robust = calibrate([log], case.robot, models=("constant", "inertia"))
     errors = off_by(robust, case)
     assert abs(errors["sprocket_radius"]) < FAR
     assert abs(errors["indices.eta0"]) < FAR
@@ -159,7 +159,7 @@ def test_without_a_known_place_the_origin_stays(case: Case) -> None:
     """A robot file that does not know where its IMU is: the lever arm is relative to its origin."""
     imu = msgspec.structs.replace(case.robot.imu, position=(0.0, 0.0, 0.0))
     robot = msgspec.structs.replace(case.robot, imu=imu)
-    unknown = identify([case.log], robot, models=("constant", "inertia"))
+    unknown = calibrate([case.log], robot, models=("constant", "inertia"))
     for name in ("zeta0", "epsilon0"):
         held = unknown.parameter(f"indices.{name}")
         assert held.status == "held"
@@ -167,7 +167,7 @@ def test_without_a_known_place_the_origin_stays(case: Case) -> None:
     assert unknown.parameter("indices.eta0").status == "shown"
     # With the lever arm given, they are found against it.
     arm = (case.true["truth.forward"], case.true["truth.left"])
-    known = identify([case.log], robot, models=("constant", "inertia"), lever_arm=arm)
+    known = calibrate([case.log], robot, models=("constant", "inertia"), lever_arm=arm)
     for name in ("zeta0", "epsilon0"):
         shown = known.parameter(f"indices.{name}")
         assert shown.status == "shown"
@@ -176,7 +176,7 @@ def test_without_a_known_place_the_origin_stays(case: Case) -> None:
 
 def test_a_circle_at_constant_speed_shows_no_effect_of_inertia() -> None:
     circle = make_case(1, "circle", {}, 90.0)
-    found = identify([circle.log], circle.robot, models=("constant", "inertia"))
+    found = calibrate([circle.log], circle.robot, models=("constant", "inertia"))
     for name in ("zeta1", "epsilon1", "eta1", "eta2"):
         assert found.parameter(f"indices.{name}").status != "shown"
     assert found.parameter("indices.eta2").status == "held"
@@ -188,11 +188,13 @@ def test_a_circle_at_constant_speed_shows_no_effect_of_inertia() -> None:
 def test_straight_lines_show_nothing() -> None:
     straight = make_case(1, "straight", {}, 60.0)
     with pytest.raises(EstimatorError, match=r"turned 0\.\d+ rad in all, which shows no ICR"):
-        identify([straight.log], straight.robot)
+        calibrate([straight.log], straight.robot)
 
 
 def test_speeds_that_are_no_rates_keep_the_radius(case: Case) -> None:
-    found = identify([case.log], case.robot, models=("constant", "inertia"), speeds_by_radius=False)
+    found = calibrate(
+        [case.log], case.robot, models=("constant", "inertia"), speeds_by_radius=False
+    )
     assert found.robot.vehicle.sprocket_radius == case.robot.vehicle.sprocket_radius
     scale = found.parameter("track_scale")
     true = case.true["sprocket_radius"] / case.robot.vehicle.sprocket_radius
@@ -213,7 +215,7 @@ def test_the_contact_is_found_on_ground_that_rubs() -> None:
         file, soil=msgspec.structs.replace(file.soil, rolling_resistance=0.0)
     )
     arm = (0.0, 0.0)
-    found = identify([log], wrong, models=("constant", "friction"), lever_arm=arm)
+    found = calibrate([log], wrong, models=("constant", "friction"), lever_arm=arm)
     assert found.comparison.supported == "friction"
     resistance = found.parameter("soil.rolling_resistance")
     assert resistance.status == "shown"
@@ -255,7 +257,7 @@ def test_the_contact_is_found_on_ground_that_rubs() -> None:
 )
 def test_logs_that_show_nothing_are_refused(case: Case, change: object, said: str) -> None:
     with pytest.raises(EstimatorError, match=said):
-        identify([change(case.log)], case.robot, models=("constant",))
+        calibrate([change(case.log)], case.robot, models=("constant",))
 
 
 @pytest.mark.parametrize(
@@ -270,12 +272,12 @@ def test_options_that_make_no_sense_are_refused(
     case: Case, options: dict[str, object], said: str
 ) -> None:
     with pytest.raises(EstimatorError, match=said):
-        identify([case.log], case.robot, **options)
+        calibrate([case.log], case.robot, **options)
 
 
 def test_no_log_is_refused(robot: Robot) -> None:
     with pytest.raises(EstimatorError, match="no log"):
-        identify([], robot)
+        calibrate([], robot)
 
 
 @pytest.mark.parametrize(
@@ -291,7 +293,7 @@ def test_real_logs_give_what_is_known_of_them(
 ) -> None:
     robot = load_robot(robot_name)
     log = read_log(sample_log(data_dir, name), robot)
-    found = identify([log], robot, models=("constant", "inertia"))
+    found = calibrate([log], robot, models=("constant", "inertia"))
     assert found.robot.vehicle.sprocket_radius == pytest.approx(radius, rel=0.03)
     assert found.parameter("effective_track").value == pytest.approx(track, rel=0.03)
     assert found.logs[0].lag[0] == pytest.approx(lag, abs=0.05)

@@ -1,0 +1,179 @@
+"""A motion model that is no part of the package: tracks that turn the robot less at speed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from complex_step import assert_derivatives
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.batch.many import run_many
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
+from icreckon.estimator.motion.bounds import ETA0, index_bounds
+from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
+from icreckon.estimator.motion.motion_model import (
+    Channels,
+    Motion,
+    Regressors,
+    TwistDerivatives,
+    Unremembering,
+    VehicleConstants,
+    through_channels,
+)
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import Variant, motion_model, register, unregister
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.comparison.compare import compare
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.study.plan import FilterSpec
+
+# --- the motion model ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FastTurns(Unremembering):
+    """Constant ICRs whose steering efficiency index grows with speed: eta = eta0 + gain V_m²."""
+
+    vehicle: VehicleConstants
+    gain: float = 0.5  # [s²/m²]
+
+    @property
+    def bounds(self) -> Floats:
+        """Bounds of the parameters: eta0 at least 1, ICRs on both sides of the robot."""
+        return index_bounds(self.vehicle.gauge)
+
+    def steering_efficiency(self, parameters: Any) -> float:
+        """Steering efficiency index at rest."""
+        return float(parameters[ETA0])
+
+    def linearise(
+        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+    ) -> tuple[Motion, TwistDerivatives]:
+        """Compute the twist w = D / (L eta), v_x = w zeta, v_y = V_m - w epsilon and its derivatives."""
+        zeta, epsilon, eta0 = parameters[1], parameters[3], parameters[ETA0]
+        D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
+        eta = eta0 + self.gain * V_m * V_m
+        per_D = 1.0 / (self.vehicle.gauge * eta)
+        w, per_eta = D * per_D, -D * per_D / eta
+        twist = PaperTwist(w * zeta + slip[0], V_m - w * epsilon + slip[1], w + slip[2])
+        by_eta = (per_eta * zeta, -per_eta * epsilon, per_eta)
+        by_V_m = tuple(2.0 * self.gain * V_m * one for one in by_eta)
+        by = Channels(
+            D=(per_D * zeta, -per_D * epsilon, per_D),
+            V_m=(by_V_m[0], by_V_m[1] + 1.0, by_V_m[2]),
+            zeta=(w, 0.0, 0.0),
+            epsilon=(0.0, -w, 0.0),
+            eta=by_eta,
+            r_x=(1.0, 0.0, 0.0),
+            r_y=(0.0, 1.0, 0.0),
+            r_w=(0.0, 0.0, 1.0),
+        )
+        motion = Motion(twist, IndexValues(zeta, epsilon, eta), u=0.0, force=0.0)
+        return motion, through_channels(by, Regressors(0.0, 0.0, 0.0, 0.0))
+
+
+def fast_turns(robot: Robot) -> FastTurns:
+    return FastTurns(robot.constants)
+
+
+# --- its tests ----------------------------------------------------------------------------------------
+
+ALPHA = load_robot("auriga-alpha")
+OWN, SHIPPED = "fast-turns-online", "constant-online"
+
+
+@pytest.fixture(autouse=True)
+def variants() -> Iterator[None]:
+    """Two variants with the parameters of constant ICRs: the model, and the model without its gain."""
+    register(Variant(OWN, "constant", online=True, motion=fast_turns))
+    without = Variant(
+        "no-gain", "constant", online=True, motion=lambda _: FastTurns(ALPHA.constants, 0.0)
+    )
+    register(without)
+    yield
+    unregister("no-gain")
+    unregister(OWN)
+
+
+def test_its_derivatives_are_those_of_a_complex_step():
+    rng = np.random.default_rng(1)
+    for V_l, V_r in rng.uniform(-1.2, 1.2, (20, 2)).tolist():
+        slip = tuple(rng.normal(scale=0.1, size=3).tolist())
+        parameters = ALPHA.constant_indices.as_array() * rng.uniform(0.7, 1.3, 8)
+        assert_derivatives(FastTurns(ALPHA.constants), V_l, V_r, parameters, slip)
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_without_its_gain_it_is_the_model_of_constant_icrs(engine: str):
+    log = simulate(Scenario(duration=8.0, truth="kinematic", seed=3), ALPHA)
+    shipped, own = (
+        PoseEstimator(ALPHA, name, settings=Settings(engine=engine))
+        for name in (SHIPPED, "no-gain")
+    )
+    for measurement in log.measurements():
+        assert own.feed(measurement) == shipped.feed(measurement)
+    sigma = np.sqrt(np.diagonal(shipped.covariance))
+    estimated = sigma > 0.0
+    assert np.abs((own.state - shipped.state)[estimated] / sigma[estimated]).max() < 1e-9
+    assert own.parameters.keys() == shipped.parameters.keys()
+    assert own.indices == pytest.approx(shipped.indices, abs=1e-9)
+
+
+def drive(seconds: float = 40.0) -> Log:
+    """Bends at 0.2 to 1.2 m/s by a robot that moves as the model does, with an exact gyro."""
+    truth, parameters = FastTurns(ALPHA.constants), ALPHA.constant_indices.as_array()
+    found: list[Measurement] = []
+    for k in range(round(seconds * 50)):
+        stamp = 1_700_000_000_000_000_000 + k * 20_000_000
+        forward, apart = 0.7 - 0.5 * np.cos(0.01 * k), 0.3 * np.sin(0.05 * k)
+        left, right = float(forward - apart), float(forward + apart)
+        motion, _ = truth.linearise(left, right, parameters, (0.0, 0.0, 0.0))
+        found += [TrackSpeeds(stamp, left, right), ImuSample(stamp, (0.0, 0.0, motion.twist.w))]
+    return Log.from_measurements(found, "bends")
+
+
+def test_it_predicts_its_own_motion_better_than_the_shipped_model():
+    log = drive()
+    own, shipped = (
+        np.sqrt(np.mean(run(log, ALPHA, name).innovations[50:, 0] ** 2)) for name in (OWN, SHIPPED)
+    )
+    assert own < 0.2 * shipped
+
+
+def test_a_saved_estimator_goes_on_with_it(tmp_path):
+    measurements = list(drive(4.0).measurements())
+    before = PoseEstimator(ALPHA, OWN)
+    for measurement in measurements[:200]:
+        before.feed(measurement)
+    before.save(tmp_path / "saved.json")
+    after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    assert isinstance(motion_model(ALPHA, after.variant), FastTurns)
+    for measurement in measurements[200:]:
+        assert before.feed(measurement) == after.feed(measurement)
+    assert (before.state == after.state).all()
+
+
+def test_replays_stream_it_and_lanes_and_studies_refuse_it():
+    log = drive(2.0)
+    found = compare(log, ALPHA, [OWN, SHIPPED], smooth=True).runs
+    assert list(found) == [OWN, SHIPPED, OWN + SMOOTHED, SHIPPED + SMOOTHED]
+    with pytest.raises(BatchError, match="'fast-turns-online' cannot run side by side"):
+        run_many([log], ALPHA, OWN)
+    with pytest.raises(SimulationError, match="'fast-turns-online' has a motion model of its own"):
+        FilterSpec(variant=OWN)
+
+
+def test_what_cannot_be_a_variant_is_refused():
+    with pytest.raises(EstimatorError, match="'constant-online': there is such a variant already"):
+        register(Variant(SHIPPED, "constant", online=True, motion=fast_turns))
+    with pytest.raises(EstimatorError, match="no model named 'constnat'; did you mean 'constant'"):
+        register(Variant("mine", "constnat", online=True))  # type: ignore[arg-type]
