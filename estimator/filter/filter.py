@@ -298,7 +298,7 @@ class Reckoning:
         return used
 
     def _stands(self, mean: float) -> bool:
-        """Test a mean of quiet yaw rates [rad/s] for that of a standing robot."""
+        """Return True if the mean of quiet yaw rates [rad/s] is that of a standing robot."""
         bias, variance = self.ekf.x.item(s.GYRO_BIAS), self.ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
         return stands(mean, bias, math.sqrt(variance), self._settings.standstill.bias_margin)
 

@@ -58,7 +58,7 @@ def step_on_se2(yaw: float, motion: Any) -> PoseStep:
 
 
 def step_along_arc(yaw: float, motion: Any, arc: Any) -> PoseStep:
-    """Increment of a pose as in `step_on_se2`, given `arc_with_slopes`."""
+    """Increment of a pose as in `step_on_se2`, from `arc_with_slopes` of its angle."""
     dx, dy, angle = motion[0], motion[1], motion[2]
     a, b, a_slope, b_slope = arc
     cos, sin = math.cos(yaw), math.sin(yaw)
