@@ -60,7 +60,7 @@ from icreckon.estimator.tracing.jit_kernel import jit
 
 # NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
-# Registers are as long as lines of the cache on all machines that have such wide ones [bytes].
+# Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].
 LINE = 64
 
 
@@ -339,7 +339,8 @@ class BatchFilter:
             needs = needs._replace(move_ticks=True, fix_ticks=at_steps or between)
         if self.shape.model.slip_in_inertia and between:
             raise BatchError(
-                "with inertia = 'imu', filters side by side take fixes at the stamps of IMU samples only"
+                "with inertia = 'imu', filters side by side support fixes at the stamps of IMU samples "
+                "only"
             )
         self._work = _worker(self.shape, self.width, needs)
 

@@ -96,7 +96,7 @@ def smooth(
     """
     if settings is not None and settings.considered:
         raise EstimatorError(
-            "smoothing corrects all uncertain states, also those in Settings.considered "
+            "smoothing corrects all uncertain states, also those that Settings.considered names "
             f"({', '.join(settings.considered)}); smooth without it, or set their uncertainty to zero"
         )
     estimator = _TapedEstimator(
