@@ -118,21 +118,37 @@ def point_loads(
     return x_free * y_free == 0.0
 
 
+class PointLoads(NamedTuple):
+    """Loads of the contact points, and their derivatives by the force at the centre of mass.
+
+    Attributes:
+        loads: (m,) loads [N].
+        by_right: (m,) derivatives by the force to the right [-].
+        by_forward: (m,) derivatives by the force forward [-].
+    """
+
+    loads: Any
+    by_right: Floats
+    by_forward: Floats
+
+
 @compiled
 def add_track_forces(
-    ground: Ground,
-    v_x: Any,
-    v_y: Any,
-    w: Any,
-    V_l: Any,
-    V_r: Any,
-    loads: Any,
-    by_right: Floats,
-    by_forward: Floats,
-    values: Any,
-    jacobian: Any,
+    ground: Ground, twist: Any, V: Any, pressing: PointLoads, values: Any, jacobian: Any
 ) -> None:
-    """Add the ground's force and moment (3,) on both tracks; derivatives (3, COLUMNS)."""
+    """Add the ground's force and moment (3,) on both tracks; derivatives (3, COLUMNS).
+
+    Args:
+        ground: the contact.
+        twist: v_x, v_y [m/s], w [rad/s], as a tuple.
+        V: speeds of the left and the right track [m/s], as a tuple.
+        pressing: loads of the contact points.
+        values: (3,) added to [N, N, N m].
+        jacobian: (3, COLUMNS) added to: by v_x, v_y, w, V_l, V_r, and the force at the centre of mass.
+    """
+    v_x, v_y, w = twist
+    V_l, V_r = V
+    loads, by_right, by_forward = pressing
     count = len(ground.x) // 2
     small = ground.small
     sheared = ground.shear_modulus > 0.0
@@ -228,28 +244,19 @@ def add_track_forces(
 
 @compiled
 def add_steady_balance(
-    ground: Ground,
-    v_x: Any,
-    v_y: Any,
-    w: Any,
-    V_l: Any,
-    V_r: Any,
-    loads: Any,
-    by_right: Floats,
-    by_forward: Floats,
-    values: Any,
-    jacobian: Any,
+    ground: Ground, twist: Any, V: Any, pressing: PointLoads, values: Any, jacobian: Any
 ) -> None:
     """Add to zeros the balance (3,) of steady motion and its derivatives (3, COLUMNS).
 
     The force at the centre of mass is that of inertia, (4) and (10). Loads and their slopes (m,) are
-    overwritten.
+    overwritten; other arguments as in `add_track_forces`.
     """
+    v_x, v_y, w = twist
     M = ground.mass
     x, y, _ = ground.centre
     right, forward = M * w * (v_y + x * w), M * w * (y * w - v_x)
-    point_loads(ground, right, forward, loads, by_right, by_forward)
-    add_track_forces(ground, v_x, v_y, w, V_l, V_r, loads, by_right, by_forward, values, jacobian)
+    point_loads(ground, right, forward, pressing.loads, pressing.by_right, pressing.by_forward)
+    add_track_forces(ground, twist, V, pressing, values, jacobian)
     values[0] += right
     values[1] += forward
     values[2] += x * forward - y * right
@@ -308,20 +315,9 @@ def track_forces_of_many(
     if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
         raise ValueError(WRONG_SIZE)
     for k in range(len(twist)):
-        v_x, v_y, w = twist[k]
-        add_track_forces(
-            ground,
-            v_x,
-            v_y,
-            w,
-            V[k, 0],
-            V[k, 1],
-            loads[k],
-            by_right[k],
-            by_forward[k],
-            values[k],
-            jacobian[k],
-        )
+        of_one, speeds = (twist[k, 0], twist[k, 1], twist[k, 2]), (V[k, 0], V[k, 1])
+        pressing = PointLoads(loads[k], by_right[k], by_forward[k])
+        add_track_forces(ground, of_one, speeds, pressing, values[k], jacobian[k])
 
 
 @compiled
@@ -335,22 +331,10 @@ def balances_of_many(ground: Ground, twist: Any, V: Any, values: Any, jacobian: 
     if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
         raise ValueError(WRONG_SIZE)
     loads = np.empty_like(twist[0, :1] + np.zeros(len(ground.x)))
-    by_right, by_forward = np.empty(len(ground.x)), np.empty(len(ground.x))
+    pressing = PointLoads(loads, np.empty(len(ground.x)), np.empty(len(ground.x)))
     for k in range(len(twist)):
-        v_x, v_y, w = twist[k]
-        add_steady_balance(
-            ground,
-            v_x,
-            v_y,
-            w,
-            V[k, 0],
-            V[k, 1],
-            loads,
-            by_right,
-            by_forward,
-            values[k],
-            jacobian[k],
-        )
+        of_one, speeds = (twist[k, 0], twist[k, 1], twist[k, 2]), (V[k, 0], V[k, 1])
+        add_steady_balance(ground, of_one, speeds, pressing, values[k], jacobian[k])
 
 
 @compiled

@@ -31,6 +31,7 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.motion.contact_forces import (
     COLUMNS,
     Ground,
+    PointLoads,
     add_track_forces,
     mass_matrix,
     point_loads,
@@ -196,7 +197,7 @@ def step_motion(
     Raises:
         ValueError: an array has the wrong size.
     """
-    ground, nominal, yaw_inertia, load_lag, estimated = constants
+    ground, nominal, yaw_inertia, _, estimated = constants
     sizes_fit = memory.shape == (MEMORY,) and nominal.shape == estimated.shape == (PARAMETERS,)
     if not sizes_fit or len(parameters) < PARAMETERS:
         raise ValueError(WRONG_SIZE)
@@ -219,14 +220,11 @@ def step_motion(
     h = dt / substeps
     here = with_parameters(ground, nominal, at)
     mass = mass_matrix(here.mass, here.centre[0], here.centre[1], yaw_inertia)
-    by_speeds = np.zeros((STATES, 2))
+    state = FrictionState(y, S, np.zeros((STATES, 2)))
     workspace = np.empty((6, len(ground.x)))
     for _ in range(substeps):
-        _substep(
-            ground, nominal, at, here, mass, load_lag, estimated, V_l, V_r, h, y, S, by_speeds,
-            workspace,
-        )  # fmt: skip
-    B[:] = by_speeds[:3]
+        _substep(constants, at, here, mass, (V_l, V_r), h, state, workspace)
+    B[:] = state.by_speeds[:3]
     w, turn = y[2], memory[TURN]
     if abs(w) > TURNS:
         share = 1.0 - np.exp(-dt / AVERAGING)
@@ -236,49 +234,88 @@ def step_motion(
         turn[2] += share * (min(LARGEST_ETA, max(1.0, eta)) - turn[2])
 
 
+class FrictionState(NamedTuple):
+    """State of the friction model with its derivatives.
+
+    Attributes:
+        y: (STATES,) the state.
+        by_parameters: (STATES, PARAMETERS) its derivatives by the parameters.
+        by_speeds: (STATES, 2) its derivatives by the track speeds of the step.
+    """
+
+    y: Floats
+    by_parameters: Floats
+    by_speeds: Floats
+
+
+class Substep(NamedTuple):
+    """Inputs of a substep.
+
+    Attributes:
+        ground: the contact at the present parameters.
+        mass: (3, 3) mass matrix A.
+        V: speeds of the left and the right track [m/s].
+        h: length of the substep [s].
+        start: (STATES,) state at the start.
+        inertia: (3,) force of inertia I at the start.
+        pressing: loads of the contact points at the start.
+    """
+
+    ground: Ground
+    mass: Floats
+    V: tuple[float, float]
+    h: float
+    start: Floats
+    inertia: Floats
+    pressing: PointLoads
+
+
+class TrackForces(NamedTuple):
+    """The ground's forces at the end of a substep.
+
+    Attributes:
+        values: (3,) force and moment F.
+        jacobian: (3, COLUMNS) their derivatives.
+        matrix: (3, 3) A - h dF/dv.
+    """
+
+    values: Floats
+    jacobian: Floats
+    matrix: Floats
+
+
 @compiled
 def _substep(
-    ground: Ground,
-    nominal: Floats,
+    constants: FrictionConstants,
     parameters: Floats,
     here: Ground,
     mass: Floats,
-    load_lag: float,
-    estimated: Floats,
-    V_l: float,
-    V_r: float,
+    V: tuple[float, float],
     h: float,
-    y: Floats,
-    S: Floats,
-    by_speeds: Floats,
+    state: FrictionState,
     workspace: Floats,
 ) -> None:
-    """Integrate a substep: states (5,), derivatives (5, 6), and by the speeds (5, 2)."""
-    M = here.mass
+    """Integrate a substep, in place."""
+    M, y = here.mass, state.y
     x_CM, y_CM, _ = here.centre
-    loads, by_right, by_forward = workspace[0], workspace[1], workspace[2]
     start, v = y.copy(), y[:3].copy()
     values, jacobian = np.empty(3), np.empty((3, COLUMNS))
-    point_loads(here, y[3], y[4], loads, by_right, by_forward)
+    pressing = PointLoads(workspace[0], workspace[1], workspace[2])
+    point_loads(here, y[3], y[4], pressing.loads, pressing.by_right, pressing.by_forward)
     v_x, v_y, w = start[0], start[1], start[2]
     right, forward = M * w * (v_y + x_CM * w), M * w * (y_CM * w - v_x)
     inertia = np.array([right, forward, x_CM * forward - y_CM * right])
-    _minimise(
-        here, mass, inertia, V_l, V_r, h, start, loads, by_right, by_forward, v, values, jacobian
-    )
-    keep = np.exp(-h / load_lag)
-    matrix = mass - h * jacobian[:, :3]
+    step = Substep(here, mass, V, h, start, inertia, pressing)
+    _minimise(step, v, values, jacobian)
+    keep = np.exp(-h / constants.load_lag)
+    forces = TrackForces(values, jacobian, mass - h * jacobian[:, :3])
 
     by_parameter = np.zeros((3, PARAMETERS))
-    _forces_by_parameter(
-        ground, nominal, parameters, here.weight, estimated, V_l, V_r, start, v, values, jacobian,
-        workspace, by_parameter,
-    )  # fmt: skip
+    _forces_by_parameter(constants, parameters, step, v, forces, workspace, by_parameter)
     d_x, d_y, d_w = v[0] - v_x, v[1] - v_y, v[2] - w
-    centre = (x_CM, y_CM)
     direct, scratch = np.empty(3), np.empty((3, 3))
     for k in range(PARAMETERS):
-        if estimated[k] == 0.0:
+        if constants.estimated[k] == 0.0:
             continue
         # The force of inertia and the change of momentum by the centre of mass.
         direct[:] = 0.0
@@ -290,17 +327,12 @@ def _substep(
             direct[0] = M * d_w
             direct[1] = h * M * w * w
             direct[2] = h * (x_CM * M * w * w - right) - M * (2.0 * y_CM * d_w - d_x)
-        _differentiate(
-            M, centre, start, h, keep, mass, matrix, jacobian, by_parameter[:, k], direct, S[:, k],
-            scratch,
-        )  # fmt: skip
+        slopes = state.by_parameters[:, k]
+        _differentiate(step, keep, forces, by_parameter[:, k], direct, slopes, scratch)
     direct[:] = 0.0
     for track in range(2):
-        of_track = jacobian[:, 3 + track]
-        _differentiate(
-            M, centre, start, h, keep, mass, matrix, jacobian, of_track, direct,
-            by_speeds[:, track], scratch,
-        )  # fmt: skip
+        of_track, slopes = jacobian[:, 3 + track], state.by_speeds[:, track]
+        _differentiate(step, keep, forces, of_track, direct, slopes, scratch)
 
     y[:3] = v
     for row in range(2):
@@ -309,14 +341,9 @@ def _substep(
 
 @compiled
 def _differentiate(
-    M: float,
-    centre: tuple[float, float],
-    start: Floats,
-    h: float,
+    step: Substep,
     keep: float,
-    mass: Floats,
-    matrix: Floats,
-    jacobian: Floats,
+    forces: TrackForces,
     by_force: Floats,
     direct: Floats,
     slopes: Floats,
@@ -325,21 +352,17 @@ def _differentiate(
     """Propagate derivatives of the states by one quantity over a substep.
 
     Args:
-        M: mass [kg].
-        centre: x_CM, y_CM [m].
-        start: (5,) states at the start.
-        h: length of the substep [s].
+        step: inputs of the substep.
         keep: k.
-        mass: (3, 3) mass matrix A.
-        matrix: (3, 3) A - h dF/dv at the end.
-        jacobian: (3, COLUMNS) derivatives of the forces there.
+        forces: forces at the end.
         by_force: (3,) derivative of the forces by the quantity at given twist and loads.
         direct: (3,) derivative of h I - A (v' - v) by it at given twists.
         slopes: (5,) overwritten.
         scratch: (3, 3) overwritten.
     """
-    x_CM, y_CM = centre
-    v_x, v_y, w = start[0], start[1], start[2]
+    M, h, mass, jacobian = step.ground.mass, step.h, step.mass, forces.jacobian
+    x_CM, y_CM, _ = step.ground.centre
+    v_x, v_y, w = step.start[0], step.start[1], step.start[2]
     s_x, s_y, s_w = slopes[0], slopes[1], slopes[2]
     right = M * (s_w * (v_y + 2.0 * x_CM * w) + w * s_y)
     forward = M * (s_w * (2.0 * y_CM * w - v_x) - w * s_x)
@@ -350,7 +373,7 @@ def _differentiate(
         side[row] = h * (explicit[row] + inertia[row]) + direct[row]
         for column in range(3):
             side[row] += mass[row, column] * slopes[column]
-    solve_3(matrix, side, rise)
+    solve_3(forces.matrix, side, rise)
     for row in range(3):
         slopes[row] = rise[row]
     for row in range(2):
@@ -361,42 +384,22 @@ def _differentiate(
 
 
 @compiled
-def _minimise(
-    ground: Ground,
-    mass: Floats,
-    inertia: Floats,
-    V_l: float,
-    V_r: float,
-    h: float,
-    start: Floats,
-    loads: Floats,
-    by_right: Floats,
-    by_forward: Floats,
-    v: Floats,
-    values: Floats,
-    jacobian: Floats,
-) -> None:
+def _minimise(step: Substep, v: Floats, values: Floats, jacobian: Floats) -> None:
     """Find the twist v (3,) after a step from an initial guess, in place.
 
     `values` (3,) and `jacobian` are overwritten with the forces and their derivatives.
     """
     gradient, move, trial = np.empty(3), np.empty(3), np.empty(3)
-    _gradient(
-        ground, mass, inertia, V_l, V_r, h, start, loads, by_right, by_forward, v, values, jacobian,
-        gradient,
-    )  # fmt: skip
+    _gradient(step, v, values, jacobian, gradient)
     for _ in range(NEWTON_ITERATIONS):
-        solve_3(mass - h * jacobian[:, :3], gradient, move)
+        solve_3(step.mass - step.h * jacobian[:, :3], gradient, move)
         slope = -(gradient[0] * move[0] + gradient[1] * move[1] + gradient[2] * move[2])
         size = max(abs(move[0]), abs(move[1]), abs(move[2]))
         share = 1.0
         for _ in range(LINE_SEARCHES):
             for row in range(3):
                 trial[row] = v[row] - share * move[row]
-            _gradient(
-                ground, mass, inertia, V_l, V_r, h, start, loads, by_right, by_forward, trial,
-                values, jacobian, gradient,
-            )  # fmt: skip
+            _gradient(step, trial, values, jacobian, gradient)
             there = -(gradient[0] * move[0] + gradient[1] * move[1] + gradient[2] * move[2])
             if there <= -OVERSHOOT * slope or size < SETTLED:
                 break
@@ -407,48 +410,25 @@ def _minimise(
 
 
 @compiled
-def _gradient(
-    ground: Ground,
-    mass: Floats,
-    inertia: Floats,
-    V_l: float,
-    V_r: float,
-    h: float,
-    start: Floats,
-    loads: Floats,
-    by_right: Floats,
-    by_forward: Floats,
-    v: Floats,
-    values: Floats,
-    jacobian: Floats,
-    gradient: Floats,
-) -> None:
+def _gradient(step: Substep, v: Floats, values: Floats, jacobian: Floats, gradient: Floats) -> None:
     """Residual (3,) A (v - v_start) - h (F + I) of a twist v; F and its Jacobian, too."""
     values[:] = 0.0
     jacobian[:] = 0.0
-    add_track_forces(
-        ground, v[0], v[1], v[2], V_l, V_r, loads, by_right, by_forward, values, jacobian
-    )
+    add_track_forces(step.ground, (v[0], v[1], v[2]), step.V, step.pressing, values, jacobian)
     for row in range(3):
-        total = -h * (values[row] + inertia[row])
+        total = -step.h * (values[row] + step.inertia[row])
         for column in range(3):
-            total += mass[row, column] * (v[column] - start[column])
+            total += step.mass[row, column] * (v[column] - step.start[column])
         gradient[row] = total
 
 
 @compiled
 def _forces_by_parameter(
-    ground: Ground,
-    nominal: Floats,
+    constants: FrictionConstants,
     at: Floats,
-    weight: float,
-    estimated: Floats,
-    V_l: float,
-    V_r: float,
-    start: Floats,
+    step: Substep,
     v: Floats,
-    values: Floats,
-    jacobian: Floats,
+    forces: TrackForces,
     workspace: Floats,
     by_parameter: Floats,
 ) -> None:
@@ -457,16 +437,15 @@ def _forces_by_parameter(
     Forces are linear in friction, in rolling resistance and in the loads, through which the centre of
     mass acts; only the contact's length needs a finite difference.
     """
-    z_CM = at[Z_CM]
-    loads, by_right, by_forward = workspace[3], workspace[4], workspace[5]
+    ground, nominal, _, _, estimated = constants
+    values, jacobian, start = forces.values, forces.jacobian, step.start
+    weight, z_CM, twist = step.ground.weight, at[Z_CM], (v[0], v[1], v[2])
     other, slopes = np.zeros(3), np.zeros((3, COLUMNS))
     if estimated[FRICTION] != 0.0 or estimated[ROLLING] != 0.0:
         more = at.copy()
         more[ROLLING] += 1.0
-        add_track_forces(
-            with_parameters(ground, nominal, more), v[0], v[1], v[2], V_l, V_r, workspace[0],
-            workspace[1], workspace[2], other, slopes,
-        )  # fmt: skip
+        there = with_parameters(ground, nominal, more)
+        add_track_forces(there, twist, step.V, step.pressing, other, slopes)
         for row in range(3):
             rolling = other[row] - values[row]
             by_parameter[row, ROLLING] = rolling
@@ -476,16 +455,16 @@ def _forces_by_parameter(
         by_parameter[row, Y_CM] = jacobian[row, 6] * weight / z_CM
         by_parameter[row, Z_CM] = (jacobian[row, 5] * start[3] + jacobian[row, 6] * start[4]) / z_CM
     if estimated[LENGTH] != 0.0:
-        step = DIFFERENCE * nominal[LENGTH]
+        pressing = PointLoads(workspace[3], workspace[4], workspace[5])
+        difference = DIFFERENCE * nominal[LENGTH]
         for sign in (1.0, -1.0):
             moved = at.copy()
-            moved[LENGTH] += sign * step
+            moved[LENGTH] += sign * difference
             there = with_parameters(ground, nominal, moved)
-            point_loads(there, start[3], start[4], loads, by_right, by_forward)
+            point_loads(
+                there, start[3], start[4], pressing.loads, pressing.by_right, pressing.by_forward
+            )
             other[:] = 0.0
-            add_track_forces(
-                there, v[0], v[1], v[2], V_l, V_r, loads, by_right, by_forward,
-                other, slopes,
-            )  # fmt: skip
+            add_track_forces(there, twist, step.V, pressing, other, slopes)
             for row in range(3):
-                by_parameter[row, LENGTH] += 0.5 * sign * other[row] / step
+                by_parameter[row, LENGTH] += 0.5 * sign * other[row] / difference

@@ -6,7 +6,13 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.motion.contact_forces import COLUMNS, Ground, add_steady_balance, solve_3
+from icreckon.estimator.motion.contact_forces import (
+    COLUMNS,
+    Ground,
+    PointLoads,
+    add_steady_balance,
+    solve_3,
+)
 from icreckon.estimator.tracing.jit_kernel import compiled
 
 SUFFICIENT_DECREASE = 1e-4
@@ -35,7 +41,7 @@ def newton_of_many(
         raise ValueError(WRONG_SIZE)
     unit = np.array([1.0, 1.0, 1.0 / ground.half_gauge]) / ground.weight
     count = len(ground.x)
-    loads, by_right, by_forward = np.empty(count), np.empty(count), np.empty(count)
+    pressing = PointLoads(np.empty(count), np.empty(count), np.empty(count))
     values, jacobian = np.empty(3), np.empty((3, COLUMNS))
     step, trial = np.empty(3), np.empty(3)
     for k in range(len(V)):
@@ -45,19 +51,8 @@ def newton_of_many(
         for _ in range(steps + 1):
             values[:] = 0.0
             jacobian[:] = 0.0
-            add_steady_balance(
-                ground,
-                trial[0],
-                trial[1],
-                trial[2],
-                V[k, 0],
-                V[k, 1],
-                loads,
-                by_right,
-                by_forward,
-                values,
-                jacobian,
-            )
+            at, speeds = (trial[0], trial[1], trial[2]), (V[k, 0], V[k, 1])
+            add_steady_balance(ground, at, speeds, pressing, values, jacobian)
             values *= unit
             found = (values * values).sum()
             if found < (1.0 - SUFFICIENT_DECREASE * size) * merit:

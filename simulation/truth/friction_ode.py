@@ -28,7 +28,13 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.motion.contact_forces import COLUMNS, Ground, add_track_forces, point_loads
+from icreckon.estimator.motion.contact_forces import (
+    COLUMNS,
+    Ground,
+    PointLoads,
+    add_track_forces,
+    point_loads,
+)
 from icreckon.estimator.tracing.jit_kernel import compiled
 from icreckon.simulation.truth.terrain_kernel import WIDTH, look_up
 
@@ -81,6 +87,20 @@ class Vehicle(NamedTuple):
     ground: Ground
     inverse_mass: Floats
     load_lag: float
+
+
+class Forces(NamedTuple):
+    """The ground's forces on the vehicle, and room for what they are computed from.
+
+    Attributes:
+        loads: loads of the contact points.
+        values: (3,) force and moment [N, N, N m].
+        jacobian: (3, COLUMNS) their derivatives.
+    """
+
+    loads: PointLoads
+    values: Floats
+    jacobian: Floats
 
 
 class Tolerance(NamedTuple):
@@ -150,8 +170,11 @@ def integrate(
     if not sizes_fit or patches.shape[1] != WIDTH or tolerance.absolute.shape != (SIZE,):
         raise ValueError(WRONG_SIZE)
     count = len(vehicle.ground.x)
-    loads, by_right, by_forward = np.empty(count), np.empty(count), np.empty(count)
-    values, jacobian = np.empty(3), np.empty((3, COLUMNS))
+    forces = Forces(
+        PointLoads(np.empty(count), np.empty(count), np.empty(count)),
+        np.empty(3),
+        np.empty((3, COLUMNS)),
+    )
     by_state, by_time = np.empty((SIZE, SIZE)), np.empty(SIZE)
     matrix, pivots = np.empty((SIZE, SIZE)), np.empty(SIZE, dtype=np.int64)
     stages, rate, at = np.empty((STAGES, SIZE)), np.empty(SIZE), np.empty(SIZE)
@@ -189,33 +212,13 @@ def integrate(
                 left, right, left_rate, right_rate = _speeds_at(
                     speeds, speed_rates, k, step, done + STAGE_TIMES[stage] * h / step
                 )
-                tips = _rates(
-                    vehicle,
-                    pressing,
-                    slopes[k],
-                    at,
-                    left,
-                    right,
-                    loads,
-                    by_right,
-                    by_forward,
-                    values,
-                    jacobian,
-                    rate,
-                )
+                tips = _rates(vehicle, pressing, slopes[k], at, (left, right), forces, rate)
                 if stage == 0:
                     if done == 0.0:
                         tipping[k] = tips
+                    speed_rate, jacobian = (left_rate, right_rate), forces.jacobian
                     _slopes(
-                        vehicle,
-                        pressing,
-                        slopes[k],
-                        y,
-                        left_rate,
-                        right_rate,
-                        jacobian,
-                        by_state,
-                        by_time,
+                        vehicle, pressing, slopes[k], y, speed_rate, jacobian, by_state, by_time
                     )
                     for row in range(SIZE):
                         for column in range(SIZE):
@@ -261,24 +264,22 @@ def _rates(
     pressing: Ground,
     slope: Floats,
     y: Floats,
-    V_l: float,
-    V_r: float,
-    loads: Floats,
-    by_right: Floats,
-    by_forward: Floats,
-    values: Floats,
-    jacobian: Floats,
+    V: tuple[float, float],
+    forces: Forces,
     rate: Floats,
 ) -> bool:
     """Compute the rates (6,) of the state, in place; return True if the vehicle tips.
 
-    `jacobian` is overwritten with the derivatives of the ground's forces.
+    `forces` is overwritten with the ground's forces and their derivatives.
     """
     v_x, v_y, w = y[0], y[1], y[2]
+    values, jacobian = forces.values, forces.jacobian
     values[:] = 0.0
     jacobian[:] = 0.0
-    tips = point_loads(pressing, y[3], y[4], loads, by_right, by_forward)
-    add_track_forces(pressing, v_x, v_y, w, V_l, V_r, loads, by_right, by_forward, values, jacobian)
+    tips = point_loads(
+        pressing, y[3], y[4], forces.loads.loads, forces.loads.by_right, forces.loads.by_forward
+    )
+    add_track_forces(pressing, (v_x, v_y, w), V, forces.loads, values, jacobian)
     rate[3] = (-values[0] - y[3]) / vehicle.load_lag
     rate[4] = (-values[1] - y[4]) / vehicle.load_lag
     rate[5] = w
@@ -300,8 +301,7 @@ def _slopes(
     pressing: Ground,
     slope: Floats,
     y: Floats,
-    left_rate: float,
-    right_rate: float,
+    speed_rate: tuple[float, float],
     jacobian: Floats,
     by_state: Floats,
     by_time: Floats,
@@ -333,6 +333,7 @@ def _slopes(
     by_state[3, 3] -= 1.0 / vehicle.load_lag
     by_state[4, 4] -= 1.0 / vehicle.load_lag
     by_state[5, 2] = 1.0
+    left_rate, right_rate = speed_rate
     f_x = jacobian[0, 3] * left_rate + jacobian[0, 4] * right_rate
     f_y = jacobian[1, 3] * left_rate + jacobian[1, 4] * right_rate
     moment = jacobian[2, 3] * left_rate + jacobian[2, 4] * right_rate
