@@ -158,6 +158,7 @@ class LaneStep:
         compiled = ekf.compiled
         if compiled is None or ekf.clones is not None or ekf.observer is not None:
             return None
+        # The kernel tests a mean of quiet yaw rates itself, as in studies; the bias passes, NaN fails.
         mean_bias = ekf.x.item(s.GYRO_BIAS) if stands else math.nan
         measured = math.nan if force is None else force
         steps = self._begin(tracks, start, end, pushed, (mean_bias, rate, measured))
@@ -194,6 +195,7 @@ class LaneStep:
         smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
         if ekf.regressors is None:
             ekf.regressors, smoothing = np.zeros((3, 8)), 1.0
+        # The last input, `slow`, is all that lanes know of it; here more is known.
         STEP_VALUES.pack_into(workspace.packed, 0, *inputs[:-1], pushed, *measured)
         return (
             ekf.x,

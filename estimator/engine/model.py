@@ -58,15 +58,15 @@ def traced_model(model: MotionModel) -> TracedModel | None:
     """Describe a motion model; None if it has no traced form."""
     kind: Kind
     slip_in_inertia = False
-    match model:
-        case InertiaMotion():
-            kind, slip_in_inertia = model.form, model.slip_in_inertia
-            # H counts by its sign alone, so there is no derivative by it.
-            used = range(1, 8)
-        case FrictionMotion():
-            kind, used = "friction", range(FRICTION_PARAMETERS)
-        case _:
-            return None
+    # A subclass may have equations of its own.
+    if type(model) is InertiaMotion:
+        kind, slip_in_inertia = model.form, model.slip_in_inertia
+        # H counts by its sign alone, so there is no derivative by it.
+        used = range(1, 8)
+    elif type(model) is FrictionMotion:
+        kind, used = "friction", range(FRICTION_PARAMETERS)
+    else:
+        return None
     bounds = tuple(tuple(np.flatnonzero(bound[:8]).tolist()) for bound in model.bounds)
     return TracedModel(kind, slip_in_inertia, tuple(used), bounds, len(model.memory))
 

@@ -126,9 +126,9 @@ def _one_lane(model: TracedModel, considered: tuple[int, ...]) -> OneLane:
     places = _places(shape)
     return OneLane(
         shape,
-        imu_step(compiled["imu_step"], places, shape_digest),
-        time_step(compiled["time_step"], places, shape_digest),
-        twist_of(compiled["twist"], places, shape_digest),
+        compile_imu_step(compiled["imu_step"], places, shape_digest),
+        compile_time_step(compiled["time_step"], places, shape_digest),
+        compile_twist(compiled["twist"], places, shape_digest),
     )
 
 
@@ -260,7 +260,7 @@ def verdict_of(lane: Floats, rows: tuple[int, int, int, int]) -> Any:
     return verdict, z, S, z * z / S
 
 
-def imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step with an IMU sample at its end."""
 
     def step_with_imu(
@@ -318,7 +318,7 @@ def imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     return entry(step_with_imu, shape_digest)
 
 
-def time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step without an IMU sample."""
 
     def step_without_imu(
@@ -346,7 +346,7 @@ def time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     return entry(step_without_imu, shape_digest)
 
 
-def twist_of(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile the body velocity with its derivatives."""
 
     def evaluate_twist(

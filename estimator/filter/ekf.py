@@ -78,7 +78,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the kinematics of ICRs as its motion model.
 
     `x` is (SIZE,), `P` (SIZE, SIZE); `estimator.base.state` has their layout. `F` and `Q` are those of
-    the newest prediction.
+    the newest prediction. Updates are scalar (`update_scalar`); filterpy's own `update` and its `y`, `K`
+    and `S` are not used.
 
     Args:
         model: the motion model.

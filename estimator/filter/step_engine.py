@@ -13,7 +13,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 
 # Verdict, see `estimator.filter.gate`, innovation, its variance S, and NIS.
-Judged = tuple[int, float, float, float]
+Verdict = tuple[int, float, float, float]
 
 
 class Verdicts(NamedTuple):
@@ -24,8 +24,8 @@ class Verdicts(NamedTuple):
         accelerometer: verdict on the specific force to the left [m/s²], or None if it was not used.
     """
 
-    gyro: Judged
-    accelerometer: Judged | None
+    gyro: Verdict
+    accelerometer: Verdict | None
 
 
 class WholeStep(Protocol):

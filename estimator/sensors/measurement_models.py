@@ -33,6 +33,8 @@ from icreckon.estimator.sensors.sensor_models import (
     shift,
 )
 
+# Gates have thresholds for so many components (`estimator.filter.gate.CHI_SQUARE_1E4`).
+MOST_COMPONENTS = 3
 # A twist measurement does not move the pose, which is to be continuous.
 POSE_FIXED = (s.X, s.Y, s.YAW)
 # The IMU does not move the track scale either. It sees that only through other errors of the yaw rate,
@@ -286,11 +288,17 @@ def register(kind: type[M], model: FixModel[M]) -> None:
         model: its measurement model.
 
     Raises:
-        EstimatorError: the type or the name is taken, the first field is not `stamp`, or the model
-            inflates another number of states than it has components.
+        EstimatorError: the type or the name is taken, the first field is not `stamp`, the model
+            inflates another number of states than it has components, or it has more than
+            `MOST_COMPONENTS`.
     """
     if len(model.inflated) != len(model.components):
         raise EstimatorError(f"{model.name}: one inflated state for each component is needed")
+    if not 1 <= len(model.components) <= MOST_COMPONENTS:
+        raise EstimatorError(
+            f"{model.name}: a sensor has 1 to {MOST_COMPONENTS} components, found "
+            f"{len(model.components)}; register several"
+        )
     if model.name in (Gyro.name, Accelerometer.name):
         raise EstimatorError(f"{model.name!r}: there is such a sensor already")
     add_stream(kind, model.name)

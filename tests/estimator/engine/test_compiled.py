@@ -338,6 +338,16 @@ def test_plain_engine_needs_no_numba():
     assert done.stdout.strip() == "False"
 
 
+def test_equations_of_a_subclass_are_its_own():
+    class Slower(InertiaMotion):
+        def linearise(self, V_l, V_r, parameters, slip):
+            return super().linearise(0.5 * V_l, 0.5 * V_r, parameters, slip)
+
+    ekf = LaneEkf(Slower(ALPHA.constants))
+    ekf.x[state.PARAMETERS] = ALPHA.indices.as_array()
+    assert ekf.twist_model(0.4, 0.4).twist[0] == pytest.approx(0.2)
+
+
 # --- a model with memory ----------------------------------------------------------------------------
 
 

@@ -247,3 +247,15 @@ def test_what_cannot_be_a_sensor_is_refused(kind: type, name: str, message: str)
     uneven = type("Uneven", (Radar,), {"name": name, "components": ("one", "two")})()
     with pytest.raises(EstimatorError, match="one inflated state for each component"):
         register(kind, uneven)
+
+
+def test_a_sensor_with_too_many_components_is_refused() -> None:
+    class Wide(Radar):
+        name, components = "wide", ("a", "b", "c", "d")
+        inflated = (s.SLIP_X, s.SLIP_Y, s.SLIP_W, s.GYRO_BIAS)
+
+    class Speeds(GroundSpeed, frozen=True):
+        pass
+
+    with pytest.raises(EstimatorError, match="wide: a sensor has 1 to 3 components, found 4"):
+        register(Speeds, Wide())

@@ -17,8 +17,8 @@ from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
     Channels,
+    GainFactors,
     Motion,
-    Regressors,
     TwistDerivatives,
     Unremembering,
     VehicleConstants,
@@ -78,7 +78,7 @@ class FastTurns(Unremembering):
             r_w=(0.0, 0.0, 1.0),
         )
         motion = Motion(twist, IndexValues(zeta, epsilon, eta), u=0.0, force=0.0)
-        return motion, through_channels(by, Regressors(0.0, 0.0, 0.0, 0.0))
+        return motion, through_channels(by, GainFactors(0.0, 0.0, 0.0, 0.0))
 
 
 def fast_turns(robot: Robot) -> FastTurns:
