@@ -1,7 +1,7 @@
 """Filter: predict, gate, update, record, one measurement at a time.
 
 A step goes from one IMU sample to the next. The IMU measures the twist of the step, not the pose at its
-end. So the twist is predicted and updated at the start of the step, and the pose is propagated by it last.
+end. So the twist is predicted and updated at the start of the step, and then moves the pose.
 """
 
 from __future__ import annotations
