@@ -214,7 +214,7 @@ def default_adaptation(variant: str, **changes: float) -> Adaptation:
 
 
 def parameter_names(variant: Variant) -> tuple[str, ...]:
-    """Names (8,) of the parameters of a variant's model in the state, `NO_NAME` for unused places."""
+    """Names (8,) of a variant's parameters, `NO_NAME` for unused places."""
     names = FRICTION_PARAMETERS if variant.model == "friction" else INDEX_PARAMETERS
     return (*names, *(s.NO_NAME for _ in range(len(INDEX_PARAMETERS) - len(names))))
 

@@ -241,14 +241,19 @@ def fed_in_order(until=None):
 
 
 def test_marks_do_not_change_the_estimate():
+    """To rounding: with a mark, each part of a step is taken by itself."""
     plain = PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.1))
     for m in MEASUREMENTS:
         plain.feed(m)
     marked = fed_in_order()
     assert marked.marks == (FIRST, SECOND)
-    assert (marked.state == plain.state).all()
-    assert (marked.covariance == plain.covariance).all()
-    assert marked.health == plain.health
+    sigmas = np.sqrt(np.diagonal(plain.covariance))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    assert (np.abs(marked.state - plain.state) < 1e-9 * unit).all()
+    assert (np.abs(marked.covariance - plain.covariance) < 1e-9 * np.outer(unit, unit)).all()
+    assert marked.health.rejections() == plain.health.rejections()
+    for name, sensor in plain.health.sensors.items():
+        assert marked.health.sensors[name].used == sensor.used
 
 
 def test_what_comes_late_counts_as_if_it_had_come_in_time():

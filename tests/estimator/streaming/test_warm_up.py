@@ -26,7 +26,7 @@ for k, measurement in enumerate(measurements(16.0)):
     estimator.feed(measurement)
     if k == 700:
         estimator.mark()
-assert len(before) > 5
+assert len(before) >= 3
 print(sorted(set(signatures()) - set(before)))
 """
 

@@ -110,7 +110,7 @@ def test_friction_variants_have_the_statistics_of_the_streaming_engine() -> None
         ({"fix_rate": 3.0}, "batch"),
         ({"truth_rate": 7.0}, "batch"),
         ({"encoders": EncoderSpec(dropouts_per_hour=9.0), "track_rate": 200.0}, "streaming"),
-        ({"variants": ("friction-online",)}, "streaming"),
+        ({"variants": ("friction-online",)}, "batch"),
     ],
 )
 def test_auto_takes_the_fastest_that_can(changes: dict[str, object], engine: str) -> None:
