@@ -119,7 +119,7 @@ def point_loads(
 
 
 class PointLoads(NamedTuple):
-    """Loads of the contact points, and their derivatives by the force at the centre of mass.
+    """Loads of the contact points, and their derivatives by the force on the body.
 
     Attributes:
         loads: (m,) loads [N].

@@ -77,11 +77,13 @@ def _one_of_each_kind(settings: Settings) -> Iterator[Measurement | Mark]:
     stamp += INTERVAL // 2
     yield from fixes()
     yield from samples(2, 0.1, 0.2)
-    yield Mark(stamp)
-    yield from samples(2, 0.1, 0.2)
-    yield from fixes()
     yield from samples(2, 0.0, 0.0)
     yield ZeroVelocity(stamp)
     yield from samples(int(settings.standstill.duration * 1e9 / INTERVAL) + 4, 0.0, 0.0)
     stamp += int(2.0 * settings.hold * 1e9)
     yield from samples(4, 0.1, 0.2)
+    # Steps with a mark are made part by part, so it comes last.
+    yield Mark(stamp)
+    yield from samples(2, 0.1, 0.2)
+    yield from fixes()
+    yield from samples(2, 0.1, 0.2)
