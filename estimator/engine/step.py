@@ -273,6 +273,8 @@ class Step:
         step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])
         states = lane.shape.states
         walk = self._walks(turning)
+        # With J the derivatives of the twist and F the transition: with_rows = P J', of_twist = J P J',
+        # carried = (F P) in the rows of the pose, after = F P F' + Q.
         with_rows = [
             P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
             for row, part in zip(now.rows, self.regressors, strict=True)

@@ -111,6 +111,7 @@ class Position(FixModel[PositionFix]):
     name, predicts = "position", "pose"
     components = ("position_x", "position_y")
     inflated, inflated_jointly = (s.X, s.Y), True
+    # Its noise is isotropic; only the motion ahead of the IMU correlates x and y, a little.
     correlated = False
 
     def linearise(self, measurement: PositionFix, predicted: Prediction) -> Linearised:
