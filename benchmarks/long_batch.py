@@ -19,10 +19,10 @@ from long_run import smallest_correlation
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
+from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.engine.filters import PRECISIONS, BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.fixes import GATED, SKIPPED
-from icreckon.estimator.engine.front_end import FrontEnd
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.robot.robot_file import load_robot

@@ -25,7 +25,7 @@ DURATION, RATE = 600.0, 100.0
 # Files and functions -> what they do.
 PARTS = {
     "filters": ("engine/work.py", "engine/filters.py"),
-    "front end": ("engine/front_end.py",),
+    "front end": ("batch/front_end.py",),
     "scores": ("batch/scoring.py",),
     "sensor noise": ("sensors/imu.py", "noise_kernel.py", "encoders.py", "sensors/fixes.py"),
     "true motion": ("truth/friction.py", "friction_ode.py", "true_motion.py", "terrain_kernel.py"),

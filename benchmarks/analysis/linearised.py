@@ -28,7 +28,8 @@ from icreckon.estimator.sensors.measurement_models import (
     Gyro,
     StepTwist,
 )
-from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
+from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.step_inputs import step_inputs, track_change
 
 
 @dataclass(frozen=True)
@@ -173,7 +174,8 @@ class LinearisedModel:
         model = self.twist_model(x, left, right)
         eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
         sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
-        density = self._disturbances.fast_slip_density(tracks, model.by_speeds, sigma, start, end)
+        inputs = step_inputs(tracks, start, end, tracks.settings)
+        density = self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma)
         noise = self._disturbances.of_step(tracks, sigma)
         during = self._during(x, model, sigma[1], start)
         self._ekf.x = np.array(x, dtype=float)
@@ -190,17 +192,15 @@ class LinearisedModel:
     def _during(self, x: Floats, model: TwistModel, sideways: float, now: int) -> list[Shown]:
         tracks, sensors = self._tracks, self._sensors
         shown = []
-        if tracks.stopped and sensors.gyro:
+        stopped = tracks.left == 0.0 == tracks.right
+        if stopped and sensors.gyro:
             shown += [Shown(model.jacobian[i], STANDSTILL_SIGMA[i] ** 2) for i in range(3)]
-        variance = self._disturbances.track_density(tracks) / tracks.interval
-        change = TrackChange(
-            tracks.acceleration, tracks.acceleration_window, variance, tracks.age(now)
-        )
+        change = track_change(step_inputs(tracks, now, now, tracks.settings))
         at = StepTwist(model, x, self._dt, change)
         if sensors.gyro:
             found = self._gyro.linearise(0.0, at)
             shown.append(Shown(found.H[0], found.R.item()))
-        if sensors.accelerometer and not tracks.stopped:
+        if sensors.accelerometer and not stopped:
             rough = self._disturbances.sideways_density((0.0, sideways, 0.0))
             found = self._accelerometer.linearise(0.0, at, x, rough)
             shown.append(Shown(found.H[0], found.R.item()))

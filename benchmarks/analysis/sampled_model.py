@@ -39,7 +39,8 @@ from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
-from icreckon.estimator.sensors.sensor_models import SensorModels, TrackChange
+from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.step_inputs import step_inputs, track_change
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
 from icreckon.simulation.truth.kinematic import has_single_motion
@@ -257,10 +258,8 @@ class ModelSampler:
         model = self._ekf.twist_model(tracks.left, tracks.right)
         density = self._robot.tracks.speed_noise_density
         late = self._terms.lateness
-        a_left, a_right = tracks.acceleration
-        change = TrackChange(
-            (a_left, a_right), tracks.acceleration_window, density**2 / dt, tracks.age(begun)
-        )
+        change = track_change(step_inputs(tracks, begun, begun, tracks.settings))
+        change = change._replace(speed_variance=density**2 / dt)
         calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
         sideways = self._disturbances.sideways_density(sigma)
         at, calmly = StepTwist(model, x, dt, change), StepTwist(model, x, dt, calm)

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
-from icreckon.estimator.batch.replay import work_through_log
+from icreckon.estimator.batch.front_end import FrontEnd
+from icreckon.estimator.batch.inputs import NO_STAMPS
+from icreckon.estimator.batch.replay import measured_alone, work_through_log
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.engine.filters import BatchFilter
-from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.schedule import steps_after
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.log.log import Log
@@ -21,7 +21,6 @@ from icreckon.estimator.log.measurements import ImuSample
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 # Fewer IMU samples than these are fed one by one, which is faster.
@@ -73,8 +72,10 @@ class _Bulk(NamedTuple):
 
 
 def _bulk(log: Log, history: float) -> _Bulk | None:
-    """Choose the samples to process as arrays; None if there are too few."""
+    """Choose the samples to process as arrays; None if too few or out of order."""
     stamps = NO_STAMPS if log.imu is None else log.imu.stamps
+    if any((np.diff(of_sensor) <= 0).any() for of_sensor in (log.tracks.stamps, stamps)):
+        return None
     if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(log.tracks.stamps):
         return None
     newest = max(int(stamps[-1]), int(log.tracks.stamps[-1]))
@@ -93,7 +94,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
         BatchError: they cannot be processed as arrays; the estimator is unchanged.
     """
     before = estimator.filter_checkpoint()
-    _require_ready(estimator, before, log)
+    _require_ready(estimator, before)
     part = _part_of(log, bulk, before)
     imu = part.imu
     if imu is None or before.stamp is None or before.regressors is None:
@@ -101,7 +102,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     robot, settings = estimator.robot, estimator.settings
     if imu.linear_acceleration is None:
         settings = msgspec.structs.replace(settings, use_accelerometer=False)
-    measured = _measured(part, imu, SensorModels(robot))
+    measured, _, _ = measured_alone(part, robot)
     begin = int(measured.track_stamps[0])
     clocks = ClockRecord(before.tracks.stamp, before.tracks.interval), before.imu
     steps = steps_after(
@@ -145,23 +146,18 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     return used
 
 
-def _require_ready(estimator: PoseEstimator, before: FilterCheckpoint, log: Log) -> None:
-    """Require an estimator in the middle of a run, and plausible samples.
+def _require_ready(estimator: PoseEstimator, before: FilterCheckpoint) -> None:
+    """Require an estimator that arrays can continue.
 
     Raises:
-        BatchError: the estimator or the samples need the streaming filter.
+        BatchError: the estimator needs the streaming filter.
     """
-    imu = log.imu
-    if estimator.settings.engine != "compiled" or imu is None:
-        raise BatchError("filters side by side are compiled and need an IMU")
+    if estimator.settings.engine != "compiled":
+        raise BatchError("filters side by side are compiled")
     if before.clones is not None or before.step_under_way:
         raise BatchError("there are marks, or a step is under way")
     if before.stood_at is not None and before.stood_at == before.stamp:
         raise BatchError("there is a zero velocity at the estimate's stamp")
-    if any((np.diff(stamps) <= 0).any() for stamps in (log.tracks.stamps, imu.stamps)):
-        raise BatchError("the stamps do not rise")
-    if has_absurd_readings(log, estimator.robot.vehicle.max_track_speed):
-        raise BatchError("there are readings that no such sensor gives, or samples without forces")
 
 
 def _part_of(log: Log, bulk: _Bulk, before: FilterCheckpoint) -> Log:
@@ -184,19 +180,4 @@ def _part_of(log: Log, bulk: _Bulk, before: FilterCheckpoint) -> Log:
             imu.angular_velocity[is_sample],
             None if force is None else force[is_sample],
         ),
-    )
-
-
-def _measured(part: Log, imu: ImuSeries, sensors: SensorModels) -> Measured:
-    """Measurements in the axes and units of the filter."""
-    rates, force = sensors.yaw_rates(imu.angular_velocity), imu.linear_acceleration
-    forces: Floats = np.zeros(len(rates)) if force is None else sensors.to_the_left_of(force)
-    return Measured(
-        part.tracks.stamps,
-        np.ascontiguousarray(part.tracks.speeds)[None],
-        imu.stamps,
-        rates[None],
-        forces[None],
-        NO_STAMPS,
-        np.zeros((1, 0, 5)),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.engine.front_end import Measured
+from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries

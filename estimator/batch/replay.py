@@ -8,15 +8,14 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.batch.front_end import FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, Measured
-from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS
+from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import (
     MOVE,
     MOVE_AND_UPDATE,
@@ -25,22 +24,23 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     steps_of_log,
 )
+from icreckon.estimator.engine.step_constants import (
+    SMOOTHING,
+    STEP_COLUMNS,
+    fill_step_constants,
+)
 from icreckon.estimator.engine.work import ESTIMATE
-from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
-from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
-from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.pose_estimator import Snapshot
 from icreckon.estimator.streaming.recorded_run import Run
-from icreckon.estimator.tracing.jit_kernel import entry
 
 # Number of steps of a part; all filters run through a part before the next.
 PART = 1024
@@ -153,7 +153,7 @@ def work_through_log(
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
     inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
-    tables = {one.time_constant: np.zeros((PART, len(STEP_CONSTANTS) + 1)) for one in filters}
+    tables = {one.time_constant: np.zeros((PART, STEP_COLUMNS)) for one in filters}
     moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
     first_moving = int(moving[0]) if len(moving) else -1
     for begin in range(0, len(steps.kinds), PART):
@@ -162,50 +162,15 @@ def work_through_log(
         of_part = inputs[: end - begin]
         front.fill(begin, end, of_part)
         for tau, table in tables.items():
-            fill_entry(table, part.starts, part.ends, part.intervals, tau)
+            fill_step_constants(table, part.starts, part.ends, part.intervals, tau)
             if begin <= first_moving < end and not smoothed:
-                table[first_moving - begin, STEP_CONSTANTS.index("smoothing")] = 1.0
+                table[first_moving - begin, SMOOTHING] = 1.0
         for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
             table = tables[one.time_constant][: end - begin]
             one.work_through(lanes, of_part, part, table, room, all_outputs=True)
             of_one.add(begin, end, part, room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))
-
-
-def fill_step_constants(
-    table: Floats, starts: Stamps, ends: Stamps, intervals: Floats, tau: float
-) -> None:
-    """Fill the constants of each step, see `STEP_CONSTANTS`; the IMU's interval last.
-
-    Args:
-        table: (n, k) written to.
-        starts: stamps of the starts of the steps [ns].
-        ends: stamps of their ends [ns].
-        intervals: time between IMU samples [s].
-        tau: time constant of the slip [s].
-
-    Raises:
-        ValueError: an array has the wrong size.
-    """
-    count = min(len(ends), len(intervals), len(table))
-    if count < len(starts) or table.shape[1] != len(STEP_CONSTANTS) + 1:
-        raise ValueError(WRONG_SIZE)
-    for k in range(len(starts)):
-        elapsed = ends[k] - starts[k]
-        if k == 0 or elapsed != ends[k - 1] - starts[k - 1]:
-            dt = elapsed * NANOSECOND
-            decay, mean = fading(dt, tau)
-            integral, cross, final = gauss_markov_noise(dt, tau)
-            smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
-            table[k, 0], table[k, 1], table[k, 2], table[k, 3] = dt, smoothing, decay, mean
-            table[k, 4], table[k, 5], table[k, 6] = integral, cross, final
-        else:
-            table[k, :7] = table[k - 1, :7]
-        table[k, 7] = intervals[k]
-
-
-fill_entry = entry(fill_step_constants)
 
 
 def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:

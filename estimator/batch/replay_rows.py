@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
-from icreckon.estimator.engine.front_end import Measured
 from icreckon.estimator.engine.schedule import (
     HEADING,
     POSITION,

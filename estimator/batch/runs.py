@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.batch.front_end import FrontEnd, Measured
 from icreckon.estimator.batch.scoring import Scores, Segments, TrueTicks
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import TICK, Steps
 from icreckon.estimator.engine.work import ESTIMATE

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
@@ -18,7 +18,6 @@ from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
     GATES,
-    STEP_CONSTANTS,
     TWIST,
     Layout,
     covariance_name,
@@ -34,6 +33,11 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.engine.step_constants import (
+    SMOOTHING,
+    STEP_COLUMNS,
+    fill_step_constants,
+)
 from icreckon.estimator.engine.work import (
     ESTIMATE,
     LaneKernels,
@@ -43,17 +47,14 @@ from icreckon.estimator.engine.work import (
     lane_worker,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
-from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.friction_model import FrictionMotion
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
 from icreckon.estimator.tracing.jit_kernel import jit
@@ -356,20 +357,12 @@ class BatchFilter:
 
     def _step_constants(self, steps: Steps) -> Floats:
         """Constants (n, k) of each step, the interval of the IMU last."""
-        tau = self._disturbances.slip.time_constant
-        table = np.zeros((len(steps.starts), len(STEP_CONSTANTS) + 1))
-        elapsed = steps.ends - steps.starts
-        for each in np.unique(elapsed).tolist():
-            dt = each * NANOSECOND
-            decay, mean = fading(dt, tau)
-            smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
-            row = (dt, smoothing, decay, mean, *gauss_markov_noise(dt, tau))
-            table[elapsed == each, :-1] = row
+        table = np.zeros((len(steps.starts), STEP_COLUMNS))
+        fill_step_constants(table, steps.starts, steps.ends, steps.intervals, self.time_constant)
         moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
         if len(moving) and steps.starts[0] == 0:
             # The first regressors are not smoothed.
-            table[moving[0], STEP_CONSTANTS.index("smoothing")] = 1.0
-        table[:, -1] = steps.intervals
+            table[moving[0], SMOOTHING] = 1.0
         return table
 
 
@@ -397,7 +390,7 @@ def shared_constants(
     walks = disturbances.bias_walk + disturbances.parameter_walk
     named = {
         **model.vehicle._asdict(),
-        "eta": model.eta if isinstance(model, FrictionMotion) else 0.0,
+        "eta": model.steering_efficiency(state[s.PARAMETERS]),
         **{name: getattr(slip, name) for name in SlipConstants._fields},
         "gyro_density": sensors.gyro_density,
         "accelerometer_density": sensors.accelerometer_density,

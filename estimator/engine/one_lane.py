@@ -16,12 +16,12 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
-from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST
+from icreckon.estimator.engine.layout import INPUTS, MOTION, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.model import TracedModel, traced_model
 from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.engine.step_constants import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.filter.gate import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
 from icreckon.estimator.tracing.jit_kernel import entry
 
@@ -29,8 +29,8 @@ SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
 # Verdict of a gate that had no measurement.
 NOT_TESTED = -1
-# Places of the constants of a step, and of inputs of a kernel.
-DT, SMOOTHING, DECAY, MEAN, INTEGRAL, CROSS, FINAL = range(7)
+# Places of a constant of a step, and of inputs of a kernel.
+MEAN = STEP_CONSTANTS.index("mean")
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
@@ -238,12 +238,11 @@ def empty_lane(lane: Floats, x: Floats, P: Floats, regressors: Floats, places: L
 
 
 def fill_constants(constants: Floats, dt: float, smoothing: float, time_constant: float) -> None:
-    """Compute the constants of a step of `dt` seconds."""
-    decay, mean = fading(dt, time_constant)
-    integral, cross, final = gauss_markov_noise(dt, time_constant)
-    constants[DT], constants[SMOOTHING] = dt, smoothing
-    constants[DECAY], constants[MEAN] = decay, mean
-    constants[INTEGRAL], constants[CROSS], constants[FINAL] = integral, cross, final
+    """Compute the constants of a step of `dt` seconds; its smoothing factor is given."""
+    values = step_constants(dt, time_constant)
+    for k in range(PER_STEP):
+        constants[k] = values[k]
+    constants[SMOOTHING] = smoothing
 
 
 def verdict_of(lane: Floats, rows: tuple[int, int, int, int]) -> Any:

@@ -11,6 +11,7 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FORCED, SKIPPED
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
+from icreckon.estimator.engine.step_constants import PER_STEP, STEP_COLUMNS
 from icreckon.estimator.filter.reacquisition import laid_over
 from icreckon.estimator.motion.friction_step import step_motion
 from icreckon.estimator.tracing.emit import FLAG_BITS
@@ -21,7 +22,7 @@ ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWI
 MEAN_LEFT, MEAN_RIGHT, DT = INPUTS["mean_left"], INPUTS["mean_right"], STEP_CONSTANTS.index("dt")
 QUIET, MODE = INPUTS["quiet_mean"], INPUTS["fix_mode"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
-PER_STEP, ROWS = len(STEP_CONSTANTS), len(INPUTS)
+ROWS = len(INPUTS)
 # Time of a fix: the end of a step, the end of a step that is a tick, between two steps, and between two
 # steps at a tick.
 AT_STEP, AT_TICK, BETWEEN_STEPS, TICK_BETWEEN_STEPS = range(4)
@@ -194,7 +195,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         width, output_lanes, count = workspace.shape[1], estimates.shape[2], len(kinds)
         sizes_fit = len(workspace) == places.row_count and len(constants) == places.constant_count
         sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
-        sizes_fit &= len(table) >= count and table.shape[1] == PER_STEP + 1
+        sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
         sizes_fit &= len(extras) == count and len(ticks) == count
         sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
         sizes_fit &= len(rejected) == width and rejected.shape[2] == 5

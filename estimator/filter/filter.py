@@ -61,9 +61,9 @@ from icreckon.estimator.sensors.predictions import (
 from icreckon.estimator.sensors.sensor_models import (
     STANDSTILL_VARIANCE,
     SensorModels,
-    TrackChange,
 )
 from icreckon.estimator.sensors.standstill import StandstillDetector, stands
+from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
 
 
 class Reckoning:
@@ -287,7 +287,9 @@ class Reckoning:
         self._begin_step(m.stamp)
         if self.stands:
             self._update_standstill()
-        at = StepTwist(self.model(), ekf.x.copy(), self._imu.interval, self._track_change())
+        at = StepTwist(
+            self.model(), ekf.x.copy(), self._imu.interval, track_change(self._inputs(m.stamp))
+        )
         # Gate, update and record.
         used = self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
         force = m.linear_acceleration
@@ -450,16 +452,13 @@ class Reckoning:
 
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
         """Density (3, 3) of the fast slip from the estimate's stamp to a later one [ns]."""
-        start = stamp if self.stamp is None else self.stamp
-        return self._disturbances.fast_slip_density(
-            self._tracks, model.by_speeds, self.slip_sigma(), start, stamp
-        )
+        inputs, sigma = self._inputs(stamp), self.slip_sigma()
+        return self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma)
 
-    def _track_change(self) -> TrackChange:
-        tracks = self._tracks
-        variance = self._disturbances.track_density(tracks) / tracks.interval
-        age = 0.0 if self.stamp is None else tracks.age(self.stamp)
-        return TrackChange(tracks.acceleration, tracks.acceleration_window, variance, age)
+    def _inputs(self, stamp: int) -> StepInputs:
+        """Inputs of a step from the estimate's stamp to a later one [ns]."""
+        start = stamp if self.stamp is None else self.stamp
+        return step_inputs(self._tracks, start, stamp, self._tracks.settings)
 
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns], if it is later than the estimate."""

@@ -17,6 +17,7 @@ from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.robot.robot_file import Robot, Slip
 from icreckon.estimator.robot.slip import slip_components
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Yaw rate of a robot that is pushed with its tracks at rest [rad/s].
 PUSHED_W = 0.3
@@ -38,7 +39,6 @@ class Disturbances:
     def __init__(self, robot: Robot, slip: Slip, parameter_walk: Floats) -> None:
         self._slip = slip
         self._track_gauge = robot.vehicle.track_gauge
-        self._track_density = robot.tracks.speed_noise_density**2
         self._bias_walk = np.zeros(s.SIZE)
         self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
         self._bias_walk[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_walk
@@ -82,42 +82,24 @@ class Disturbances:
         """Density of the change of the sideways slip [m²/s³] at a `slip_sigma`."""
         return sideways_density(sigma[1], self._slip.time_constant)
 
-    def track_density(self, tracks: HeldTrackSpeeds) -> float:
-        """Density of the error of each track's speed, from the noise of its sensor [m²/s]."""
-        return 0.0 if tracks.stopped else self._track_density
-
-    def track_densities(self, tracks: HeldTrackSpeeds, start: int, end: int) -> tuple[float, float]:
-        """Density of the error of each track's speed, left and right, over a step [m²/s].
-
-        Args:
-            tracks: the track speeds.
-            start: stamp of the step's start [ns].
-            end: stamp of its end [ns].
-        """
-        noise, (left, right) = self.track_density(tracks), tracks.stuck_densities(start, end)
-        return noise + left, noise + right
-
-    def fast_slip_density(
-        self, tracks: HeldTrackSpeeds, by_speeds: Floats, sigma: Vector3, start: int, end: int
-    ) -> Floats:
-        """(3, 3) density of the fast slip between two stamps [ns].
+    def fast_slip_density(self, inputs: StepInputs, by_speeds: Floats, sigma: Vector3) -> Floats:
+        """(3, 3) density of the fast slip over a step.
 
         It is the sum of the error of the track speeds, the white part of the slip, and the possible
         change of stale track speeds.
 
         Args:
-            tracks: the track speeds.
-            by_speeds: (3, 2) derivative of the twist by them.
+            inputs: inputs of the step.
+            by_speeds: (3, 2) derivative of the twist by the track speeds.
             sigma: standard deviation of the slip, see `slip_sigma`.
-            start: stamp of the step's start [ns].
-            end: stamp of its end [ns].
         """
         density = fast_slip_density(
             by_speeds.tolist(),
-            *self.track_densities(tracks, start, end),
+            inputs.left_density,
+            inputs.right_density,
             self._slip.white_time,
             sigma[2],
-            tracks.gap_density(start, end),
+            inputs.gap_density,
         )
         return np.array(density)
 

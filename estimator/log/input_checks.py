@@ -52,6 +52,8 @@ BEHIND, BEHIND_OF_EACH = 20, 4
 ABSURD_SPEED = 10.0
 # No gyro of a vehicle reads more [rad/s], and no accelerometer [m/s²].
 ABSURD_RATE, ABSURD_FORCE = 100.0, 1000.0
+# Reason to reject.
+NOT_FINITE = "not finite"
 # Largest asymmetry of a covariance, and its least eigenvalue, relative to its standard deviations.
 ASYMMETRY, LEAST_SHARE = 1e-6, 1e-9
 
@@ -260,33 +262,20 @@ class Admission:
         Args:
             measurement: the measurement, as returned by `as_plain`.
         """
-        # The two kinds that come hundreds of times a second.
-        if type(measurement) is TrackSpeeds:
-            most = self._absurd
-            if abs(measurement.left) <= most and abs(measurement.right) <= most:
-                return None
-        elif type(measurement) is ImuSample:
-            force = measurement.linear_acceleration
-            is_plausible = _within(measurement.angular_velocity, ABSURD_RATE)
-            if is_plausible and (force is None or _within(force, ABSURD_FORCE)):
-                return None
-        match measurement:
-            case TrackSpeeds():
-                speeds = measurement.left, measurement.right
-                if not _are_finite(speeds):
-                    return "not finite"
-                return "absurdly fast" if _largest(speeds) > self._absurd else None
-            case ImuSample():
-                rates, force = measurement.angular_velocity, measurement.linear_acceleration
-                if not (_are_finite(rates) and (force is None or _are_finite(force))):
-                    return "not finite"
-                if _largest(rates) > ABSURD_RATE:
-                    return "absurd rate"
-                return "absurd force" if force and _largest(force) > ABSURD_FORCE else None
-            case BodyVelocity():
-                speeds = measurement.v_x, measurement.v_y
-                if _are_finite(speeds) and _largest(speeds) > self._absurd:
-                    return "absurdly fast"
+        if isinstance(measurement, TrackSpeeds):
+            speeds = measurement.left, measurement.right
+            return _objection_to_size(speeds, self._absurd, "absurdly fast")
+        if isinstance(measurement, ImuSample):
+            rates, force = measurement.angular_velocity, measurement.linear_acceleration
+            of_rates = _objection_to_size(rates, ABSURD_RATE, "absurd rate")
+            of_force = force and _objection_to_size(force, ABSURD_FORCE, "absurd force")
+            # A value that is not finite is the first reason, in either.
+            return of_force if of_force == NOT_FINITE else of_rates or of_force
+        if isinstance(measurement, BodyVelocity):
+            speeds = measurement.v_x, measurement.v_y
+            objection = _objection_to_size(speeds, self._absurd, "absurdly fast")
+            if objection not in (None, NOT_FINITE):
+                return objection
         return _objection_to_fields(measurement)
 
     def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
@@ -306,9 +295,13 @@ class Admission:
         return "stamp far ahead" if count < CLOCK_WITNESSES else None
 
 
-def _within(values: Vector3, most: float) -> bool:
-    x, y, z = values
-    return abs(x) <= most and abs(y) <= most and abs(z) <= most
+def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str | None:
+    """Reason to reject values that are not finite, or larger than `most`: `absurd`."""
+    for value in values:
+        # True for a value that is not a number, too.
+        if not abs(value) <= most:
+            return absurd if all(map(math.isfinite, values)) else NOT_FINITE
+    return None
 
 
 def _is_plain(values: Any) -> bool:
@@ -323,7 +316,7 @@ def _objection_to_fields(measurement: Measurement) -> str | None:
     fields = {name: getattr(measurement, name) for name in _fields(type(measurement))}
     values = [value for name, value in fields.items() if name not in NOISE]
     if not all(value is None or _is_finite(value) for value in values):
-        return "not finite"
+        return NOT_FINITE
     found = (check(fields[name]) for name, check in NOISE.items() if name in fields)
     return next((objection for objection in found if objection), None)
 
@@ -341,7 +334,7 @@ def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
 def _objection_to_covariance(covariance: Matrix3) -> str | None:
     matrix = np.array(covariance)
     if not np.isfinite(matrix).all():
-        return "not finite"
+        return NOT_FINITE
     variances = matrix.diagonal()
     if variances.min() <= 0.0:
         return "variance not positive"
@@ -361,13 +354,5 @@ NOISE: dict[str, Callable[[Any], str | None]] = {
 }
 
 
-def _largest(values: Sequence[float]) -> float:
-    return max(map(abs, values))
-
-
 def _is_finite(value: Any) -> bool:
     return math.isfinite(value) if type(value) is float else all(map(_is_finite, value))
-
-
-def _are_finite(values: Sequence[float]) -> bool:
-    return all(map(math.isfinite, values))

@@ -238,28 +238,9 @@ class HeldTrackSpeeds(TrackRecord, kw_only=True):
         return take_tracks(self, stamp, left, right, self.settings)
 
     @property
-    def acceleration(self) -> tuple[float, float]:
-        """Averaged acceleration of the left and the right track [m/s²]."""
-        return self.acceleration_left, self.acceleration_right
-
-    @property
     def smooth(self) -> tuple[float, float]:
         """Smoothed speeds of the left and the right track [m/s]."""
         return self.smooth_left, self.smooth_right
-
-    @property
-    def stopped(self) -> bool:
-        """True if both tracks read exactly zero; then the encoders have no noise."""
-        return self.left == 0.0 and self.right == 0.0
-
-    @property
-    def acceleration_window(self) -> float:
-        """Averaging time of `acceleration` [s]."""
-        return self.interval if self.interval > ACCELERATION_AVERAGING else ACCELERATION_AVERAGING
-
-    def age(self, now: int) -> float:
-        """Age of the speeds at a stamp [ns], from the middle of their interval [s]."""
-        return age_at(self, now, self.settings.hold)
 
     def speeds_at(self, now: int | None) -> tuple[float, float]:
         """Speeds of the left and the right track at a stamp [ns]; stale ones decay [m/s]."""
@@ -274,14 +255,3 @@ class HeldTrackSpeeds(TrackRecord, kw_only=True):
     def is_hole(self, stamp: int) -> bool:
         """Return True if a sample at a stamp [ns] follows a gap longer than `hold`."""
         return is_hole(self, stamp, self.settings.hold)
-
-    def gap_density(self, start: int, end: int) -> float:
-        """Error density of stale speeds over a step between two stamps [ns] [m²/s]."""
-        return gap_density(self, start, end, self.settings)
-
-    def stuck_densities(self, start: int, end: int) -> tuple[float, float]:
-        """Error densities over a step of the left and the right track if stuck [m²/s]."""
-        return (
-            stuck_density(self.repeating_left, start, end, self.settings),
-            stuck_density(self.repeating_right, start, end, self.settings),
-        )

@@ -116,10 +116,7 @@ class Position(FixModel[PositionFix]):
 
     def linearise(self, measurement: PositionFix, predicted: Prediction) -> Linearised:
         """Compare x and y with the predicted pose."""
-        z = np.array((measurement.x, measurement.y)) - predicted.values[:2]
-        return Linearised(
-            z, predicted.H[:2], predicted.R[:2, :2] + measurement.variance * np.eye(2)
-        )
+        return _first_two((measurement.x, measurement.y), measurement.variance, predicted)
 
 
 class Heading(FixModel[HeadingFix]):
@@ -146,10 +143,13 @@ class BodyTwist(FixModel[BodyVelocity]):
 
     def linearise(self, measurement: BodyVelocity, predicted: Prediction) -> Linearised:
         """Compare v_x and v_y with the predicted twist."""
-        z = np.array((measurement.v_x, measurement.v_y)) - predicted.values[:2]
-        return Linearised(
-            z, predicted.H[:2], predicted.R[:2, :2] + measurement.variance * np.eye(2)
-        )
+        return _first_two((measurement.v_x, measurement.v_y), measurement.variance, predicted)
+
+
+def _first_two(measured: tuple[float, float], variance: float, predicted: Prediction) -> Linearised:
+    """Compare two values of the same variance with the first two of a prediction."""
+    R = predicted.R[:2, :2] + variance * np.eye(2)
+    return Linearised(np.array(measured) - predicted.values[:2], predicted.H[:2], R)
 
 
 class Pose(FixModel[PoseFix]):

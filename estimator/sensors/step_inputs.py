@@ -14,6 +14,7 @@ from icreckon.estimator.sensors.held_tracks import (
     stuck_density,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.sensor_models import TrackChange
 
 
 class StepInputs(NamedTuple):
@@ -85,3 +86,9 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         age_at(held, start, settings.hold),
         1.0 if slow else 0.0,
     )
+
+
+def track_change(inputs: StepInputs) -> TrackChange:
+    """Change of the track speeds at the start of a step."""
+    acceleration = inputs.acceleration_left, inputs.acceleration_right
+    return TrackChange(acceleration, inputs.window, inputs.speed_variance, inputs.age)

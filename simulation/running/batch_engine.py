@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import msgpack
 
 from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.batch.inputs import has_absurd_readings, measured_of
 from icreckon.estimator.batch.runs import Worked, work_through_runs
 from icreckon.estimator.batch.scoring import (
@@ -40,7 +41,6 @@ from icreckon.estimator.batch.scoring import (
     segments_of,
 )
 from icreckon.estimator.engine.filters import BatchFilter
-from icreckon.estimator.engine.front_end import Measured
 from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length, without_fixes

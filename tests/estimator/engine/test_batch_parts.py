@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 from numba import njit
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.batch.front_end import FrontEnd, Measured
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance
 from icreckon.estimator.engine.filters import BatchFilter, aligned
-from icreckon.estimator.engine.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import steps_of, why_not_steps
 from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion import index_model as motion
 from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import load_robot
@@ -26,11 +25,16 @@ from icreckon.estimator.robot.variants import (
     DEFAULT_ADAPTATION,
     VARIANTS,
     parameter_walks,
-    slip_of,
 )
-from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.held_tracks import (
+    ACCELERATION_AVERAGING,
+    HeldTrackSpeeds,
+    age_at,
+    gap_density,
+)
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 from icreckon.estimator.sensors.standstill import StandstillDetector
+from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand, lanes_of_machine
 
@@ -195,8 +199,6 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
     chosen = input_settings(ROBOT, Settings())
     steps, measured, inputs = all_inputs(tracks, present, gyro, track_rate, imu_rate, chosen)
 
-    variant = VARIANTS["constant-online"]
-    noise = Disturbances(ROBOT, slip_of(ROBOT, variant), np.zeros(8))
     held = HeldTrackSpeeds(settings=chosen)
     taken = 0
     for k, (start, end) in enumerate(zip(steps.starts.tolist(), steps.ends.tolist(), strict=True)):
@@ -205,20 +207,21 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
             if not math.isnan(left):
                 held.take(int(measured.track_stamps[taken]), left, right)
             taken += 1
+        plain = step_inputs(held, start, end, chosen)
         expected = {
             "left": held.speeds_at(start)[0],
             "right": held.speeds_at(start)[1],
             "now_right": held.speeds_at(end)[1],
             "smooth_left": held.smooth[0],
-            "acceleration_right": held.acceleration[1],
-            "window": held.acceleration_window,
-            "age": held.age(start),
-            "speed_variance": noise.track_density(held) / held.interval,
+            "acceleration_right": plain.acceleration_right,
+            "window": max(ACCELERATION_AVERAGING, held.interval),
+            "age": age_at(held, start, chosen.hold),
+            "speed_variance": plain.speed_variance,
         }
         if end > start:
             expected["mean_left"] = held.mean_speeds(start, end)[0]
-            expected["gap_density"] = held.gap_density(start, end)
-            expected["left_density"] = noise.track_densities(held, start, end)[0]
+            expected["gap_density"] = gap_density(held, start, end, chosen)
+            expected["left_density"] = plain.left_density
         for name, value in expected.items():
             assert inputs[k, INPUTS[name]] == pytest.approx(value, rel=1e-12, abs=1e-15), name
 

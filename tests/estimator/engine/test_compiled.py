@@ -33,6 +33,7 @@ from icreckon.estimator.robot.variants import (
     register,
     unregister,
 )
+from icreckon.estimator.sensors.held_tracks import stuck_density
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.smoother import smooth
 from icreckon.simulation.scenario import Scenario
@@ -263,7 +264,8 @@ def test_compiled_agrees_with_plain(variant, options):
 def test_everything_has_a_stuck_track():
     estimator, _ = fed("compiled", measurements=[m for m in EVERYTHING if m.stamp < STUCK])
     tracks = estimator._reckoning._tracks
-    assert tracks.stuck_densities(STUCK, STUCK + 1)[0] > 0.0
+    stuck = stuck_density(tracks.repeating_left, STUCK, STUCK + 1, tracks.settings)
+    assert stuck > 0.0
 
 
 def everything_in_order():

@@ -7,6 +7,7 @@ from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.held_tracks import stuck_density as stuck_density_of
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
@@ -28,7 +29,11 @@ def noisy(count, seed=0, mean=0.5):
 
 
 def stuck_density(tracks):
-    return tracks.stuck_densities(tracks.stamp, tracks.stamp + SECOND // RATE)
+    begin, settings = tracks.stamp, tracks.settings
+    return tuple(
+        stuck_density_of(track, begin, begin + SECOND // RATE, settings)
+        for track in (tracks.repeating_left, tracks.repeating_right)
+    )
 
 
 def with_stuck_left(samples, before=100):

@@ -12,7 +12,7 @@ import pytest
 
 from conftest import REPOSITORY
 from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.engine.front_end import FrontEnd
+from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.simulation.running import (
