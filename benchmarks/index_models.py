@@ -21,8 +21,8 @@ from analysis.fitting import KnownMotion, fit_constant, fit_friction, fit_inerti
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.contact import Contact
-from icreckon.estimator.motion.friction_model import FrictionMotion
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.motion_model import NO_SLIP
 from icreckon.estimator.robot.robot_file import Robot, load_robot

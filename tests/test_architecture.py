@@ -14,8 +14,8 @@ ROOT = Path(__file__).parent.parent
 # package itself.
 FLOORS = {
     "estimator": [
-        "base", "log", "tracing", "motion", "robot", "sensors", "filter", "engine",
-        "streaming", "batch", "calibration", "",
+        "base", "log", "tracing", "motion", "friction", "robot", "sensors", "filter",
+        "engine", "streaming", "batch", "calibration", "",
     ],
     "simulation": ["base", "drives", "truth", "sensors", "", "study", "running", "paper"],
     "replay": [

@@ -14,6 +14,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
+from icreckon.estimator.engine.friction import motion_kernel, substep_places
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
@@ -42,7 +43,6 @@ from icreckon.estimator.engine.work import (
     ESTIMATE,
     LaneKernels,
     Places,
-    advance_memory,
     advance_nothing,
     lane_worker,
 )
@@ -50,14 +50,16 @@ from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.motion.friction_model import FrictionMotion
+from icreckon.estimator.friction.kernel import friction_steps
+from icreckon.estimator.friction.loads import PAIR_COLUMNS
+from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
-from icreckon.estimator.tracing.jit_kernel import jit
+from icreckon.estimator.tracing.jit_kernel import inner, jit
 
 # NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
@@ -119,7 +121,6 @@ class BatchFilter:
         if model is None:
             raise BatchError(f"the motion model of {variant.name!r} cannot run side by side")
         motion = assumed.model
-        self._model_constants: Any = motion.constants if isinstance(motion, FrictionMotion) else ()
         self._model, self._state, self._sigmas = motion, assumed.state, assumed.sigmas
         self._disturbances = assumed.disturbances
         self.robot, self.settings = robot, settings
@@ -245,7 +246,6 @@ class BatchFilter:
             estimates,
             lanes.rejected,
             lanes.rejected_count,
-            self._model_constants,
             _places(self.layout, all_outputs),
         )
 
@@ -385,7 +385,9 @@ def shared_constants(
         state: (SIZE,) values of the states that are not uncertain.
     """
     names = shape.layout.constants
-    values: Floats = aligned(len(names), PRECISIONS[shape.bits])
+    pairs = model.pairs if isinstance(model, FrictionMotion) else np.zeros((0, PAIR_COLUMNS))
+    values: Floats = aligned(len(names) + pairs.size, PRECISIONS[shape.bits])
+    values[len(names) :] = pairs.ravel()
     slip, sensors = disturbances.slip, SensorModels(robot).constants
     walks = disturbances.bias_walk + disturbances.parameter_walk
     named = {
@@ -403,6 +405,8 @@ def shared_constants(
         **{f"fixed{i}": value for i, value in enumerate(state)},
         **{f"walk{i}": value for i, value in enumerate(walks)},
     }
+    if isinstance(model, FrictionMotion):
+        named |= model.constants
     for row, bound in enumerate(model.bounds):
         named |= {f"bound{row}_{k}": value for k, value in enumerate(bound)}
     for name, value in named.items():
@@ -426,9 +430,6 @@ def _places(layout: Layout, all_outputs: bool) -> Places:
     fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
     states = (*layout.states, *fast)
 
-    def place(state: int) -> int:
-        return rows[f"x{state}"] if state in layout.states else -1
-
     with_pose = [[rows[covariance_name(i, j)] for j in states] for i in range(3)]
     return Places(
         np.array([*pose, *covariance, *(rows[name] for name in (*TWIST, *more))]),
@@ -438,10 +439,6 @@ def _places(layout: Layout, all_outputs: bool) -> Places:
         rows["predicted_x"],
         rows["predicted_y"],
         layout.constants["interval"],
-        np.array([rows[f"memory{k}"] for k in range(layout.model.memory)], dtype=np.int64),
-        np.array([place(i) for i in range(s.PARAMETERS.start, s.PARAMETERS.stop)]),
-        layout.constants[f"fixed{s.PARAMETERS.start}"],
-        place(s.TRACK_SCALE),
         len(rows),
         len(layout.constants),
     )
@@ -499,7 +496,12 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
     }
     shape_digest = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    advance = jit(advance_memory if shape.model.memory else advance_nothing)
+    advance = jit(advance_nothing)
+    if shape.model.kind == "friction":
+        kernel = kernel_on_demand(
+            "motion", partial(motion_kernel, "motion", shape), width, shape.bits
+        )
+        advance = friction_steps(kernel, substep_places(shape.layout), inner(shape_digest))
     return lane_worker(LaneKernels(**compiled), advance, shape_digest)
 
 

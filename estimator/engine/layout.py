@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.model import TracedModel
-from icreckon.estimator.motion.friction_layout import TURN
+from icreckon.estimator.friction.layout import (
+    BODY_CONSTANTS,
+    CARRIED,
+    SUBSTEP_CONSTANTS,
+    TURN,
+)
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Inputs of a step: those of each lane, and those that all lanes share.
@@ -116,6 +121,7 @@ class Layout:
                 *TWIST,
                 *BEFORE,
                 *(f"memory{k}" for k in range(self.model.memory)),
+                *(CARRIED if self.model.kind == "friction" else ()),
                 *(f"x{i}" for i in fast),
                 *(covariance_name(i, j) for j in fast for i in all_states if i <= j),
                 *INNOVATIONS,
@@ -126,7 +132,8 @@ class Layout:
 
     @property
     def constants(self) -> Names:
-        """Names of the constants that all lanes share."""
+        """Names of the constants that all lanes share; contact points follow behind them."""
+        of_friction = (*SUBSTEP_CONSTANTS, *BODY_CONSTANTS)
         return Names(
             (
                 *STEP_CONSTANTS,
@@ -134,6 +141,7 @@ class Layout:
                 *(f"fixed{i}" for i in range(s.SIZE)),
                 *(f"walk{i}" for i in range(s.SIZE)),
                 *(f"bound{row}_{k}" for row in range(len(self.model.bounds)) for k in range(9)),
+                *(of_friction if self.model.kind == "friction" else ()),
             )
         )
 

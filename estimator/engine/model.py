@@ -16,13 +16,15 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector
 from icreckon.estimator.filter import process_noise
-from icreckon.estimator.motion import friction_model, index_model, motion_model, propagation
-from icreckon.estimator.motion.friction_layout import PARAMETERS as FRICTION_PARAMETERS
-from icreckon.estimator.motion.friction_model import FrictionMotion
+from icreckon.estimator.friction import model as friction_model
+from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_PARAMETERS
+from icreckon.estimator.friction.model import FrictionMotion
+from icreckon.estimator.motion import index_model, motion_model, propagation
 from icreckon.estimator.motion.index_model import InertiaMotion
 from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
 from icreckon.estimator.sensors import sensor_models, standstill
 from icreckon.estimator.tracing import trace
+from icreckon.estimator.tracing.elementary import traced
 
 # Newton's method squares the error in each round: after a relative change of this size it has converged.
 LAST_CHANGE = {64: 1e-6, 32: 1e-4}
@@ -45,6 +47,7 @@ class TracedModel(NamedTuple):
         parameters: places of the parameters that the model uses among the eight.
         bounds: places of the parameters in each bound.
         memory: number of values in the model's memory.
+        sheared: friction builds up with the shear displacement.
     """
 
     kind: Kind
@@ -52,23 +55,24 @@ class TracedModel(NamedTuple):
     parameters: tuple[int, ...]
     bounds: tuple[tuple[int, ...], ...]
     memory: int
+    sheared: bool = False
 
 
 def traced_model(model: MotionModel) -> TracedModel | None:
     """Describe a motion model; None if it has no traced form."""
     kind: Kind
-    slip_in_inertia = False
+    slip_in_inertia = sheared = False
     # A subclass may have equations of its own.
     if type(model) is InertiaMotion:
         kind, slip_in_inertia = model.form, model.slip_in_inertia
         # H counts by its sign alone, so there is no derivative by it.
         used = range(1, 8)
     elif type(model) is FrictionMotion:
-        kind, used = "friction", range(FRICTION_PARAMETERS)
+        kind, used, sheared = "friction", range(FRICTION_PARAMETERS), model.sheared
     else:
         return None
     bounds = tuple(tuple(np.flatnonzero(bound[:8]).tolist()) for bound in model.bounds)
-    return TracedModel(kind, slip_in_inertia, tuple(used), bounds, len(model.memory))
+    return TracedModel(kind, slip_in_inertia, tuple(used), bounds, len(model.memory), sheared)
 
 
 class TracedTwist(NamedTuple):
@@ -250,17 +254,17 @@ def _arc_with_slopes(angle: Any) -> Any:
     return trace.where_needed(is_large, values, lambda: _arc_in_full(large))
 
 
-_arc_in_full = trace.traced(propagation.arc_with_slopes)
-_balance_problem = trace.traced(index_model.balance_problem)
-_evaluate = trace.traced(index_model.evaluate)
-_linearise_at = trace.traced(index_model.linearise_at)
-_linearise_friction = trace.traced(friction_model.linearise)
-_at_least = trace.traced(motion_model.at_least)
-slip_at = trace.traced(process_noise.slip_at)
-fast_slip_density = trace.traced(process_noise.fast_slip_density)
-sideways_density = trace.traced(process_noise.sideways_density)
-share_of_walk = trace.traced(process_noise.share_of_walk)
-stands = trace.traced(standstill.stands)
-gyro_variance = trace.traced(sensor_models.gyro_variance)
-accelerometer_forecast = trace.traced(sensor_models.accelerometer_forecast)
-_step_along_arc = trace.traced(propagation.step_along_arc)
+_arc_in_full = traced(propagation.arc_with_slopes)
+_balance_problem = traced(index_model.balance_problem)
+_evaluate = traced(index_model.evaluate)
+_linearise_at = traced(index_model.linearise_at)
+_linearise_friction = traced(friction_model.linearise)
+_at_least = traced(motion_model.at_least)
+slip_at = traced(process_noise.slip_at)
+fast_slip_density = traced(process_noise.fast_slip_density)
+sideways_density = traced(process_noise.sideways_density)
+share_of_walk = traced(process_noise.share_of_walk)
+stands = traced(standstill.stands)
+gyro_variance = traced(sensor_models.gyro_variance)
+accelerometer_forecast = traced(sensor_models.accelerometer_forecast)
+_step_along_arc = traced(propagation.step_along_arc)

@@ -188,7 +188,7 @@ def fill_state(
     Raises:
         ValueError: an array has the wrong size.
     """
-    sizes_fit = lane.shape == (places.row_count, 1) and len(constants) == places.constant_count
+    sizes_fit = lane.shape == (places.row_count, 1) and len(constants) >= places.constant_count
     if not sizes_fit or x.shape != (SIZE,) or len(memory) != places.memory_size:
         raise ValueError(WRONG_SIZE)
     for a in range(len(places.states)):

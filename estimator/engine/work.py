@@ -13,13 +13,12 @@ from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
 from icreckon.estimator.engine.step_constants import PER_STEP, STEP_COLUMNS
 from icreckon.estimator.filter.reacquisition import laid_over
-from icreckon.estimator.motion.friction_step import step_motion
 from icreckon.estimator.tracing.emit import FLAG_BITS
 from icreckon.estimator.tracing.jit_kernel import entry, inner
 
 # Rows of an estimate, the output at a tick.
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
-MEAN_LEFT, MEAN_RIGHT, DT = INPUTS["mean_left"], INPUTS["mean_right"], STEP_CONSTANTS.index("dt")
+DT = STEP_CONSTANTS.index("dt")
 QUIET, MODE = INPUTS["quiet_mean"], INPUTS["fix_mode"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 ROWS = len(INPUTS)
@@ -39,12 +38,8 @@ class Places(NamedTuple):
         predicted_x: row of the predicted x at the newest fix.
         predicted_y: row of the predicted y at the newest fix.
         interval: place of the interval of the IMU among the constants.
-        memory: (m,) rows of the motion model's memory.
-        parameters: (8,) rows of the parameters; -1 for those that are constants.
-        fixed: place of the first parameter among the constants.
-        track_scale: row of the track scale; -1 if it is zero.
         row_count: number of rows of the workspace.
-        constant_count: number of constants.
+        constant_count: number of constants, without contact points.
     """
 
     estimate: Any
@@ -54,10 +49,6 @@ class Places(NamedTuple):
     predicted_x: int
     predicted_y: int
     interval: int
-    memory: Any
-    parameters: Any
-    fixed: int
-    track_scale: int
     row_count: int
     constant_count: int
 
@@ -101,7 +92,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
 
     Args:
         kernels: kernels of that shape.
-        advance: compiled function that advances the motion models in time, see `advance_memory`.
+        advance: compiled function that advances the motion models in time, see `advance_nothing`.
         shape_digest: digest that separates the machine code of this shape from that of others.
     """
     usual, full, update, move, move_tick, *of_fixes = kernels
@@ -184,7 +175,6 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         estimates: Floats,
         rejected: Floats,
         rejected_count: Any,
-        model_constants: Any,
         places: Places,
     ) -> None:
         """Run all lanes through some steps; see `BatchFilter.work_through`.
@@ -193,7 +183,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
             ValueError: an array has the wrong size.
         """
         width, output_lanes, count = workspace.shape[1], estimates.shape[2], len(kinds)
-        sizes_fit = len(workspace) == places.row_count and len(constants) == places.constant_count
+        sizes_fit = len(workspace) == places.row_count and len(constants) >= places.constant_count
         sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
         sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
         sizes_fit &= len(extras) == count and len(ticks) == count
@@ -215,7 +205,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
             else:
                 when = AT_TICK if is_tick else AT_STEP
                 if kinds[k] != UPDATE:
-                    advance(workspace, given, constants, model_constants, places)
+                    advance(workspace, given, constants, constants[DT])
                 if kinds[k] == MOVE:
                     if is_tick:
                         move_tick(workspace, given, constants)
@@ -245,38 +235,8 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
     return entry(work_through, shape_digest)
 
 
-def advance_nothing(
-    workspace: Floats, given: Floats, constants: Floats, model_constants: Any, places: Places
-) -> None:
+def advance_nothing(workspace: Floats, given: Floats, constants: Floats, dt: float) -> None:
     """Advance motion models without memory by a step: they do not change."""
-
-
-def advance_memory(
-    workspace: Floats, given: Floats, constants: Floats, model_constants: Any, places: Places
-) -> None:
-    """Advance friction models by a step, lane by lane, see `MotionModel.begin_step`.
-
-    Args:
-        workspace: workspace of the lanes.
-        given: inputs of the step.
-        constants: constants of all lanes and of the step.
-        model_constants: constants of the friction model.
-        places: places in the workspace.
-    """
-    memory, parameters = np.empty(len(places.memory)), np.empty(len(places.parameters))
-    for lane in range(workspace.shape[1]):
-        scale = 1.0
-        if places.track_scale >= 0:
-            scale += workspace[places.track_scale, lane]
-        for k in range(len(places.parameters)):
-            row = places.parameters[k]
-            parameters[k] = workspace[row, lane] if row >= 0 else constants[places.fixed + k]
-        for k in range(len(places.memory)):
-            memory[k] = workspace[places.memory[k], lane]
-        left, right = scale * given[MEAN_LEFT, lane], scale * given[MEAN_RIGHT, lane]
-        step_motion(model_constants, parameters, left, right, constants[DT], memory)
-        for k in range(len(places.memory)):
-            workspace[places.memory[k], lane] = memory[k]
 
 
 def relocate(workspace: Floats, lane: int, rejected: Floats, count: int, places: Places) -> bool:

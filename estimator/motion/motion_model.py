@@ -1,6 +1,6 @@
 """Interface of motion models: body velocity from track speeds, with derivatives.
 
-`estimator.motion.index_model` has the paper's model, `estimator.motion.friction_model` that of friction.
+`estimator.motion.index_model` has the paper's model, `estimator.friction.model` that of friction.
 Internally, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three
 indices and the slip). So a derivative by a parameter is that by a channel times the *gain factor*, the
 factor of that parameter in its index. The interface has derivatives by the parameters, track speeds and

@@ -21,10 +21,10 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import require_not_negative
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.estimator.base.state import PARAMETER_NAMES as INDEX_PARAMETERS
-from icreckon.estimator.motion.friction_layout import FRICTION, LENGTH, ROLLING, Z_CM
-from icreckon.estimator.motion.friction_layout import PARAMETER_NAMES as FRICTION_PARAMETERS
-from icreckon.estimator.motion.friction_layout import PARAMETERS as FRICTION_COUNT
-from icreckon.estimator.motion.friction_model import FrictionMotion, nominal_parameters
+from icreckon.estimator.friction.layout import FRICTION, LENGTH, ROLLING, Z_CM
+from icreckon.estimator.friction.layout import PARAMETER_NAMES as FRICTION_PARAMETERS
+from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_COUNT
+from icreckon.estimator.friction.model import FrictionMotion, nominal_parameters
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.index_model import Form, InertiaMotion
 from icreckon.estimator.motion.motion_model import MotionModel

@@ -183,6 +183,8 @@ class _Emitter:
                 return b.load(b.gep(self.pointers[array], [LONG(place)]))
             case "loop":
                 return self._loop(node)
+            case "total":
+                return self._total(node)
             case "result":
                 return self._compute(node.args[0])[node.extra]
         wide = not node.uniform
@@ -214,6 +216,8 @@ class _Emitter:
                 return b.not_(*args)
             case "sqrt" | "abs" | "round":
                 return self._call(INTRINSICS[node.op], args)
+            case "power_of_two":
+                return self._power_of_two(args[0])
         raise NotImplementedError(node.op)
 
     def _call(self, name: str, args: list[Any]) -> Any:
@@ -226,6 +230,19 @@ class _Emitter:
         if function is None:
             function = ir.Function(module, ir.FunctionType(kind, [kind] * len(args)), name=called)
         return self.builder.call(function, args)
+
+    def _power_of_two(self, exponent: Any) -> Any:
+        """Shift a whole number to the place of the exponent in a number's bits."""
+        bits, fraction, bias = (64, 52, 1023) if self.number == ir.DoubleType() else (32, 23, 127)
+        integer, whole = ir.IntType(bits), float(2**fraction + bias)
+        kind = exponent.type
+        if kind == self.vector:
+            as_integer = ir.VectorType(integer, self.width)
+            shift, offset = as_integer([fraction] * self.width), kind([whole] * self.width)
+        else:
+            as_integer, shift, offset = integer, integer(fraction), kind(whole)
+        b = self.builder
+        return b.bitcast(b.shl(b.bitcast(b.fadd(exponent, offset), as_integer), shift), kind)
 
     def _one(self, kind: Any) -> Any:
         return self.vector([1.0] * self.width) if kind == self.vector else self.number(1.0)
@@ -286,6 +303,8 @@ class _Emitter:
         needed, *begin = [self._widened(arg) for arg in of.args]
         # Values that only the rounds need are computed there; the optimiser moves constant ones out.
         inside = reachable([*loop.results, loop.again]) - set(self.values) - set(loop.carried)
+        if most > 1:
+            self._compute_loops_of(inside, loop.carried)
         before = b.block
         body, after = b.append_basic_block("round"), b.append_basic_block("settled")
         b.cbranch(self._any(needed), body, after)
@@ -293,14 +312,13 @@ class _Emitter:
         counter = b.phi(INT)
         counter.add_incoming(INT(0), before)
         values, wide, loads = dict(self.values), dict(self.wide), dict(self.loads)
+        was_in_loop, self.in_loop = self.in_loop, True
         for carried, value in zip(loop.carried, begin, strict=True):
             phi = b.phi(self.vector)
             phi.add_incoming(value, before)
             self.values[carried] = phi
-        self.in_loop = True
         for node in sorted(inside, key=_number):
             self._compute(node)
-        self.in_loop = False
         results = [self._widened(result) for result in loop.results]
         again = self._widened(loop.again)
         rounds = b.add(counter, INT(1))
@@ -319,7 +337,48 @@ class _Emitter:
             final.append(phi)
         # Values that were computed inside a round do not exist outside.
         self.values, self.wide, self.loads = values, wide, loads
+        self.in_loop = was_in_loop
         return final
+
+    def _compute_loops_of(self, nodes: set[Traced], varying: Sequence[Traced]) -> None:
+        """Compute loops without varying numbers, which the optimiser would not move out."""
+        for node in sorted(nodes, key=_number):
+            if node.op in BODIES and reachable([node], with_bodies=True).isdisjoint(varying):
+                self._compute(node)
+
+    def _total(self, of: Traced) -> list[Any]:
+        """Emit sums over the rows of a table; return them."""
+        table, b = of.extra.table, self.builder
+        rows = b.fptosi(self._compute(of.args[0]), LONG)
+        zero = self.vector([0.0] * self.width)
+        self._compute_loops_of(reachable(of.extra.terms) - set(self.values), of.extra.columns)
+        before, body, after = b.block, b.append_basic_block("row"), b.append_basic_block("summed")
+        b.branch(body)
+        b.position_at_end(body)
+        row = b.phi(LONG)
+        row.add_incoming(LONG(0), before)
+        values, wide, loads = dict(self.values), dict(self.wide), dict(self.loads)
+        was_in_loop, self.in_loop = self.in_loop, True
+        sums = [b.phi(self.vector) for _ in of.extra.terms]
+        first = b.gep(self.pointers[table.array], [LONG(table.first - MIDDLE_ROW * self.width)])
+        begin = b.gep(first, [b.mul(row, LONG(table.columns))])
+        for place, column in enumerate(of.extra.columns):
+            self.values[column] = b.load(b.gep(begin, [LONG(place)]))
+        inside = reachable(of.extra.terms) - set(self.values)
+        for node in sorted(inside, key=_number):
+            self._compute(node)
+        more = [self._widened(term) for term in of.extra.terms]
+        found = [b.fadd(one, term, flags=LOOSE) for one, term in zip(sums, more, strict=True)]
+        next_row, end = b.add(row, LONG(1)), b.block
+        row.add_incoming(next_row, end)
+        for one, value in zip(sums, found, strict=True):
+            one.add_incoming(zero, before)
+            one.add_incoming(value, end)
+        b.cbranch(b.icmp_signed("<", next_row, rows), body, after)
+        b.position_at_end(after)
+        self.values, self.wide, self.loads = values, wide, loads
+        self.in_loop = was_in_loop
+        return found
 
 
 INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}
@@ -329,8 +388,8 @@ def _number(node: Traced) -> int:
     return node.number
 
 
-def reachable(wanted: Iterable[Traced]) -> set[Traced]:
-    """Nodes that some numbers depend on, without the insides of loops."""
+def reachable(wanted: Iterable[Traced], *, with_bodies: bool = False) -> set[Traced]:
+    """Nodes that some numbers depend on, with or without those in the bodies of loops."""
     found: set[Traced] = set()
     left = list(wanted)
     while left:
@@ -338,4 +397,13 @@ def reachable(wanted: Iterable[Traced]) -> set[Traced]:
         if node not in found:
             found.add(node)
             left.extend(node.args)
+            if with_bodies and node.op in BODIES:
+                left.extend(BODIES[node.op](node.extra))
     return found
+
+
+# Results of the body of a loop, by its operation.
+BODIES: dict[str, Callable[[Any], list[Traced]]] = {
+    "loop": lambda extra: [*extra[0].results, extra[0].again],
+    "total": lambda extra: extra.terms,
+}

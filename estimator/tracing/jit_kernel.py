@@ -20,8 +20,8 @@ from typing import Any, TypeVar, cast
 from numba import njit
 
 from icreckon.estimator.base import choices
+from icreckon.estimator.tracing.elementary import LIBRARY
 from icreckon.estimator.tracing.kernel_cache import KernelCache, environment_digest
-from icreckon.estimator.tracing.trace import LIBRARY
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -1,9 +1,9 @@
 """Traced numbers, whose operations are recorded and compiled for many lanes.
 
 A `Traced` stands for one number of each lane. Functions of numbers (for example those of
-`estimator.motion.index_model`) are run once with traced numbers for arguments, through `traced`, and
-their operations become a graph. The graph contains each expression once. Constant zeros and ones are left
-out as it is built: a Jacobian's zeros cost nothing.
+`estimator.motion.index_model`) are run once with traced numbers for arguments, through
+`estimator.tracing.elementary.traced`, and their operations become a graph. The graph contains each
+expression once. Constant zeros and ones are left out as it is built: a Jacobian's zeros cost nothing.
 """
 
 from __future__ import annotations
@@ -12,16 +12,12 @@ import builtins
 import math
 import threading
 from collections.abc import Callable, Sequence
-from types import FunctionType, SimpleNamespace
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 # Held during tracing: there is one graph at a time.
 TRACING = threading.RLock()
 # Operations whose arguments may be exchanged.
 COMMUTATIVE = {"add", "mul", "and", "or"}
-
-# Functions of these modules are traced, or compiled, if traced or compiled ones call them.
-LIBRARY = "icreckon.estimator."
 
 
 class Traced:
@@ -182,6 +178,11 @@ def rounded(value: Traced) -> Traced:
     return _unary("round", value, round)
 
 
+def power_of_two(exponent: Traced) -> Traced:
+    """Two to the power of a whole number, if that is a normal number."""
+    return _unary("power_of_two", exponent, lambda value: 2.0**value)
+
+
 def truth_as_number(value: Any) -> Traced:
     """Number of a truth value: 1 or 0."""
     return cast(Traced, select(value, 1.0, 0.0))
@@ -253,28 +254,49 @@ def where_needed(
     return repeat(needed, usual, a_round, 1)[:-1]
 
 
-def traced(function: Callable[..., Any]) -> Any:
-    """Copy a function of plain numbers, and those that it calls, for traced numbers.
+class Table(NamedTuple):
+    """Table of numbers that all lanes share, row by row in an array.
+
+    Attributes:
+        array: the array.
+        first: place of the first number.
+        columns: number of columns.
+        rows: number of rows, at least one; known when the code runs.
+    """
+
+    array: str
+    first: int
+    columns: int
+    rows: Traced
+
+
+class Total:
+    """Sums over the rows of a table.
+
+    Attributes:
+        table: the table.
+        columns: values of a row.
+        terms: numbers of a row that are summed.
+    """
+
+    def __init__(self, table: Table, columns: list[Traced], terms: list[Traced]) -> None:
+        self.table, self.columns, self.terms = table, columns, terms
+
+
+def total(table: Table, terms: Callable[..., Sequence[Any]]) -> list[Traced]:
+    """Sum numbers over the rows of a table.
 
     Args:
-        function: function of plain numbers, without branches on them.
+        table: the table.
+        terms: function from the values of a row to the numbers to sum.
     """
-    twins: dict[Any, Any] = {}
-
-    def twin(original: Any) -> Any:
-        if original not in twins:
-            names = dict(original.__globals__)
-            copy = FunctionType(original.__code__, names, original.__name__, original.__defaults__)
-            twins[original] = copy
-            for name in original.__code__.co_names:
-                callee = names.get(name)
-                if name in PLAIN:
-                    names[name] = PLAIN[name]
-                elif isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
-                    names[name] = twin(callee)
-        return twins[original]
-
-    return twin(function)
+    columns = [_fresh("column", place, uniform=True) for place in range(table.columns)]
+    wanted = [lift(term) for term in terms(*columns)]
+    # Each number is summed once, and zeros are not.
+    summed = [one for one in dict.fromkeys(wanted) if one.constant != 0.0]
+    node = _fresh("total", Total(table, columns, summed), (lift(table.rows),))
+    sums = {one: _make("result", (node,), place) for place, one in enumerate(summed)}
+    return [sums.get(one, one) for one in wanted]
 
 
 # --- graph ----------------------------------------------------------------------------------------
@@ -297,9 +319,9 @@ def _make(
     return found
 
 
-def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = ()) -> Traced:
+def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = (), *, uniform: bool = False) -> Traced:
     """Make a number that is equal to no other."""
-    node = _new(op, args, extra, False, False)
+    node = _new(op, args, extra, uniform, False)
     Traced._nodes["fresh", node.number] = node
     return node
 
@@ -425,69 +447,4 @@ RELATIONS: dict[str, Callable[[float, float], bool]] = {
     "<": lambda a, b: a < b,
     "<=": lambda a, b: a <= b,
     "==": lambda a, b: a == b,
-}
-
-
-# --- sine and cosine --------------------------------------------------------------------------------
-
-# pi / 2 in three parts, of which the first two have 33 bits: a whole multiple of up to 2^20 is exact
-# (Cody and Waite, Software Manual for the Elementary Functions, 1980, ch. 8).
-# In single precision the first two have 12 and 11.
-HALF_PI = {
-    64: (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
-    32: (1.5703125, 4.837512969970703125e-4, 7.549789954891882e-8),
-}
-
-
-def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
-    """Sine and cosine of an angle, within two units in the last place of one.
-
-    Angles are up to some 1e5 rad (1e3 in single precision). The Taylor series on -pi/4 to pi/4 ends where
-    the rest is below 1e-17.
-    """
-    if not isinstance(angle, Traced):
-        return math.sin(angle), math.cos(angle)
-    quadrant = rounded(angle * (2.0 / math.pi))
-    r = angle
-    for part in HALF_PI[Traced.bits]:
-        r = r - quadrant * part
-    square = r * r
-    sine, cosine = lift(0.0), lift(0.0)
-    for k in range(8, 0, -1):
-        sine = square * (sine + (-1.0) ** k / math.factorial(2 * k + 1))
-        cosine = square * (cosine + (-1.0) ** k / math.factorial(2 * k))
-    sine, cosine = r + r * sine, 1.0 + cosine
-    # Number of the quadrant, 0 to 3.
-    fourth = quadrant - 4.0 * rounded(quadrant * 0.25 - 0.375)
-    swaps = (fourth == 1.0) | (fourth == 3.0)
-    sine, cosine = select(swaps, cosine, sine), select(swaps, sine, cosine)
-    return (
-        select(fourth >= 2.0, -sine, sine),
-        select((fourth == 1.0) | (fourth == 2.0), -cosine, cosine),
-    )
-
-
-def _sine(angle: Any) -> Any:
-    return sine_and_cosine(angle)[0]
-
-
-def _cosine(angle: Any) -> Any:
-    return sine_and_cosine(angle)[1]
-
-
-def _square_root(value: Any) -> Any:
-    return value**0.5
-
-
-_FUNCTIONS = SimpleNamespace(
-    sin=_sine, cos=_cosine, sqrt=_square_root, exp=math.exp, expm1=math.expm1, pi=math.pi
-)
-# Names in functions of plain numbers, and their values for traced ones.
-PLAIN: dict[str, Any] = {
-    "max": maximum,
-    "min": minimum,
-    "float": lambda value: value,
-    "select": select,
-    "math": _FUNCTIONS,
-    "np": _FUNCTIONS,
 }

@@ -17,8 +17,8 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.initial_state import assumptions
+from icreckon.estimator.friction.layout import REGULARISING_SPEED
 from icreckon.estimator.log.input_checks import ABSURD_SPEED
-from icreckon.estimator.motion.friction_layout import REGULARISING_SPEED
 from icreckon.estimator.robot.nominal_contact import presumed_contact
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import find_variant

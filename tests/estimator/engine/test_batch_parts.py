@@ -36,13 +36,14 @@ from icreckon.estimator.sensors.input_settings import InputSettings, input_setti
 from icreckon.estimator.sensors.standstill import StandstillDetector
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing import trace
+from icreckon.estimator.tracing.elementary import exponential, sine_and_cosine
 from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand, lanes_of_machine
 
 WIDTH = lanes_of_machine(64)
 ROBOT = load_robot("auriga-alpha")
 
 
-def in_lanes(function, *columns):
+def in_lanes(function, *columns, constants=()):
     """A function of traced numbers, compiled and run on columns of numbers, one in each lane."""
     trace.start()
     values = function(*(trace.lane_input("lanes", row) for row in range(len(columns))))
@@ -51,16 +52,16 @@ def in_lanes(function, *columns):
         Store("lanes", len(columns) + row, trace.lift(value)) for row, value in enumerate(values)
     ]
     rows = len(columns) + len(values)
-    tested = Kernel("tested", (rows, 0, 0), stores)
+    tested = Kernel("tested", (rows, 0, len(constants)), stores)
     kernel = kernel_on_demand("tested", lambda: tested, WIDTH)
 
     @njit
-    def call(lanes):
-        return kernel(lanes, lanes, lanes)
+    def call(lanes, constants):
+        return kernel(lanes, lanes, constants)
 
     lanes = aligned((len(columns) + len(values)) * WIDTH).reshape(-1, WIDTH)
     lanes[: len(columns)] = columns
-    call(lanes)
+    call(lanes, np.array(constants, dtype=float))
     return lanes[len(columns) :]
 
 
@@ -69,9 +70,51 @@ def test_sine_and_cosine_are_right_to_the_last_digits() -> None:
     near = np.array([0.0, -0.0, 1e-9, -1e-5, 0.5 * np.pi, np.pi, -np.pi, 0.25 * np.pi])
     for angles in (near, rng.uniform(-4.0, 4.0, 8), rng.uniform(-1e4, 1e4, 8)):
         angles = np.resize(angles, WIDTH)
-        sine, cosine = in_lanes(trace.sine_and_cosine, angles)
+        sine, cosine = in_lanes(sine_and_cosine, angles)
         assert np.abs(sine - np.sin(angles)).max() < 4e-16
         assert np.abs(cosine - np.cos(angles)).max() < 4e-16
+
+
+def test_exponentials_are_right_to_the_last_digits() -> None:
+    rng = np.random.default_rng(1)
+    near = np.array([0.0, -0.0, -1e-300, -1e-9, -0.5 * np.log(2.0), -1.0, -700.0, -708.0])
+    for exponents in (near, rng.uniform(-1.0, 0.0, 8), rng.uniform(-700.0, 0.0, 8)):
+        exponents = np.resize(exponents, WIDTH)
+        found = in_lanes(exponential, exponents)[0]
+        np.testing.assert_allclose(found, np.exp(exponents), rtol=5e-16, atol=0.0)
+    assert in_lanes(exponential, np.full(WIDTH, -1e6))[0].max() < 1e-300
+
+
+def test_totals_sum_over_the_rows_of_a_table_in_each_lane() -> None:
+    """Also inside of rounds, and with rounds inside."""
+    rows = np.random.default_rng(1).uniform(1.0, 2.0, (5, 2))
+
+    def function(value):
+        table = trace.Table("constants", 1, 2, trace.uniform_input("constants", 0))
+
+        def sums(factor):
+            def terms(a, b):
+                root = trace.repeat(
+                    True, [1.0], lambda x: ([0.5 * (x + b / x)], trace.lift_truth(True)), 8
+                )[0]
+                return [factor * a, factor * a, 0.0, root]
+
+            return trace.total(table, terms)
+
+        alone = sums(value)
+        twice = trace.repeat(True, [value], lambda v: ([sums(v)[0]], trace.lift_truth(True)), 2)
+        return [*alone, twice[0]]
+
+    values = np.linspace(-1.0, 3.0, WIDTH)
+    first, again, nothing, roots, twice = in_lanes(
+        function, values, constants=np.concatenate([[len(rows)], rows.ravel()])
+    )
+    total = rows[:, 0].sum()
+    np.testing.assert_allclose(first, values * total, rtol=1e-15)
+    np.testing.assert_array_equal(again, first)
+    assert not nothing.any()
+    np.testing.assert_allclose(roots, np.sqrt(rows[:, 1]).sum(), rtol=1e-15)
+    np.testing.assert_allclose(twice, values * total**2, rtol=1e-15)
 
 
 def test_rounds_go_on_until_the_last_lane_is_done_and_no_longer() -> None:

@@ -11,6 +11,7 @@ import pytest
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import arc_factors, compose, rpy_to_matrix, wrap_angle
+from icreckon.estimator.friction.layout import REGULARISING_SPEED
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -20,7 +21,6 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
 )
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
-from icreckon.estimator.motion.friction_layout import REGULARISING_SPEED
 from icreckon.estimator.motion.index_model import VehicleConstants, solve
 from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.motion import friction_layout as f
-from icreckon.estimator.motion.friction_model import FrictionMotion
+from icreckon.estimator.friction import layout as f
+from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 

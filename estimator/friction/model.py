@@ -2,7 +2,7 @@
 
     twist = v + dv/dp (p - p') + dv/dV (V - V') + slip
 
-where v is the twist that `estimator.motion.friction_step` has integrated up to the end of the present
+where v is the twist that `estimator.friction.step` has integrated up to the end of the present
 step, with the parameter estimate p' at its start, at its track speeds V'. The derivatives are integrated,
 too, so that they contain the effect of the parameters on all motion so far. Updates of the parameters
 within a step act linearly, and enter the integration with the next step.
@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.motion.contact import Contact, ground
-from icreckon.estimator.motion.friction_layout import (
+from icreckon.estimator.friction.layout import (
     AT_PARAMETERS,
     AT_SPEEDS,
+    BODY_CONSTANTS,
     FRICTION,
     LENGTH,
     MEMORY,
@@ -43,6 +43,7 @@ from icreckon.estimator.motion.friction_layout import (
     Y_CM,
     Z_CM,
 )
+from icreckon.estimator.motion.contact import Contact, ground
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist, signed_inertia
 from icreckon.estimator.motion.motion_model import (
     Motion,
@@ -53,7 +54,7 @@ from icreckon.estimator.motion.motion_model import (
 )
 
 if TYPE_CHECKING:
-    from icreckon.estimator.motion.friction_step import FrictionConstants
+    from icreckon.estimator.friction.kernel import OneModel
 
 # Bounds of the parameters: least friction, rolling resistance and height of the centre of mass, which
 # divides [m]; range of the contact's length as shares of its nominal value; range of the centre of mass
@@ -93,7 +94,7 @@ class FrictionMotion:
         self._ground = at._replace(small=max(REGULARISING_SPEED, at.small))
         self._estimated = np.array(estimated, dtype=float)
         self.nominal = nominal_parameters(contact)
-        self._packed: Floats | None = None
+        self._one: OneModel | None = None
         self._memory: Floats = np.zeros(MEMORY)
         self._memory[AT_PARAMETERS] = self.nominal
         self._memory[TURN] = 0.0, 0.0, eta
@@ -133,23 +134,36 @@ class FrictionMotion:
         self._memory = memory
 
     @property
-    def constants(self) -> FrictionConstants:
-        """Constants for the compiled step."""
-        from icreckon.estimator.motion.friction_step import FrictionConstants
+    def sheared(self) -> bool:
+        """True if friction builds up with the shear displacement."""
+        return self._ground.shear_modulus > 0.0
 
-        return FrictionConstants(
-            self._ground, self.nominal, self._yaw_inertia, self._load_lag, self._estimated
+    @property
+    def constants(self) -> dict[str, float]:
+        """Values of `layout.BODY_CONSTANTS`."""
+        at, (half_width, rear, front) = self._ground, self._ground.outline
+        upper = np.triu_indices(3)
+        values = (
+            *(at.mass, at.weight, self._yaw_inertia, self._load_lag, at.half_gauge),
+            *(half_width, rear, front, at.shear_modulus, at.small, float(at.opposes_travel)),
+            *(*at.even[upper], *at.friction.ravel(), *self.nominal, *(self._estimated != 0.0)),
+            len(at.x) // 2,
         )
+        return dict(zip(BODY_CONSTANTS, map(float, values), strict=True))
+
+    @property
+    def pairs(self) -> Floats:
+        """Pairs of contact points (k, 4), see `estimator.friction.loads`."""
+        at, count = self._ground, len(self._ground.x) // 2
+        return np.stack([at.x[:count], at.x[count:], at.y[:count], at.share[:count]], axis=-1)
 
     def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
         """Begin a step, as in `MotionModel`."""
-        from icreckon.estimator.motion.friction_step import packed, step_packed
+        from icreckon.estimator.friction.kernel import OneModel
 
-        if self._packed is None:
-            self._packed = packed(self.constants)
-        memory = self._memory.copy()
-        step_packed(self._packed, np.array(parameters[:PARAMETERS]), V_l, V_r, dt, memory)
-        self._memory = memory
+        if self._one is None:
+            self._one = OneModel(self.constants, self.pairs, sheared=self.sheared)
+        self._memory = self._one.step(self._memory, parameters[:PARAMETERS], (V_l, V_r), dt)
 
     def steering_efficiency(self, parameters: Any) -> float:  # noqa: ARG002 - it hardly depends
         """Typical steering efficiency index [-], as in `MotionModel`."""
@@ -187,7 +201,7 @@ def linearise(
 ) -> tuple[Motion, TwistDerivatives]:
     """Linearise the friction model, see `FrictionMotion.linearise`.
 
-    `memory` is laid out as in `estimator.motion.friction_layout`.
+    `memory` is laid out as in `estimator.friction.layout`.
     """
     left, right = V_l - memory[AT_SPEEDS.start], V_r - memory[AT_SPEEDS.start + 1]
     v_x = _component(memory, 0, parameters, left, right) + slip[0]

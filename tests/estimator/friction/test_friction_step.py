@@ -1,0 +1,128 @@
+"""The traced step of the friction model against the forces of `contact_forces`, written apart from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.friction import layout as f
+from icreckon.estimator.friction.model import FrictionMotion
+from icreckon.estimator.motion.contact import Contact, ContactGeometry, ground
+from icreckon.estimator.motion.contact_forces import (
+    COLUMNS,
+    PointLoads,
+    add_track_forces,
+    mass_matrix,
+    point_loads,
+)
+from icreckon.estimator.robot.robot_file import load_robot
+
+ALPHA = load_robot("auriga-alpha")
+LAG, H = 0.3, 0.01
+
+
+def contact_of(z_CM: float = 0.7, **soil: Any) -> Contact:
+    """Contact with uneven points, off-centre, on some soil."""
+    geometry = ContactGeometry(
+        0.42, (-0.35, -0.1, 0.05, 0.42), weights=(1.0, 2.0, 1.5, 1.0), across=(-0.03, 0.04)
+    )
+    body = msgspec.structs.replace(ALPHA.contact.body, x_CM=0.01, y_CM=-0.03, z_CM=z_CM)
+    return Contact(msgspec.structs.replace(ALPHA.contact.soil, **soil), geometry, body)
+
+
+CONTACTS = {
+    "plain": contact_of(),
+    "anisotropic": contact_of(longitudinal_friction=0.6, rolling_resistance=0.06),
+    "opposes the track": contact_of(resistance_opposes="track", rolling_resistance=0.06),
+    "sheared": contact_of(shear_modulus=0.02),
+    "high": contact_of(z_CM=1.6),
+}
+
+
+def model_of(contact: Contact, estimated: Floats | None = None) -> FrictionMotion:
+    mask = np.ones(f.PARAMETERS) if estimated is None else estimated
+    return FrictionMotion(ALPHA.constants, contact, 7.0, LAG, 2.0, mask)
+
+
+def moving(model: FrictionMotion, state: Floats) -> FrictionMotion:
+    """A model in the middle of a motion."""
+    memory = model.memory.copy()
+    memory[f.OF_STATES], memory[f.STARTED] = state, 1.0
+    model.recall(memory)
+    return model
+
+
+def padded(parameters: Floats) -> list[float]:
+    return [*parameters.tolist(), 0.0, 0.0]
+
+
+def forces_on(model: FrictionMotion, contact: Contact, y: Floats, v: Floats, V: Floats) -> Floats:
+    """Force and moment of the ground at loads of the state `y` (5,), and a twist `v` (3,)."""
+    at = ground(contact)._replace(small=model.constants["small"])
+    loads, right, forward = (np.empty(len(at.x)) for _ in range(3))
+    point_loads(at, y[3], y[4], loads, right, forward)
+    values, jacobian = np.zeros(3), np.zeros((3, COLUMNS))
+    add_track_forces(at, tuple(v), tuple(V), PointLoads(loads, right, forward), values, jacobian)
+    return values
+
+
+STATES = st.tuples(
+    *[st.floats(-1.0, 1.0)] * 3, *[st.floats(-0.5 * 9.81 * ALPHA.vehicle.mass, 5e3)] * 2
+)
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+@settings(max_examples=60, deadline=None)
+@given(state=STATES, V=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)))
+def test_a_step_solves_its_equations(
+    name: str, state: tuple[float, ...], V: tuple[float, float]
+) -> None:
+    """Points that lift off and a vehicle that tips are among the states."""
+    contact = CONTACTS[name]
+    model, before, speeds = model_of(contact), np.array(state), np.array(V)
+    moving(model, before).begin_step(H, *V, padded(model.nominal))
+    after = model.memory[f.OF_STATES]
+    body, (v_x, v_y, w) = contact.body, before[:3]
+    A = mass_matrix(body.mass, body.x_CM, body.y_CM, 7.0)
+    right = body.mass * w * (v_y + body.x_CM * w)
+    forward = body.mass * w * (body.y_CM * w - v_x)
+    inertia = np.array([right, forward, body.x_CM * forward - body.y_CM * right])
+    F = forces_on(model, contact, before, after[:3], speeds)
+    wrong = np.linalg.solve(A, A @ (after[:3] - before[:3]) - H * (F + inertia))
+    # Newton's last step is below 1e-7; shear has no potential and may leave the iteration where it is.
+    assert np.abs(wrong).max() < (1e-6 if name != "sheared" else 1e-2)
+    keep = np.exp(-H / LAG)
+    np.testing.assert_allclose(
+        after[3:], keep * before[3:] - (1.0 - keep) * F[:2], rtol=1e-7, atol=1e-3
+    )
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+@pytest.mark.parametrize("parameter", range(f.PARAMETERS))
+def test_its_sensitivities_are_slopes(name: str, parameter: int) -> None:
+    contact = CONTACTS[name]
+    rng, step = np.random.default_rng(parameter), 1e-6
+    for _ in range(20):
+        state = np.concatenate([rng.uniform(-0.6, 0.6, 3), rng.uniform(-300.0, 300.0, 2)])
+        V = rng.uniform(-0.8, 0.8, 2)
+        model = model_of(contact)
+        moving(model, state).begin_step(H, *V, padded(model.nominal))
+        S = model.memory[f.OF_SENSITIVITIES].reshape(f.STATES, f.PARAMETERS)
+        ends = []
+        for sign in (1.0, -1.0):
+            other = model_of(contact)
+            at = other.nominal.copy()
+            at[parameter] += sign * step
+            memory = moving(other, state).memory.copy()
+            memory[f.AT_PARAMETERS] = at
+            other.recall(memory)
+            other.begin_step(H, *V, padded(at))
+            ends.append(other.memory[f.OF_STATES])
+        slopes = (ends[0] - ends[1]) / (2.0 * step)
+        np.testing.assert_allclose(S[:, parameter], slopes, rtol=2e-4, atol=2e-4 * np.abs(S).max())
