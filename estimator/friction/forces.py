@@ -22,7 +22,7 @@ from icreckon.estimator.friction.layout import (
 from icreckon.estimator.friction.loads import ContactArea, PointLoad, Pressing, point_load
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential
-from icreckon.estimator.tracing.trace import Table, Traced, select
+from icreckon.estimator.tracing.trace import Table, Traced, reciprocal_root, select
 
 # Three numbers, and three rows of three.
 Three = tuple[Any, ...]
@@ -108,7 +108,7 @@ def grip(body: Body, twist: Three, V: Any, friction: tuple[Any, Any], point: Thr
     x, y, Y = point
     small = body.constants["small"]
     u_x, u_y = mu_x * (v_x - y * w), mu_y * (v_y + x * w - V)
-    scale = 1.0 / (u_x * u_x + u_y * u_y + mu_x * mu_y * small * small) ** 0.5
+    scale = reciprocal_root(u_x * u_x + u_y * u_y + mu_x * mu_y * small * small)
     e_x, e_y = u_x * scale, u_y * scale
     t_x, t_y = mu_x * e_x, mu_y * e_y
     k_xx = mu_x * mu_x * scale * (1.0 - e_x * e_x)
@@ -228,7 +228,7 @@ def rolling(body: Body, twist: Three, V: Any, side: float) -> Rolling:
     c, (_, v_y, w) = body.constants, twist
     lever, small = side * c["half_gauge"], c["small"]
     speed = select(c["opposes_travel"] > 0.5, v_y + lever * w, V)
-    scale = 1.0 / (speed * speed + small * small) ** 0.5
+    scale = reciprocal_root(speed * speed + small * small)
     return Rolling(-speed * scale, -scale * scale * scale * small * small, lever)
 
 

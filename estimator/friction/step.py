@@ -53,7 +53,8 @@ from icreckon.estimator.tracing.trace import Table, Traced, maximum, minimum, se
 
 # Highest number of rounds of Newton's iteration, with those of its line searches.
 NEWTON_ROUNDS, LINE_SEARCHES = 100, 10
-# Newton's iteration ends with a step below this [m/s, rad/s]; by bits of a number.
+# Newton's iteration ends with a step below this [m/s, rad/s], by bits of a number. The error is below its
+# square over the regularising speed then.
 SETTLED = {64: 1e-7, 32: 1e-5}
 # A Newton step that overshoots the minimum is shortened, unless its slope there is below this share of
 # the initial slope.
@@ -109,7 +110,13 @@ def substep(
     inertia = _force_of_inertia(body, start)
     loads = pressing(body.area, body.centre, body.stretch, c["weight"], q)
     step = Substep(body, V, start, inertia, loads, rolling_loads(body, loads))
-    v = _minimise(step, h)
+    # What the track speeds changed in the last substep, they change in this one, about.
+    of_speeds = memory[OF_SPEEDS]
+    change = [one - other for one, other in zip(V, memory[AT_SPEEDS], strict=True)]
+    guess = tuple(
+        start[k] + of_speeds[2 * k] * change[0] + of_speeds[2 * k + 1] * change[1] for k in range(3)
+    )
+    v = _minimise(step, h, guess)
     F = all_forces(step, v, q)
     inverse = _inverse(_minus(body.mass, h, F.by_twist))
     direct = _direct(step, v, h)
@@ -138,7 +145,6 @@ def substep(
         by_force = tuple(is_estimated * one for one in F.by_parameters[k])
         momentum = tuple(is_estimated * one for one in direct[k])
         S[k] = carry(S[k], by_force, momentum)
-    of_speeds = memory[OF_SPEEDS]
     after_B = []
     for track in range(2):
         rows = [of_speeds[2 * row + track] for row in range(3)] + before.carried[track::2]
@@ -180,14 +186,14 @@ def _direct(step: Substep, v: Three, h: Any) -> list[Three]:
     return found
 
 
-def _minimise(step: Substep, h: Any) -> Three:
-    """Find the twist at the end of a substep, from that at its start."""
+def _minimise(step: Substep, h: Any, guess: Three) -> Three:
+    """Find the twist at the end of a substep, from a guess."""
     settled = SETTLED[Traced.bits]
 
     def a_round(*now: Any) -> Any:
         """Test a point along the present step; compute the next step, or shorten it."""
-        goes_on, share, slope, size, tries = now[:5]
-        v, move = now[5:8], now[8:]
+        goes_on, share, slope, tries = now[:4]
+        v, move = now[4:7], now[7:]
         trial: Three = tuple(one - share * by for one, by in zip(v, move, strict=True))
         F, by_twist = forces(step, trial)
         gradient = [
@@ -196,28 +202,28 @@ def _minimise(step: Substep, h: Any) -> Three:
             for row, force, more in zip(step.body.mass, F, step.inertia, strict=True)
         ]
         there = -_dot(gradient, move)
-        accepted = (there <= -OVERSHOOT * slope) | (size < settled) | (tries >= LINE_SEARCHES)
-        moves = accepted & (goes_on > 0.5)
-        unsettled = (goes_on > 0.5) & ~(accepted & (share * size < settled))
+        accepted = (there <= -OVERSHOOT * slope) | (tries >= LINE_SEARCHES)
         inverse = _inverse(_minus(step.body.mass, h, by_twist))
         newton = [_dot(row, gradient) for row in inverse]
         largest = maximum(maximum(abs(newton[0]), abs(newton[1])), abs(newton[2]))
+        moves, ends = accepted & (goes_on > 0.5), accepted & (largest < settled)
+        unsettled = (goes_on > 0.5) & ~ends
+        last_step = [select(ends, by, 0.0) for by in newton]
         overshot = select(accepted, 1.0, slope - there)
         results = [
             trace.truth_as_number(unsettled),
             select(accepted, 1.0, share * maximum(0.1, slope / overshot)),
             select(accepted, -_dot(gradient, newton), slope),
-            select(accepted, largest, size),
             select(accepted, 1.0, tries + 1.0),
-            *(select(moves, new, old) for new, old in zip(trial, v, strict=True)),
+            *(select(moves, a - b, old) for a, b, old in zip(trial, last_step, v, strict=True)),
             *(select(accepted, new, old) for new, old in zip(newton, move, strict=True)),
         ]
         return results, unsettled
 
     # The first round computes the first step.
-    begin = [1.0, 1.0, 0.0, 1.0, 1.0, *step.start, 0.0, 0.0, 0.0]
+    begin = [1.0, 1.0, 0.0, 1.0, *guess, 0.0, 0.0, 0.0]
     found = trace.repeat(True, begin, a_round, NEWTON_ROUNDS)
-    return found[5], found[6], found[7]
+    return found[4], found[5], found[6]
 
 
 def _indices(

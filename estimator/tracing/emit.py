@@ -39,6 +39,11 @@ def lanes_of_machine(bits: int) -> int:
     return 128 // bits
 
 
+def has_avx512() -> bool:
+    """Return True if the machine has registers of eight numbers of 64 bits."""
+    return bool(llvm.get_host_cpu_features().get("avx512f"))
+
+
 class Store(NamedTuple):
     """Output of a kernel: a traced number, and the row that it is written to."""
 
@@ -216,6 +221,8 @@ class _Emitter:
                 return b.not_(*args)
             case "sqrt" | "abs" | "round":
                 return self._call(INTRINSICS[node.op], args)
+            case "reciprocal_root":
+                return self._reciprocal_root(args[0])
             case "power_of_two":
                 return self._power_of_two(args[0])
         raise NotImplementedError(node.op)
@@ -230,6 +237,25 @@ class _Emitter:
         if function is None:
             function = ir.Function(module, ir.FunctionType(kind, [kind] * len(args)), name=called)
         return self.builder.call(function, args)
+
+    def _reciprocal_root(self, value: Any) -> Any:
+        """Estimate of the machine, with two rounds of Newton's method; else a division."""
+        b, kind = self.builder, value.type
+        if kind != ir.VectorType(ir.DoubleType(), 8) or not has_avx512():
+            return b.fdiv(self._one(kind), self._call(INTRINSICS["sqrt"], [value]))
+        name = "llvm.x86.avx512.rsqrt14.pd.512"
+        function = b.module.globals.get(name)
+        if function is None:
+            signature = ir.FunctionType(kind, [kind, kind, ir.IntType(8)])
+            function = ir.Function(b.module, signature, name=name)
+        found = b.call(function, [value, kind(ir.Undefined), ir.IntType(8)(-1)])
+        half, three_halves = kind([0.5] * 8), kind([1.5] * 8)
+        half_value = b.fmul(value, half, flags=LOOSE)
+        for _ in range(2):
+            square = b.fmul(found, found, flags=LOOSE)
+            factor = b.fsub(three_halves, b.fmul(half_value, square, flags=LOOSE), flags=LOOSE)
+            found = b.fmul(found, factor, flags=LOOSE)
+        return found
 
     def _power_of_two(self, exponent: Any) -> Any:
         """Shift a whole number to the place of the exponent in a number's bits."""

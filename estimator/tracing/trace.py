@@ -178,6 +178,13 @@ def rounded(value: Traced) -> Traced:
     return _unary("round", value, round)
 
 
+def reciprocal_root(value: Any) -> Any:
+    """Reciprocal of the square root of a positive number, to rounding."""
+    if not isinstance(value, Traced):
+        return 1.0 / math.sqrt(value)
+    return _unary("reciprocal_root", value, lambda number: 1.0 / math.sqrt(number))
+
+
 def power_of_two(exponent: Traced) -> Traced:
     """Two to the power of a whole number, if that is a normal number."""
     return _unary("power_of_two", exponent, lambda value: 2.0**value)
