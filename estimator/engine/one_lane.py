@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
 from icreckon.estimator.engine.layout import INPUTS, MOTION, STEP_CONSTANTS, TWIST
@@ -27,8 +27,6 @@ from icreckon.estimator.tracing.jit_kernel import entry
 
 SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
-# Verdict of a gate that had no measurement.
-NOT_TESTED = -1
 # Places of a constant of a step, and of inputs of a kernel.
 MEAN = STEP_CONSTANTS.index("mean")
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
@@ -71,6 +69,7 @@ class LanePlaces(NamedTuple):
         by_state: (3, n) rows of the twist's derivatives by the states.
         fixed: place of the first parameter among the constants.
         interval: place of the interval of the IMU among them.
+        time_constant: place of the time constant of the slip among them.
         row_count: number of rows.
         constant_count: number of constants.
     """
@@ -92,6 +91,7 @@ class LanePlaces(NamedTuple):
     by_state: Any
     fixed: int
     interval: int
+    time_constant: int
     row_count: int
     constant_count: int
 
@@ -172,6 +172,7 @@ def _places(shape: FilterShape) -> LanePlaces:
         np.array([[rows[f"{axis}_by_{i}"] for i in states] for axis in TWIST[:3]]),
         constants[f"fixed{PARAMETERS}"],
         constants["interval"],
+        constants["time_constant"],
         len(rows),
         len(constants),
     )
@@ -237,32 +238,47 @@ def empty_lane(lane: Floats, x: Floats, P: Floats, regressors: Floats, places: L
             row += 1
 
 
-def fill_constants(constants: Floats, dt: float, smoothing: float, time_constant: float) -> None:
-    """Compute the constants of a step of `dt` seconds; its smoothing factor is given."""
+def fill_lane(
+    record: Any,
+    x: Floats,
+    P: Floats,
+    regressors: Floats,
+    memory: Floats,
+    lane: Floats,
+    constants: Floats,
+    stamp: int,
+    is_first: bool,
+    places: LanePlaces,
+) -> None:
+    """Copy the filter and the constants of a step to a stamp [ns] into the workspace."""
+    fill_state(lane, constants, x, memory, places)
+    fill_covariance(lane, P, regressors, places)
+    dt, time_constant = (stamp - record.stamp) * NANOSECOND, constants[places.time_constant]
     values = step_constants(dt, time_constant)
     for k in range(PER_STEP):
         constants[k] = values[k]
-    constants[SMOOTHING] = smoothing
+    if is_first:
+        constants[SMOOTHING] = 1.0
+    constants[places.interval] = record.imu.interval
 
 
 def verdict_of(lane: Floats, rows: tuple[int, int, int, int]) -> Any:
     """Verdict of a gate on the newest sample, innovation, its variance and NIS."""
     in_a_row, admitted, innovation, variance = rows
-    if lane[variance, 0] == 0.0:
-        return NOT_TESTED, 0.0, 0.0, 0.0
     verdict = REACQUIRED
     if lane[admitted, 0] > 0.0:
         verdict = ADMITTED
     elif lane[in_a_row, 0] > 0.0:
         verdict = REJECTED
     z, S = lane[innovation, 0], lane[variance, 0]
-    return verdict, z, S, z * z / S
+    return verdict, z, S, z * z / S if S else 0.0
 
 
 def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step with an IMU sample at its end."""
 
     def step_with_imu(
+        records: Any,
         x: Floats,
         P: Floats,
         regressors: Floats,
@@ -270,16 +286,15 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         lane: Floats,
         inputs: Floats,
         constants: Floats,
-        dt: float,
-        smoothing: float,
-        time_constant: float,
-        interval: float,
+        stamp: int,
+        is_first: bool,
         gyro_rejected: int,
         accelerometer_rejected: int,
     ) -> Any:
         """Draw the fast slip, update by the gyro and the accelerometer, and propagate.
 
         Args:
+            records: (1,) record of the filter, see `FilterRecord`, changed in place.
             x: (SIZE,) the state, changed in place.
             P: (SIZE, SIZE) its covariance, changed in place.
             regressors: (3, 8) smoothed derivatives by the parameters, changed in place.
@@ -287,31 +302,28 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             lane: workspace.
             inputs: (n, 1) inputs of the kernel.
             constants: constants of the kernel.
-            dt: length of the step [s].
-            smoothing: smoothing factor of the regressors [-].
-            time_constant: time constant of the slip [s].
-            interval: interval of the IMU [s].
+            stamp: stamp of the sample [ns].
+            is_first: the step is the first, so that there are no regressors yet.
             gyro_rejected: samples that the gate of the gyro rejected in a row.
             accelerometer_rejected: samples that the gate of the accelerometer rejected in a row.
 
         Returns:
             Verdict, innovation, its variance and NIS of the gyro, and those of the accelerometer. The
-            verdict is `NOT_TESTED` if there is no specific force or the robot stands.
+            variance is zero if there is no specific force or the robot stands.
 
         Raises:
             ValueError: an array has the wrong size.
         """
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
-        fill_state(lane, constants, x, memory, places)
-        fill_covariance(lane, P, regressors, places)
-        fill_constants(constants, dt, smoothing, time_constant)
-        constants[places.interval] = interval
+        record = records[0]
+        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
         lane[places.gyro[0], 0], lane[places.gyro[1], 0] = gyro_rejected, 0.0
         lane[places.accelerometer[0], 0] = accelerometer_rejected
         lane[places.accelerometer[1], 0] = 0.0
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, places)
+        record.stamp, record.stands = stamp, int(lane[places.stood, 0])
         return verdict_of(lane, places.gyro), verdict_of(lane, places.accelerometer)
 
     return entry(step_with_imu, shape_digest)
@@ -321,6 +333,7 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
     """Compile a step without an IMU sample."""
 
     def step_without_imu(
+        records: Any,
         x: Floats,
         P: Floats,
         regressors: Floats,
@@ -328,19 +341,18 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
         lane: Floats,
         inputs: Floats,
         constants: Floats,
-        dt: float,
-        smoothing: float,
-        time_constant: float,
+        stamp: int,
+        is_first: bool,
     ) -> None:
         """Draw the fast slip and propagate; arguments as in `step_with_imu`."""
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
-        fill_state(lane, constants, x, memory, places)
-        fill_covariance(lane, P, regressors, places)
-        fill_constants(constants, dt, smoothing, time_constant)
+        record = records[0]
+        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
         lane[places.stood, 0] = 0.0
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, places)
+        record.stamp = stamp
 
     return entry(step_without_imu, shape_digest)
 

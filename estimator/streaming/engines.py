@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from icreckon.estimator.base.records import shared_record
 from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.gate import Gate
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import StepEngine, WholeStep
+from icreckon.estimator.filter.step_engine import StepEngine, StepSources, WholeStep
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Engine, Settings
@@ -18,14 +19,17 @@ class PlainEngine:
         """Make the filter of a motion model, see `StepEngine`."""
         return IcrEkf(model)
 
+    def make_record(self, record: FilterRecord) -> FilterRecord:
+        """Make the record of a filter, see `StepEngine`."""
+        return record
+
     def make_step(
         self,
         ekf: IcrEkf,  # noqa: ARG002
         disturbances: Disturbances,  # noqa: ARG002
         robot: Robot,  # noqa: ARG002
         settings: Settings,  # noqa: ARG002
-        gyro: Gate,  # noqa: ARG002
-        accelerometer: Gate,  # noqa: ARG002
+        sources: StepSources,  # noqa: ARG002
     ) -> None:
         """Make no whole step: its parts are made one at a time."""
         return
@@ -40,21 +44,24 @@ class CompiledEngine:
 
         return LaneEkf(model)
 
+    def make_record(self, record: FilterRecord) -> FilterRecord:
+        """Make the record of a filter, see `StepEngine`."""
+        return shared_record(record)
+
     def make_step(
         self,
         ekf: IcrEkf,
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
-        gyro: Gate,
-        accelerometer: Gate,
+        sources: StepSources,
     ) -> WholeStep | None:
         """Make the whole step of a filter, see `StepEngine`."""
         from icreckon.estimator.engine.lane_filter import LaneEkf, LaneStep
 
-        if not isinstance(ekf, LaneEkf):
+        if not isinstance(ekf, LaneEkf) or ekf.compiled is None:
             return None
-        return LaneStep(ekf, disturbances, robot, settings, gyro, accelerometer)
+        return LaneStep(ekf, disturbances, robot, settings, sources)
 
 
 def engine_of(name: Engine) -> StepEngine:
