@@ -33,7 +33,13 @@ class SharedRecord(ctypes.Structure):
     kind: ClassVar[type]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return shared_record, (record_of(self.kind, array_on(self)[0]),)
+        whole: Any = self._b_base_
+        if whole is None:
+            return shared_record, (record_of(self.kind, array_on(self)[0]),)
+        # A part of a record is that part of the copy.
+        offset = ctypes.addressof(self) - ctypes.addressof(whole)
+        parts = (name for name, _ in whole._fields_ if getattr(type(whole), name).offset == offset)
+        return getattr, (whole, next(parts))
 
 
 def shared_record(record: Record) -> Record:
@@ -81,7 +87,7 @@ def assign(record: Any, source: msgspec.Struct) -> None:
 
 
 def _names(record: Any) -> tuple[str, ...]:
-    """Names of the fields of a record or named tuple, or of such a type; none for other values."""
+    """Field names of a record, named tuple, or their type; () for other values."""
     return cast(
         tuple[str, ...], getattr(record, "__struct_fields__", getattr(record, "_fields", ()))
     )

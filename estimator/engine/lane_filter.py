@@ -18,7 +18,7 @@ from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.one_lane import OneLane, one_lane
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import StepSources, Verdicts
+from icreckon.estimator.filter.step_engine import StepSources
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel, Unremembering
 from icreckon.estimator.robot.robot_file import Robot
@@ -121,7 +121,6 @@ class LaneStep:
         self._made_of = ekf, disturbances, robot, settings, sources
         self._ekf, self._readings = ekf, sources.readings
         self._record, self._records = sources.record, array_on(sources.record)
-        self._gates = sources.gyro, sources.accelerometer
         if ekf.considered:
             ekf.compile_step(ekf.considered)
         self._compiled = compiled = cast(OneLane, ekf.compiled)
@@ -138,13 +137,12 @@ class LaneStep:
         """Add track speeds, see `WholeStep`."""
         return cast(int, add_track_speeds(self._records, stamp, left, right))
 
-    def take_imu(self, stamp: int, rate: float, force: float) -> Verdicts:
+    def take_imu(self, stamp: int, rate: float, force: float) -> bool:
         """Add an IMU sample, and take the step that it ends, see `WholeStep`."""
         readings, records, inputs = self._readings, self._records, self._inputs
         while not add_sample(records, readings.stamps, readings.rates, inputs, stamp, rate, force):
             readings.make_room()
-        rejected = (gate.rejected_in_a_row for gate in self._gates)
-        return Verdicts(*self._compiled.imu_step(*self._begin(stamp), *rejected))
+        return cast(bool, self._compiled.imu_step(*self._begin(stamp)))
 
     def move(self, stamp: int) -> None:
         """Take a step without an IMU sample, see `WholeStep`."""
@@ -152,7 +150,7 @@ class LaneStep:
         self._compiled.time_step(*self._begin(stamp))
 
     def _begin(self, stamp: int) -> tuple[Any, ...]:
-        """Advance the motion model to a stamp [ns]; return the arguments of a compiled step."""
+        """Begin a step to a stamp [ns] in the motion model; return arguments of the step."""
         ekf, workspace = self._ekf, self._ekf.workspace
         if not isinstance(ekf.model, Unremembering):
             dt = (stamp - self._record.stamp) * NANOSECOND

@@ -1,4 +1,4 @@
-"""Inputs of the steps of one filter, from its samples; compiled once for all models."""
+"""Inputs of the steps of one filter; compiled once for all motion models."""
 
 from __future__ import annotations
 

@@ -20,7 +20,8 @@ from icreckon.estimator.engine.layout import INPUTS, MOTION, STEP_CONSTANTS, TWI
 from icreckon.estimator.engine.model import TracedModel, traced_model
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.step_constants import PER_STEP, SMOOTHING, step_constants
-from icreckon.estimator.filter.gate import ADMITTED, REACQUIRED, REJECTED
+from icreckon.estimator.filter.gate import count_verdict
+from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
 from icreckon.estimator.tracing.jit_kernel import entry
@@ -262,16 +263,26 @@ def fill_lane(
     constants[places.interval] = record.imu.interval
 
 
-def verdict_of(lane: Floats, rows: tuple[int, int, int, int]) -> Any:
-    """Verdict of a gate on the newest sample, innovation, its variance and NIS."""
+def set_gate(counts: Any, lane: Floats, rows: tuple[int, int, int, int]) -> None:
+    """Copy the rejections of a gate into the workspace."""
+    in_a_row, admitted, _, _ = rows
+    lane[in_a_row, 0], lane[admitted, 0] = counts.rejected_in_a_row, 0.0
+
+
+def count_sample(counts: Any, stamp: int, lane: Floats, rows: tuple[int, int, int, int]) -> bool:
+    """Count the verdict of a gate on the newest sample; return True if it is used."""
     in_a_row, admitted, innovation, variance = rows
+    z, S = lane[innovation, 0], lane[variance, 0]
+    if S == 0.0:
+        return False
     verdict = REACQUIRED
     if lane[admitted, 0] > 0.0:
         verdict = ADMITTED
     elif lane[in_a_row, 0] > 0.0:
         verdict = REJECTED
-    z, S = lane[innovation, 0], lane[variance, 0]
-    return verdict, z, S, z * z / S if S else 0.0
+    count_verdict(counts, verdict, z * z / S, 1)
+    counts.stamp, counts.verdict, counts.z[0], counts.S[0] = stamp, verdict, z, S
+    return verdict != REJECTED
 
 
 def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
@@ -288,9 +299,7 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         constants: Floats,
         stamp: int,
         is_first: bool,
-        gyro_rejected: int,
-        accelerometer_rejected: int,
-    ) -> Any:
+    ) -> bool:
         """Draw the fast slip, update by the gyro and the accelerometer, and propagate.
 
         Args:
@@ -304,12 +313,9 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             constants: constants of the kernel.
             stamp: stamp of the sample [ns].
             is_first: the step is the first, so that there are no regressors yet.
-            gyro_rejected: samples that the gate of the gyro rejected in a row.
-            accelerometer_rejected: samples that the gate of the accelerometer rejected in a row.
 
         Returns:
-            Verdict, innovation, its variance and NIS of the gyro, and those of the accelerometer. The
-            variance is zero if there is no specific force or the robot stands.
+            True if the yaw rate is used.
 
         Raises:
             ValueError: an array has the wrong size.
@@ -318,13 +324,13 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             raise ValueError(WRONG_SIZE)
         record = records[0]
         fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
-        lane[places.gyro[0], 0], lane[places.gyro[1], 0] = gyro_rejected, 0.0
-        lane[places.accelerometer[0], 0] = accelerometer_rejected
-        lane[places.accelerometer[1], 0] = 0.0
+        set_gate(record.gyro, lane, places.gyro)
+        set_gate(record.accelerometer, lane, places.accelerometer)
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, places)
         record.stamp, record.stands = stamp, int(lane[places.stood, 0])
-        return verdict_of(lane, places.gyro), verdict_of(lane, places.accelerometer)
+        count_sample(record.accelerometer, stamp, lane, places.accelerometer)
+        return count_sample(record.gyro, stamp, lane, places.gyro)
 
     return entry(step_with_imu, shape_digest)
 

@@ -18,10 +18,10 @@ from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
 from icreckon.estimator.filter.gate import Gate
-from icreckon.estimator.filter.health import Health
+from icreckon.estimator.filter.health import Health, Judged, SensorHealth
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
-from icreckon.estimator.filter.step_engine import StepEngine, StepSources, Verdicts
+from icreckon.estimator.filter.step_engine import StepEngine, StepSources
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
@@ -86,7 +86,6 @@ class Reckoning:
 
     Attributes:
         ekf: the extended Kalman filter.
-        health: counts of the measurements.
         parameter_sigmas: (8,) initial standard deviations of the parameters.
 
     Raises:
@@ -112,7 +111,8 @@ class Reckoning:
         self.ekf.P = np.diag(sigmas**2)
         self.ekf.considered = considered_states(variant, settings)
 
-        self.health = Health()
+        # Counts of all but the gates, which count themselves.
+        self._counts = Health()
         self._settings = settings
         self._sensors = SensorModels(robot)
         self._gyro, self._accelerometer = Gyro(self._sensors), Accelerometer(self._sensors)
@@ -120,12 +120,12 @@ class Reckoning:
         self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
+        in_record = {"gyro": self._record.gyro, "accelerometer": self._record.accelerometer}
         self._gates = {
-            name: Gate(len(components), settings.gates)
+            name: Gate(len(components), settings.gates, in_record.get(name))
             for name, components in innovation_components().items()
         }
-        gates = self._gates["gyro"], self._gates["accelerometer"]
-        sources = StepSources(self._record, self._readings, *gates)
+        sources = StepSources(self._record, self._readings)
         self._at_once = engine.make_step(self.ekf, self._disturbances, robot, settings, sources)
 
     @property
@@ -137,6 +137,19 @@ class Reckoning:
     def stands(self) -> bool:
         """True if the robot was found standing at the newest IMU sample."""
         return bool(self._record.stands)
+
+    @property
+    def health(self) -> Health:
+        """Copy of the counts of the measurements."""
+        health = self._counts.copy()
+        judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
+        health.sensors.update(judged)
+        return health
+
+    def newest_judged(self) -> list[tuple[str, Judged]]:
+        """Newest innovation of each sensor with a gate."""
+        found = ((name, gate.newest) for name, gate in self._gates.items())
+        return [(name, newest) for name, newest in found if newest is not None]
 
     @property
     def imu_interval(self) -> float:
@@ -157,8 +170,8 @@ class Reckoning:
             copy_of_tracks(record.tracks),
             self._readings.memory(record.still),
             ClockRecord(record.imu.stamp, record.imu.interval),
-            {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
-            self.health.copy(),
+            {name: gate.counts.rejected_in_a_row for name, gate in self._gates.items()},
+            self.health,
             self.ekf.clones,
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
@@ -183,11 +196,12 @@ class Reckoning:
         assign(record.tracks, checkpoint.tracks)
         self._readings.recall(record.still, checkpoint.standstill)
         assign(record.imu, checkpoint.imu)
-        for gate in self._gates.values():
-            gate.rejected_in_a_row = 0
+        sensors = checkpoint.health.sensors
+        for name, gate in self._gates.items():
+            gate.restore(sensors.get(name, SensorHealth()), 0)
         for name, count in checkpoint.rejected_in_a_row.items():
-            self._gates[name].rejected_in_a_row = count
-        self.health = checkpoint.health.copy()
+            self._gates[name].counts.rejected_in_a_row = count
+        self._counts = checkpoint.health.copy()
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
         """Start with parameters, biases and scales of a checkpoint.
@@ -258,19 +272,19 @@ class Reckoning:
             # the interval that the new ones average.
             hole = is_hole(tracks, m.stamp, hold)
             self._advance(interval_start(tracks, m.stamp) if hole else tracks.stamp)
-            self.health.track_gaps += hole
+            self._counts.track_gaps += hole
         if step is None:
             stuck = take_track_speeds(record, m.stamp, m.left, m.right)
         else:
             stuck = step.take_track_speeds(m.stamp, m.left, m.right)
-        self.health.stuck_tracks += stuck
+        self._counts.stuck_tracks += stuck
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
                 self.ekf.inflate(s.SLIP_X + axis, variance=sigma * sigma)
         if not is_alive(record.imu, m.stamp, hold):
             self._advance(m.stamp)
-        self.health.sensor("tracks").used += 1
+        self._counts.sensor("tracks").used += 1
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
@@ -279,7 +293,7 @@ class Reckoning:
         if record.tracks.stamp == NEVER:
             # The motion is unknown, not at rest.
             imu.stamp = m.stamp
-            self.health.sensor("imu").reject("before the first track speeds")
+            self._counts.sensor("imu").reject("before the first track speeds")
             return False
         rate, force = self._sensors.yaw_rate(m), m.linear_acceleration
         leftward = math.nan
@@ -290,7 +304,9 @@ class Reckoning:
             take_stamp(imu, m.stamp, settings.hold)
             self._advance(interval_start(imu, m.stamp))
         if step is not None and self._can_step_at_once(m.stamp):
-            return self._count(m.stamp, step.take_imu(m.stamp, rate, leftward))
+            used = step.take_imu(m.stamp, rate, leftward)
+            self._counts.standstill_updates += record.stands
+            return used
         take_stamp(imu, m.stamp, settings.hold)
         ekf = self.ekf
         mean = self._readings.mean(record.still, m.stamp, rate, settings)
@@ -325,24 +341,9 @@ class Reckoning:
         is_whole = NEVER != record.stamp < stamp and not record.step_under_way
         return is_whole and ekf.clones is None and ekf.observer is None
 
-    def _count(self, stamp: int, verdicts: Verdicts) -> bool:
-        """Count the verdicts of a compiled step; return True if the yaw rate was used."""
-        gates, health = self._gates, self.health
-        health.standstill_updates += self._record.stands
-        (verdict, residual, variance, nis), of_accelerometer = verdicts
-        gates["gyro"].count(verdict)
-        judged = stamp, verdict, (residual,), ((variance,),)
-        used = health.sensor("gyro").judged(verdict, nis, 1, judged)
-        verdict, residual, variance, nis = of_accelerometer
-        if variance:
-            gates["accelerometer"].count(verdict)
-            judged = stamp, verdict, (residual,), ((variance,),)
-            health.sensor("accelerometer").judged(verdict, nis, 1, judged)
-        return used
-
     def _update_standstill(self) -> None:
         """Update with the zero twist of a standing robot."""
-        self.health.standstill_updates += 1
+        self._counts.standstill_updates += 1
         model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
         correct(self.ekf, -model.twist, model.jacobian, R, fixed=IMU_FIXED, correlated=False)
 
@@ -403,7 +404,7 @@ class Reckoning:
     ) -> bool:
         """Gate, update and record a measurement at a stamp [ns]; True if it was used."""
         gate = self._gates[model.name]
-        return update(self.ekf, model, gate, linearised, stamp, self.health, recover=recover)
+        return update(self.ekf, model, gate, linearised, stamp, recover=recover)
 
     def _relocate(self) -> bool:
         """Align the path with the rejected position fixes; False if they do not fit.

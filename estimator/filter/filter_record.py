@@ -8,6 +8,7 @@ from __future__ import annotations
 import msgspec
 
 from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
 from icreckon.estimator.sensors.input_settings import InputSettings
@@ -26,6 +27,8 @@ class FilterRecord(msgspec.Struct):
         tracks: the track speeds.
         imu: clock of the IMU.
         still: the standstill.
+        gyro: counts of the gate of the gyro.
+        accelerometer: counts of the gate of the accelerometer.
     """
 
     settings: InputSettings
@@ -36,6 +39,8 @@ class FilterRecord(msgspec.Struct):
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
     still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
+    gyro: GateRecord = msgspec.field(default_factory=GateRecord)
+    accelerometer: GateRecord = msgspec.field(default_factory=GateRecord)
 
 
 def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> int:
@@ -46,7 +51,7 @@ def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: floa
 
 
 def may_be_pushed(record: FilterRecord) -> bool:
-    """Return True if the robot may be turning with its tracks at rest, unless it stands."""
+    """Return True if a robot that does not stand may turn with its tracks at rest."""
     tracks, settings = record.tracks, record.settings
     return (
         max(abs(tracks.left), abs(tracks.right)) < settings.track_speed

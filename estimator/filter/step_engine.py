@@ -6,27 +6,11 @@ from typing import NamedTuple, Protocol
 
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import FilterRecord
-from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
-
-# Verdict, see `estimator.filter.gate`, innovation, its variance S, and NIS.
-Verdict = tuple[int, float, float, float]
-
-
-class Verdicts(NamedTuple):
-    """Verdicts of the gates on an IMU sample.
-
-    Attributes:
-        gyro: verdict on the yaw rate [rad/s].
-        accelerometer: verdict on the specific force to the left [m/s²]; S is zero if it was not used.
-    """
-
-    gyro: Verdict
-    accelerometer: Verdict
 
 
 class StepSources(NamedTuple):
@@ -35,14 +19,10 @@ class StepSources(NamedTuple):
     Attributes:
         record: record of the inputs, from `StepEngine.make_record`.
         readings: yaw-rate readings of a standstill.
-        gyro: gate of the gyro.
-        accelerometer: gate of the accelerometer, of the same threshold and patience.
     """
 
     record: FilterRecord
     readings: QuietReadings
-    gyro: Gate
-    accelerometer: Gate
 
 
 class WholeStep(Protocol):
@@ -52,8 +32,8 @@ class WholeStep(Protocol):
         """Add track speeds, see `estimator.filter.filter_record.take_track_speeds`."""
         ...
 
-    def take_imu(self, stamp: int, rate: float, force: float) -> Verdicts:
-        """Add an IMU sample, and take the step that it ends.
+    def take_imu(self, stamp: int, rate: float, force: float) -> bool:
+        """Add an IMU sample, and take the step that it ends; True if the yaw rate is used.
 
         Args:
             stamp: stamp of the sample, later than the estimate [ns].

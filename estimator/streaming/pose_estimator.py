@@ -188,14 +188,13 @@ class PoseEstimator:
     @property
     def health(self) -> Health:
         """Counts of the measurements so far: a copy, which later ones do not change."""
-        health = self._reckoning.health.copy()
+        health = self._reckoning.health
         health.add(self._arrivals)
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
         """Newest innovation of each sensor with a gate, without a copy of `health`."""
-        sensors = self._reckoning.health.sensors.items()
-        return [(name, one.newest_judged) for name, one in sensors if one.newest_judged is not None]
+        return self._reckoning.newest_judged()
 
     @property
     def parameter_health(self) -> dict[str, ParameterHealth]:

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from icreckon.estimator.filter.gate import (
-    ADMITTED,
-    CHI_SQUARE_1E4,
-    REACQUIRED,
-    REJECTED,
-    Gate,
-    inflation,
-)
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, Gate, inflation
+from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
