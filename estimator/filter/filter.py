@@ -117,6 +117,7 @@ class Reckoning:
         self._sensors = SensorModels(robot)
         self._gyro, self._accelerometer = Gyro(self._sensors), Accelerometer(self._sensors)
         self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
+        self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
@@ -154,7 +155,7 @@ class Reckoning:
     @property
     def imu_interval(self) -> float:
         """Time between the newest two IMU samples [s]."""
-        return self._record.imu.interval
+        return self._imu.interval
 
     # --- checkpoints -----------------------------------------------------------------------------
 
@@ -167,7 +168,7 @@ class Reckoning:
             self.ekf.P.copy(),
             bool(record.step_under_way),
             self.stands,
-            copy_of_tracks(record.tracks),
+            copy_of_tracks(self._tracks),
             self._readings.memory(record.still),
             ClockRecord(record.imu.stamp, record.imu.interval),
             {name: gate.counts.rejected_in_a_row for name, gate in self._gates.items()},
@@ -193,9 +194,9 @@ class Reckoning:
         record.stood_at = NEVER if checkpoint.stood_at is None else checkpoint.stood_at
         record.step_under_way = checkpoint.step_under_way
         record.stands = checkpoint.stands
-        assign(record.tracks, checkpoint.tracks)
+        assign(self._tracks, checkpoint.tracks)
         self._readings.recall(record.still, checkpoint.standstill)
-        assign(record.imu, checkpoint.imu)
+        assign(self._imu, checkpoint.imu)
         sensors = checkpoint.health.sensors
         for name, gate in self._gates.items():
             gate.restore(sensors.get(name, SensorHealth()), 0)
@@ -230,7 +231,7 @@ class Reckoning:
     def track_speeds(self) -> tuple[float, float]:
         """Present speeds of the left and the right track [m/s]."""
         record = self._record
-        return speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
+        return speeds_at(self._tracks, record.stamp, record.settings.hold_ns)
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
@@ -241,7 +242,7 @@ class Reckoning:
         ekf = self.ekf
         eta = ekf.model.steering_efficiency(ekf.x[s.PARAMETERS])
         may_be = self._may_be_pushed() if pushed is None else pushed
-        return self._disturbances.slip_sigma(self._record.tracks, eta, pushed=may_be)
+        return self._disturbances.slip_sigma(self._tracks, eta, pushed=may_be)
 
     # --- inputs ----------------------------------------------------------------------------------
 
@@ -252,19 +253,18 @@ class Reckoning:
             True if it was used.
         """
         match event:
-            case TrackSpeeds():
-                return self._take_track_speeds(event)
             case ImuSample():
                 return self._take_imu(event)
+            case TrackSpeeds():
+                return self._take_track_speeds(event)
             case Mark():
                 return self._take_mark(event)
             case _:
                 return self._take_fix(event)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
-        record, step = self._record, self._at_once
-        tracks, hold = record.tracks, record.settings.hold
-        begins = tracks.stamp == NEVER
+        record, tracks, step = self._record, self._tracks, self._at_once
+        hold, begins = self._settings.hold, tracks.stamp == NEVER
         if begins:
             record.stamp = m.stamp
         else:
@@ -277,20 +277,21 @@ class Reckoning:
             stuck = take_track_speeds(record, m.stamp, m.left, m.right)
         else:
             stuck = step.take_track_speeds(m.stamp, m.left, m.right)
-        self._counts.stuck_tracks += stuck
+        counts = self._counts
+        counts.stuck_tracks += stuck
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
                 self.ekf.inflate(s.SLIP_X + axis, variance=sigma * sigma)
-        if not is_alive(record.imu, m.stamp, hold):
+        if not is_alive(self._imu, m.stamp, hold):
             self._advance(m.stamp)
-        self._counts.sensor("tracks").used += 1
+        counts.sensor("tracks").used += 1
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        record, step = self._record, self._at_once
-        imu, settings = record.imu, record.settings
-        if record.tracks.stamp == NEVER:
+        record, imu, step = self._record, self._imu, self._at_once
+        hold = self._settings.hold
+        if self._tracks.stamp == NEVER:
             # The motion is unknown, not at rest.
             imu.stamp = m.stamp
             self._counts.sensor("imu").reject("before the first track speeds")
@@ -299,17 +300,17 @@ class Reckoning:
         leftward = math.nan
         if force is not None and self._settings.use_accelerometer:
             leftward = self._sensors.to_the_left(force)
-        if (m.stamp - record.stamp) * NANOSECOND > settings.hold:
+        if (m.stamp - record.stamp) * NANOSECOND > hold:
             # The sample measures the present yaw rate, not that in the gap.
-            take_stamp(imu, m.stamp, settings.hold)
+            take_stamp(imu, m.stamp, hold)
             self._advance(interval_start(imu, m.stamp))
         if step is not None and self._can_step_at_once(m.stamp):
             used = step.take_imu(m.stamp, rate, leftward)
             self._counts.standstill_updates += record.stands
             return used
-        take_stamp(imu, m.stamp, settings.hold)
+        take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
-        mean = self._readings.mean(record.still, m.stamp, rate, settings)
+        mean = self._readings.mean(record.still, m.stamp, rate, record.settings)
         # A mean that is not a number is that of a moving robot.
         record.stands = mean == mean and self._stands(mean)
         # Predict the twist of the step.
@@ -352,7 +353,7 @@ class Reckoning:
         model, ekf = MODELS[type(m)], self.ekf
         # Predict. A zero velocity at the end of a step is about the next one.
         record = self._record
-        at_end = record.stamp == m.stamp and record.tracks.stamp != NEVER
+        at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
         if not ahead and model.predicts == "pose":
             self._advance(m.stamp)
@@ -423,8 +424,8 @@ class Reckoning:
     def _waits_for_imu(self, stamp: int) -> bool:
         """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""
         record = self._record
-        began = record.stamp != NEVER and record.tracks.stamp != NEVER
-        return began and stamp > record.stamp and is_due_after(record.imu, stamp)
+        began = record.stamp != NEVER and self._tracks.stamp != NEVER
+        return began and stamp > record.stamp and is_due_after(self._imu, stamp)
 
     def _predict(self, quantity: Quantity, stamp: int, *, ahead: bool) -> Prediction:
         """Predict the pose or the twist, now or ahead at a stamp [ns]."""
@@ -447,7 +448,7 @@ class Reckoning:
     def _inputs(self, stamp: int) -> StepInputs:
         """Inputs of a step from the estimate's stamp to a later one [ns]."""
         record = self._record
-        return step_inputs(record.tracks, self._start(stamp), stamp, record.settings)
+        return step_inputs(self._tracks, self._start(stamp), stamp, record.settings)
 
     def _start(self, stamp: int) -> int:
         """Stamp of the estimate [ns]; before the first it starts at a given stamp."""
@@ -456,13 +457,15 @@ class Reckoning:
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns], if it is later than the estimate."""
         record, step = self._record, self._at_once
+        if NEVER != record.stamp >= stamp:
+            return
         if step is not None and self._can_step_at_once(stamp):
             step.move(stamp)
             return
         self._begin_step(stamp)
         if record.stamp >= stamp:
             return
-        noise = self._disturbances.of_step(record.tracks, self.slip_sigma())
+        noise = self._disturbances.of_step(self._tracks, self.slip_sigma())
         self.ekf.predict_motion(*self._mean_motion(stamp), noise)
         record.stamp = stamp
         record.step_under_way = False
@@ -485,7 +488,7 @@ class Reckoning:
         """Length of a step to a stamp [ns], and mean track speeds [s, m/s, m/s]."""
         record = self._record
         start, hold_ns = record.stamp, record.settings.hold_ns
-        left, right = mean_speeds(record.tracks, start, stamp, hold_ns)
+        left, right = mean_speeds(self._tracks, start, stamp, hold_ns)
         return (stamp - start) * NANOSECOND, left, right
 
 

@@ -297,10 +297,11 @@ class Admission:
 
 def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str | None:
     """Reason to reject values that are not finite, or larger than `most`: `absurd`."""
-    for value in values:
-        # True for a value that is not a number, too.
-        if not abs(value) <= most:
-            return absurd if all(map(math.isfinite, values)) else NOT_FINITE
+    if sum(map(abs, values)) <= most:
+        return None
+    # True for a value that is not a number, too.
+    if any(not abs(value) <= most for value in values):
+        return absurd if all(map(math.isfinite, values)) else NOT_FINITE
     return None
 
 

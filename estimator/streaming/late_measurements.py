@@ -88,11 +88,11 @@ class History:
 
     def objection(self, key: Key) -> str | None:
         """Reason to reject a measurement of this key; None if it can be inserted."""
+        if self.is_newest(key):
+            return None
         keys = self._keys
         if not keys:
-            return None if key > self._checkpoints[0].after else TOO_OLD
-        if key > keys[-1]:
-            return None
+            return TOO_OLD
         if key[0] < keys[-1][0] - self._span:
             return TOO_OLD
         if keys[bisect_left(keys, key)] == key:
@@ -105,14 +105,16 @@ class History:
         """Return True if this key is before the first measurement of all."""
         return self._checkpoints[0].after == BEFORE_ALL and key < self._keys[0]
 
-    def is_late(self, key: Key) -> bool:
-        """Return True if this key is before the newest measurement."""
-        return bool(self._keys) and key < self._keys[-1]
+    def is_newest(self, key: Key) -> bool:
+        """Return True if this key is after all measurements so far."""
+        return key > (self._keys[-1] if self._keys else self._checkpoints[0].after)
 
     def take(self, key: Key, event: Event) -> bool:
         """Update the filter with a measurement or mark; return True if it was used."""
-        if self.is_late(key):
-            return self._insert(key, event)
+        return self.append(key, event) if self.is_newest(key) else self.insert(key, event)
+
+    def append(self, key: Key, event: Event) -> bool:
+        """Update the filter with the newest measurement; return True if it was used."""
         self._keys.append(key)
         self._events.append(event)
         used = self._reckoning.take(event)
@@ -150,7 +152,8 @@ class History:
                 without = msgspec.structs.replace(checkpoint, clones=clones)
                 self._checkpoints[index] = KeyedCheckpoint(after, without)
 
-    def _insert(self, key: Key, event: Event) -> bool:
+    def insert(self, key: Key, event: Event) -> bool:
+        """Update the filter with a late measurement; return True if it was used."""
         place = bisect_left(self._keys, key)
         self._keys.insert(place, key)
         self._events.insert(place, event)
