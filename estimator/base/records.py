@@ -19,8 +19,8 @@ Record = TypeVar("Record")
 
 # Stamp of a sample that has not come yet [ns]; its age exceeds 140 years at any stamp after 1970.
 NEVER = -(2**62)
-# Layouts of shared records by themselves: numba recognises a layout faster if it is the same object.
-LAYOUTS: dict[np.dtype[Any], np.dtype[Any]] = {}
+# C type of each type of record. Layouts are the same object, which numba recognises fast.
+MEMORIES: dict[type, Any] = {}
 
 
 class SharedRecord(ctypes.Structure):
@@ -28,9 +28,11 @@ class SharedRecord(ctypes.Structure):
 
     Attributes:
         kind: type of the record.
+        layout: layout of the memory.
     """
 
     kind: ClassVar[type]
+    layout: ClassVar[np.dtype[Any]]
 
     def __reduce__(self) -> tuple[Any, ...]:
         whole: Any = self._b_base_
@@ -51,8 +53,7 @@ def shared_record(record: Record) -> Record:
 
 def array_on(shared: Any) -> NDArray[Any]:
     """Structured array (1,) on the memory of a shared record."""
-    layout = np.dtype(type(shared))
-    return np.frombuffer(shared, LAYOUTS.setdefault(layout, layout))
+    return np.frombuffer(shared, shared.layout)
 
 
 def record_array(record: Any, count: int) -> NDArray[Any]:
@@ -62,7 +63,7 @@ def record_array(record: Any, count: int) -> NDArray[Any]:
         record: integers, floats, lists of floats, other records and named tuples.
         count: number of copies.
     """
-    return np.full(count, np.array(_values(record), dtype=np.dtype(_memory_of(record))))
+    return np.full(count, np.array(_values(record), dtype=_memory_of(record).layout))
 
 
 def record_of(kind: type[Record], element: Any) -> Record:
@@ -74,8 +75,20 @@ def record_of(kind: type[Record], element: Any) -> Record:
     return kind(**values)
 
 
-def assign(record: Any, source: msgspec.Struct) -> None:
-    """Copy the values of a record to another one, which may be shared."""
+def copied(record: Record) -> Record:
+    """Copy a record to memory of its own."""
+    if isinstance(record, SharedRecord):
+        return type(record).from_buffer_copy(record)
+    if isinstance(record, msgspec.Struct):
+        return type(record)(*(copied(getattr(record, name)) for name in record.__struct_fields__))
+    return cast(Record, record.copy()) if isinstance(record, list) else record
+
+
+def assign(record: Any, source: Any) -> None:
+    """Copy the values of a record to another one; either may be shared."""
+    if isinstance(source, SharedRecord):
+        ctypes.memmove(ctypes.addressof(record), ctypes.addressof(source), ctypes.sizeof(source))
+        return
     for name in source.__struct_fields__:
         value = getattr(source, name)
         if isinstance(value, msgspec.Struct):
@@ -93,15 +106,26 @@ def _names(record: Any) -> tuple[str, ...]:
     )
 
 
-def _memory_of(value: Any) -> Any:
-    """C type of a record or of a value."""
-    if names := _names(value):
-        fields = [(name, _memory_of(getattr(value, name))) for name in names]
-        kind = type(value)
-        return type(kind.__name__, (SharedRecord,), {"kind": kind, "_fields_": fields})
+def _memory_of(record: Any) -> Any:
+    """C type of a record; lists are as long as those of the first record of its type."""
+    kind = type(record)
+    if kind not in MEMORIES:
+        fields = [
+            (name, _memory_of_field(getattr(record, name), of))
+            for name, of in get_type_hints(kind).items()
+        ]
+        memory: Any = type(kind.__name__, (SharedRecord,), {"kind": kind, "_fields_": fields})
+        memory.layout = np.dtype(memory)
+        MEMORIES[kind] = memory
+    return MEMORIES[kind]
+
+
+def _memory_of_field(value: Any, of: Any) -> Any:
+    if _names(of):
+        return _memory_of(value)
     if isinstance(value, list):
         return ctypes.c_double * len(value)
-    return ctypes.c_int64 if isinstance(value, int) else ctypes.c_double
+    return ctypes.c_double if of is float else ctypes.c_int64
 
 
 def _values(value: Any) -> Any:

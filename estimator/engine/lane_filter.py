@@ -17,12 +17,13 @@ from icreckon.estimator.engine.lane_inputs import add_sample, add_track_speeds, 
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.one_lane import OneLane, one_lane
 from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import StepSources
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel, Unremembering
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.standstill import QuietReadings
 
 MEAN_LEFT, MEAN_RIGHT = INPUTS["mean_left"], INPUTS["mean_right"]
 
@@ -107,7 +108,8 @@ class LaneStep:
         disturbances: its process noise.
         robot: its robot.
         settings: its settings.
-        sources: sources of its inputs; the record is shared with compiled code.
+        record: record of its inputs, shared with compiled code.
+        readings: yaw-rate readings of a standstill.
     """
 
     def __init__(
@@ -116,11 +118,12 @@ class LaneStep:
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
-        sources: StepSources,
+        record: FilterRecord,
+        readings: QuietReadings,
     ) -> None:
-        self._made_of = ekf, disturbances, robot, settings, sources
-        self._ekf, self._readings = ekf, sources.readings
-        self._record, self._records = sources.record, array_on(sources.record)
+        self._made_of = ekf, disturbances, robot, settings, record, readings
+        self._ekf, self._readings = ekf, readings
+        self._record, self._records = record, array_on(record)
         if ekf.considered:
             ekf.compile_step(ekf.considered)
         self._compiled = compiled = cast(OneLane, ekf.compiled)

@@ -156,10 +156,10 @@ def _places(shape: FilterShape) -> LanePlaces:
 
     memory = shape.model.memory
     return LanePlaces(
-        np.array(states),
-        np.array(layout.parameters),
-        np.array([rows[f"x{i}"] for i in states]),
-        np.array([[rows[f"P{min(i, j)}_{max(i, j)}"] for j in states] for i in states]),
+        np.array(states, np.uintp),
+        np.array(layout.parameters, np.uintp),
+        np.array([rows[f"x{i}"] for i in states], np.uintp),
+        np.array([[rows[f"P{min(i, j)}_{max(i, j)}"] for j in states] for i in states], np.uintp),
         rows[f"r0_{layout.parameters[0]}"],
         rows["memory0"] if memory else 0,
         memory,
@@ -239,21 +239,10 @@ def empty_lane(lane: Floats, x: Floats, P: Floats, regressors: Floats, places: L
             row += 1
 
 
-def fill_lane(
-    record: Any,
-    x: Floats,
-    P: Floats,
-    regressors: Floats,
-    memory: Floats,
-    lane: Floats,
-    constants: Floats,
-    stamp: int,
-    is_first: bool,
-    places: LanePlaces,
+def fill_constants(
+    record: Any, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
 ) -> None:
-    """Copy the filter and the constants of a step to a stamp [ns] into the workspace."""
-    fill_state(lane, constants, x, memory, places)
-    fill_covariance(lane, P, regressors, places)
+    """Compute the constants of a step to a stamp [ns]; the first does not smooth."""
     dt, time_constant = (stamp - record.stamp) * NANOSECOND, constants[places.time_constant]
     values = step_constants(dt, time_constant)
     for k in range(PER_STEP):
@@ -323,7 +312,9 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         record = records[0]
-        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(record, constants, stamp, is_first, places)
         set_gate(record.gyro, lane, places.gyro)
         set_gate(record.accelerometer, lane, places.accelerometer)
         kernel(lane, inputs, constants)
@@ -354,7 +345,9 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         record = records[0]
-        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(record, constants, stamp, is_first, places)
         lane[places.stood, 0] = 0.0
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, places)

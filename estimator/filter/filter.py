@@ -13,15 +13,15 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, assign
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.base.records import NEVER, assign, copied
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
-from icreckon.estimator.filter.gate import Gate
+from icreckon.estimator.filter.gate import Gate, GateRecord
 from icreckon.estimator.filter.health import Health, Judged, SensorHealth
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
-from icreckon.estimator.filter.step_engine import StepEngine, StepSources
+from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
@@ -121,13 +121,15 @@ class Reckoning:
         self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
-        in_record = {"gyro": self._record.gyro, "accelerometer": self._record.accelerometer}
-        self._gates = {
-            name: Gate(len(components), settings.gates, in_record.get(name))
-            for name, components in innovation_components().items()
-        }
-        sources = StepSources(self._record, self._readings)
-        self._at_once = engine.make_step(self.ekf, self._disturbances, robot, settings, sources)
+        counts = {"gyro": self._record.gyro, "accelerometer": self._record.accelerometer}
+        self._gates: dict[str, Gate] = {}
+        for name, components in innovation_components().items():
+            of_gate = counts.get(name) or engine.make_record(GateRecord())
+            self._gates[name] = Gate(len(components), settings.gates, of_gate)
+        self._fix_gates = [gate for name, gate in self._gates.items() if name not in counts]
+        self._at_once = engine.make_step(
+            self.ekf, self._disturbances, robot, settings, self._record, self._readings
+        )
 
     @property
     def stamp(self) -> int | None:
@@ -180,10 +182,38 @@ class Reckoning:
             _or_none(record.stood_at),
         )
 
+    def memory(self) -> FilterMemory:
+        """Copy all that measurements change."""
+        ekf, record = self.ekf, self._record
+        return FilterMemory(
+            ekf.x.copy(),
+            ekf.P.copy(),
+            None if ekf.regressors is None else ekf.regressors.copy(),
+            ekf.model.memory,
+            ekf.clones,
+            copied(record),
+            self._readings.memory(record.still),
+            tuple(copied(gate.counts) if gate.counts.judged else None for gate in self._fix_gates),
+            self._counts.copy(),
+            self._rejected_fixes,
+        )
+
+    def recall(self, memory: FilterMemory) -> None:
+        """Restore a copy."""
+        ekf = self.ekf
+        ekf.x, ekf.P, ekf.clones = memory.state.copy(), memory.covariance.copy(), memory.clones
+        ekf.regressors = None if memory.regressors is None else memory.regressors.copy()
+        ekf.model.recall(memory.model)
+        assign(self._record, memory.record)
+        self._readings.recall(self._record.still, memory.standstill)
+        for gate, counts in zip(self._fix_gates, memory.gates, strict=True):
+            assign(gate.counts, counts or GateRecord())
+        self._counts, self._rejected_fixes = memory.counts.copy(), memory.rejected_fixes
+
     def restore(self, checkpoint: FilterCheckpoint) -> None:
         """Restore a checkpoint."""
-        record = self._record
-        record.stamp = NEVER if checkpoint.stamp is None else checkpoint.stamp
+        checkpoint.fill(self._record)
+        self._readings.recall(self._record.still, checkpoint.standstill)
         self.ekf.x = checkpoint.state.copy()
         self.ekf.P = checkpoint.covariance.copy()
         self.ekf.clones = checkpoint.clones
@@ -191,12 +221,6 @@ class Reckoning:
         regressors = checkpoint.regressors
         self.ekf.regressors = None if regressors is None else regressors.copy()
         self._rejected_fixes = checkpoint.rejected_fixes
-        record.stood_at = NEVER if checkpoint.stood_at is None else checkpoint.stood_at
-        record.step_under_way = checkpoint.step_under_way
-        record.stands = checkpoint.stands
-        assign(self._tracks, checkpoint.tracks)
-        self._readings.recall(record.still, checkpoint.standstill)
-        assign(self._imu, checkpoint.imu)
         sensors = checkpoint.health.sensors
         for name, gate in self._gates.items():
             gate.restore(sensors.get(name, SensorHealth()), 0)

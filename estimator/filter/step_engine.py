@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
+from icreckon.estimator.base.records import Record
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
@@ -11,18 +12,6 @@ from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
-
-
-class StepSources(NamedTuple):
-    """Sources of the inputs of a whole step, shared with the filter.
-
-    Attributes:
-        record: record of the inputs, from `StepEngine.make_record`.
-        readings: yaw-rate readings of a standstill.
-    """
-
-    record: FilterRecord
-    readings: QuietReadings
 
 
 class WholeStep(Protocol):
@@ -48,14 +37,14 @@ class WholeStep(Protocol):
 
 
 class StepEngine(Protocol):
-    """Factory of the filter's algebra, of its record, and of a whole step."""
+    """Factory of the filter's algebra, of its records, and of a whole step."""
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
         """Make the filter of a motion model."""
         ...
 
-    def make_record(self, record: FilterRecord) -> FilterRecord:
-        """Make the record of a filter from its initial values."""
+    def make_record(self, record: Record) -> Record:
+        """Make a record of a filter from its initial values."""
         ...
 
     def make_step(
@@ -64,7 +53,17 @@ class StepEngine(Protocol):
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
-        sources: StepSources,
+        record: FilterRecord,
+        readings: QuietReadings,
     ) -> WholeStep | None:
-        """Make the whole step of a filter; None if its parts are taken one at a time."""
+        """Make the whole step of a filter; None if its parts are taken one at a time.
+
+        Args:
+            ekf: the filter.
+            disturbances: its process noise.
+            robot: its robot.
+            settings: its settings.
+            record: record of its inputs, from `make_record`.
+            readings: yaw-rate readings of a standstill.
+        """
         ...

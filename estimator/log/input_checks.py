@@ -287,7 +287,8 @@ class Admission:
             now: stamp of the estimate [ns], or None before the first.
         """
         if now is None or stamp - now <= self._longest_gap:
-            self.witnesses.pop(stream, None)
+            if self.witnesses:
+                self.witnesses.pop(stream, None)
             return None
         count, before = self.witnesses.get(stream, (0, stamp))
         count = count + 1 if abs(stamp - before) <= self._longest_gap else 1
@@ -297,11 +298,10 @@ class Admission:
 
 def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str | None:
     """Reason to reject values that are not finite, or larger than `most`: `absurd`."""
-    if sum(map(abs, values)) <= most:
-        return None
-    # True for a value that is not a number, too.
-    if any(not abs(value) <= most for value in values):
-        return absurd if all(map(math.isfinite, values)) else NOT_FINITE
+    for value in values:
+        # True for a value that is not a number, too.
+        if not -most <= value <= most:
+            return absurd if all(map(math.isfinite, values)) else NOT_FINITE
     return None
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from icreckon.estimator.base.records import shared_record
+from icreckon.estimator.base.records import Record, shared_record
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import StepEngine, StepSources, WholeStep
+from icreckon.estimator.filter.step_engine import StepEngine, WholeStep
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Engine, Settings
+from icreckon.estimator.sensors.standstill import QuietReadings
 
 
 class PlainEngine:
@@ -19,8 +20,8 @@ class PlainEngine:
         """Make the filter of a motion model, see `StepEngine`."""
         return IcrEkf(model)
 
-    def make_record(self, record: FilterRecord) -> FilterRecord:
-        """Make the record of a filter, see `StepEngine`."""
+    def make_record(self, record: Record) -> Record:
+        """Make a record of a filter, see `StepEngine`."""
         return record
 
     def make_step(
@@ -29,7 +30,8 @@ class PlainEngine:
         disturbances: Disturbances,  # noqa: ARG002
         robot: Robot,  # noqa: ARG002
         settings: Settings,  # noqa: ARG002
-        sources: StepSources,  # noqa: ARG002
+        record: FilterRecord,  # noqa: ARG002
+        readings: QuietReadings,  # noqa: ARG002
     ) -> None:
         """Make no whole step: its parts are made one at a time."""
         return
@@ -44,8 +46,8 @@ class CompiledEngine:
 
         return LaneEkf(model)
 
-    def make_record(self, record: FilterRecord) -> FilterRecord:
-        """Make the record of a filter, see `StepEngine`."""
+    def make_record(self, record: Record) -> Record:
+        """Make a record of a filter, see `StepEngine`."""
         return shared_record(record)
 
     def make_step(
@@ -54,14 +56,15 @@ class CompiledEngine:
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
-        sources: StepSources,
+        record: FilterRecord,
+        readings: QuietReadings,
     ) -> WholeStep | None:
         """Make the whole step of a filter, see `StepEngine`."""
         from icreckon.estimator.engine.lane_filter import LaneEkf, LaneStep
 
         if not isinstance(ekf, LaneEkf) or ekf.compiled is None:
             return None
-        return LaneStep(ekf, disturbances, robot, settings, sources)
+        return LaneStep(ekf, disturbances, robot, settings, record, readings)
 
 
 def engine_of(name: Engine) -> StepEngine:
