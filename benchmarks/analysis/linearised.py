@@ -20,7 +20,7 @@ from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
     IMU_FIXED,
@@ -126,8 +126,8 @@ class LinearisedModel:
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
         self._gyro, self._accelerometer = Gyro(models), Accelerometer(models)
-        self._tracks = HeldTrackSpeeds(settings=input_settings(robot, settings))
-        self._tracks.take(0, 0.0, 0.0)
+        self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings)
+        take_tracks(self._tracks, 0, 0.0, 0.0, self._inputs)
         self._sensors, self._dt, self._count = sensors, dt, 0
 
     def begin(self, x: Floats, left: float, right: float) -> None:
@@ -170,11 +170,11 @@ class LinearisedModel:
         start = round(self._count * dt / NANOSECOND)
         self._count += 1
         end = round(self._count * dt / NANOSECOND)
-        tracks.take(end, left, right)
+        take_tracks(tracks, end, left, right, self._inputs)
         model = self.twist_model(x, left, right)
         eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
         sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
-        inputs = step_inputs(tracks, start, end, tracks.settings)
+        inputs = step_inputs(tracks, start, end, self._inputs)
         density = self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma)
         noise = self._disturbances.of_step(tracks, sigma)
         during = self._during(x, model, sigma[1], start)
@@ -195,7 +195,7 @@ class LinearisedModel:
         stopped = tracks.left == 0.0 == tracks.right
         if stopped and sensors.gyro:
             shown += [Shown(model.jacobian[i], STANDSTILL_SIGMA[i] ** 2) for i in range(3)]
-        change = track_change(step_inputs(tracks, now, now, tracks.settings))
+        change = track_change(step_inputs(tracks, now, now, self._inputs))
         at = StepTwist(model, x, self._dt, change)
         if sensors.gyro:
             found = self._gyro.linearise(0.0, at)

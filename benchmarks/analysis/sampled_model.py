@@ -36,7 +36,7 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.robot.robot_file import Indices, Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels
@@ -134,7 +134,8 @@ class ModelSampler:
         start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
         share: float = 1.0,
     ) -> None:
-        self._robot, self._variant, self._settings = robot, variant, settings
+        self._robot, self._variant = robot, variant
+        self._inputs = input_settings(robot, settings)
         self._fixes, self._terms = fixes or Fixes(), terms or Terms()
         model, self._mean, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._slip = self._disturbances.slip
@@ -168,12 +169,12 @@ class ModelSampler:
         x = self._draw_start(rng)
         states[0] = begins[0] = x
         twists[0] = self._twist(x, *speeds[0].tolist())
-        tracks = HeldTrackSpeeds(settings=input_settings(self._robot, self._settings))
-        tracks.take(int(stamps[0]), *speeds[0].tolist())
+        tracks, chosen = TrackRecord(), self._inputs
+        take_tracks(tracks, int(stamps[0]), *speeds[0].tolist(), chosen)
         measurements: list[Measurement] = [TrackSpeeds(int(stamps[0]), *speeds[0].tolist())]
         for k in range(1, count):
             stamp, (left, right) = int(stamps[k]), speeds[k].tolist()
-            tracks.take(stamp, left, right)
+            take_tracks(tracks, stamp, left, right, chosen)
             eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
             sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
             begin = x.copy()
@@ -182,7 +183,7 @@ class ModelSampler:
             begin[s.FAST_SLIP] = self._draw_fast_slip(begin, left, right, sigma[2], dt, rng)
             measurements.append(TrackSpeeds(stamp, left, right))
             measurements.append(self._imu(begin, tracks, int(stamps[k - 1]), stamp, sigma, dt, rng))
-            turning = share_of_walk(*tracks.smooth)
+            turning = share_of_walk(tracks.smooth_left, tracks.smooth_right)
             x = self._stepped(begin, left, right, sigma, turning, dt, rng)
             measurements += self._after(x, stamp, left, right, k, dt, rng)
             begins[k], states[k] = begin, x
@@ -246,7 +247,7 @@ class ModelSampler:
     def _imu(
         self,
         x: Floats,
-        tracks: HeldTrackSpeeds,
+        tracks: TrackRecord,
         begun: int,
         stamp: int,
         sigma: tuple[float, float, float],
@@ -258,7 +259,7 @@ class ModelSampler:
         model = self._ekf.twist_model(tracks.left, tracks.right)
         density = self._robot.tracks.speed_noise_density
         late = self._terms.lateness
-        change = track_change(step_inputs(tracks, begun, begun, tracks.settings))
+        change = track_change(step_inputs(tracks, begun, begun, self._inputs))
         change = change._replace(speed_variance=density**2 / dt)
         calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
         sideways = self._disturbances.sideways_density(sigma)

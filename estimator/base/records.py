@@ -2,56 +2,132 @@
 
 In Python a record is a mutable `msgspec.Struct`, whose attributes are fast. For numba it is an element of
 a NumPy structured array whose fields have the same names. A function that uses nothing but attributes of
-a record is written once for both.
+a record is written once for both. A shared record is both at once: in Python a C structure with these
+attributes, for numba an array on its memory (`array_on`).
 """
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+import ctypes
+from typing import Any, ClassVar, TypeVar, cast, get_type_hints
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-Record = TypeVar("Record", bound=msgspec.Struct)
+Record = TypeVar("Record")
 
 # Stamp of a sample that has not come yet [ns]; its age exceeds 140 years at any stamp after 1970.
 NEVER = -(2**62)
+# C type of each type of record. Layouts are the same object, which numba recognises fast.
+MEMORIES: dict[type, Any] = {}
 
 
-def record_array(record: msgspec.Struct, count: int) -> NDArray[Any]:
+class SharedRecord(ctypes.Structure):
+    """Record whose memory compiled code reads and writes; a copy has its own memory.
+
+    Attributes:
+        kind: type of the record.
+        layout: layout of the memory.
+    """
+
+    kind: ClassVar[type]
+    layout: ClassVar[np.dtype[Any]]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        whole: Any = self._b_base_
+        if whole is None:
+            return shared_record, (record_of(self.kind, array_on(self)[0]),)
+        # A part of a record is that part of the copy.
+        offset = ctypes.addressof(self) - ctypes.addressof(whole)
+        parts = (name for name, _ in whole._fields_ if getattr(type(whole), name).offset == offset)
+        return getattr, (whole, next(parts))
+
+
+def shared_record(record: Record) -> Record:
+    """Copy a record to memory that Python and compiled code share."""
+    shared = _memory_of(record)()
+    array_on(shared)[:] = record_array(record, 1)
+    return cast(Record, shared)
+
+
+def array_on(shared: Any) -> NDArray[Any]:
+    """Structured array (1,) on the memory of a shared record."""
+    return np.frombuffer(shared, shared.layout)
+
+
+def record_array(record: Any, count: int) -> NDArray[Any]:
     """Structured array (count,) of copies of a record.
 
     Args:
-        record: integers, floats, lists of floats and other records.
+        record: integers, floats, lists of floats, other records and named tuples.
         count: number of copies.
     """
-    return np.full(count, np.array(_values(record), dtype=_dtype(record)))
+    return np.full(count, np.array(_values(record), dtype=_memory_of(record).layout))
 
 
 def record_of(kind: type[Record], element: Any) -> Record:
     """Record of a type from an element of a structured array."""
     values = {}
-    for field in msgspec.structs.fields(kind):
-        value = element[field.name]
-        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
-            values[field.name] = record_of(field.type, value)
-        else:
-            values[field.name] = value.tolist()
+    for name, of in get_type_hints(kind).items():
+        value = element[name]
+        values[name] = record_of(of, value) if _names(of) else value.tolist()
     return kind(**values)
 
 
-def _dtype(value: Any) -> Any:
-    if isinstance(value, msgspec.Struct):
-        fields = {name: _dtype(getattr(value, name)) for name in value.__struct_fields__}
-        names, formats = list(fields), list(fields.values())
-        return np.dtype({"names": names, "formats": formats}, align=True)
+def copied(record: Record) -> Record:
+    """Copy a record to memory of its own."""
+    if isinstance(record, SharedRecord):
+        return type(record).from_buffer_copy(record)
+    if isinstance(record, msgspec.Struct):
+        return type(record)(*(copied(getattr(record, name)) for name in record.__struct_fields__))
+    return cast(Record, record.copy()) if isinstance(record, list) else record
+
+
+def assign(record: Any, source: Any) -> None:
+    """Copy the values of a record to another one; either may be shared."""
+    if isinstance(source, SharedRecord):
+        ctypes.memmove(ctypes.addressof(record), ctypes.addressof(source), ctypes.sizeof(source))
+        return
+    for name in source.__struct_fields__:
+        value = getattr(source, name)
+        if isinstance(value, msgspec.Struct):
+            assign(getattr(record, name), value)
+        elif isinstance(value, list):
+            getattr(record, name)[:] = value
+        else:
+            setattr(record, name, value)
+
+
+def _names(record: Any) -> tuple[str, ...]:
+    """Field names of a record, named tuple, or their type; () for other values."""
+    return cast(
+        tuple[str, ...], getattr(record, "__struct_fields__", getattr(record, "_fields", ()))
+    )
+
+
+def _memory_of(record: Any) -> Any:
+    """C type of a record; lists are as long as those of the first record of its type."""
+    kind = type(record)
+    if kind not in MEMORIES:
+        fields = [
+            (name, _memory_of_field(getattr(record, name), of))
+            for name, of in get_type_hints(kind).items()
+        ]
+        memory: Any = type(kind.__name__, (SharedRecord,), {"kind": kind, "_fields_": fields})
+        memory.layout = np.dtype(memory)
+        MEMORIES[kind] = memory
+    return MEMORIES[kind]
+
+
+def _memory_of_field(value: Any, of: Any) -> Any:
+    if _names(of):
+        return _memory_of(value)
     if isinstance(value, list):
-        return np.dtype((np.float64, (len(value),)))
-    return np.dtype(np.int64 if isinstance(value, int) else np.float64)
+        return ctypes.c_double * len(value)
+    return ctypes.c_double if of is float else ctypes.c_int64
 
 
 def _values(value: Any) -> Any:
-    if isinstance(value, msgspec.Struct):
-        return tuple(_values(getattr(value, name)) for name in value.__struct_fields__)
-    return value
+    names = _names(value)
+    return tuple(_values(getattr(value, name)) for name in names) if names else value

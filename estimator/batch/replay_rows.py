@@ -24,8 +24,8 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.engine.work import ESTIMATE
-from icreckon.estimator.filter.gate import ADMITTED, CHI_SQUARE_1E4, REACQUIRED, REJECTED
-from icreckon.estimator.filter.health import RECENT, Health
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, RECENT
+from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED, Health
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
@@ -40,6 +40,8 @@ OUTPUT_AT_END = 3000
 # Number of rows whose indices are computed at once.
 AT_ONCE = 8192
 IMU_GATES = ("gyro", "accelerometer")
+# Degrees of freedom of each gate.
+DEGREES = {"gyro": 1, "accelerometer": 1, "position": 2, "heading": 1}
 FIRST_OF_TWIST = ESTIMATE.index("v_x")
 # Entries (i, j) on the diagonal and above it, row by row, in their places in a matrix.
 SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
@@ -258,7 +260,7 @@ class ReplayRows:
         """Add the counts of the gates and the newest innovations to `health`."""
         counts = {name: float(values[0]) for name, values in one.counts(lanes).items()}
         health.standstill_updates += int(counts["standstill"])
-        for gate, degrees in self._in_order_of_time():
+        for gate, degrees in DEGREES.items():
             used, rejected = int(counts[f"{gate}_used"]), int(counts[f"{gate}_rejected"])
             if not used + rejected:
                 continue
@@ -282,18 +284,9 @@ class ReplayRows:
                 self._nis[gate], sensor.judged_count, degrees, sensor.recent_nis or 0.0
             )
 
-    def _in_order_of_time(self) -> list[tuple[str, int]]:
-        """Gates and their degrees of freedom, in the order of their first innovations."""
-        fixes, began = self._measured.fix_stamps, self._measured.track_stamps[0]
-        of_imu, of_fixes = [("gyro", 1), ("accelerometer", 1)], [("position", 2), ("heading", 1)]
-        samples = self._measured.imu_stamps
-        first = int(np.searchsorted(samples, began))
-        fixes_first = len(fixes) and (first == len(samples) or fixes[0] < samples[first])
-        return of_fixes + of_imu if fixes_first else of_imu + of_fixes
-
 
 def _recent(nis: Iterable[float], count: int, degrees: int, before: float) -> float:
-    """Mean NIS as in `SensorHealth.recent_nis` after `count` innovations."""
+    """Mean NIS as in `GateRecord.recent_nis` after `count` innovations."""
     values, mean = list(nis), before
     for number, value in enumerate(values, count - len(values) + 1):
         mean += (value / degrees - mean) / min(number, RECENT)

@@ -5,32 +5,27 @@ Import it inside functions only: numba takes half a second to load.
 
 from __future__ import annotations
 
-import math
-import struct
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import array_on
 from icreckon.estimator.engine.filters import aligned, shared_constants
+from icreckon.estimator.engine.lane_inputs import add_sample, add_track_speeds, fill_move
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.one_lane import NOT_TESTED, OneLane, one_lane
-from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING, IcrEkf
-from icreckon.estimator.filter.gate import Gate
+from icreckon.estimator.engine.one_lane import OneLane, one_lane
+from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import Verdicts
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
-from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel
+from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel, Unremembering
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds, smoothing_share
-from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
+from icreckon.estimator.sensors.standstill import QuietReadings
 
-# Inputs of a step as they are packed: those from the track speeds, then those from the IMU.
-PACKED = (*StepInputs._fields, "quiet_mean", "rate", "force")
-STEP_VALUES = struct.Struct(f"{len(PACKED)}d")
-assert INPUTS.names[: len(PACKED)] == PACKED  # noqa: S101 - one is written as the other
+MEAN_LEFT, MEAN_RIGHT = INPUTS["mean_left"], INPUTS["mean_right"]
 
 
 class Workspace:
@@ -41,7 +36,6 @@ class Workspace:
         self.lane, self.constants = aligned(rows).reshape(-1, 1), constants
         self.inputs = aligned(len(INPUTS)).reshape(-1, 1)
         self.arrays = self.lane, self.inputs, self.constants
-        self.packed = memoryview(self.inputs.reshape(-1)).cast("B")
 
 
 class LaneEkf(IcrEkf):
@@ -107,15 +101,15 @@ class LaneEkf(IcrEkf):
 
 
 class LaneStep:
-    """Whole step of one filter, see `WholeStep`.
+    """Inputs and whole steps of one filter, see `WholeStep`.
 
     Args:
-        ekf: the filter.
+        ekf: the filter; its motion model is compiled.
         disturbances: its process noise.
         robot: its robot.
         settings: its settings.
-        gyro: gate of the gyro.
-        accelerometer: gate of the accelerometer, of the same threshold and patience.
+        record: record of its inputs, shared with compiled code.
+        readings: yaw-rate readings of a standstill.
     """
 
     def __init__(
@@ -124,86 +118,57 @@ class LaneStep:
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
-        gyro: Gate,
-        accelerometer: Gate,
+        record: FilterRecord,
+        readings: QuietReadings,
     ) -> None:
-        self._made_of = ekf, disturbances, robot, settings, gyro, accelerometer
-        self._ekf = ekf
-        self._gyro, self._accelerometer = gyro, accelerometer
-        self._time_constant = float(disturbances.slip.time_constant)
+        self._made_of = ekf, disturbances, robot, settings, record, readings
+        self._ekf, self._readings = ekf, readings
+        self._record, self._records = record, array_on(record)
         if ekf.considered:
             ekf.compile_step(ekf.considered)
-        if ekf.compiled is not None:
-            shape = ekf.compiled.shape
-            constants = shared_constants(shape, ekf.model, disturbances, robot, settings, ekf.x)
-            self._workspace = Workspace(ekf.compiled, constants)
+        self._compiled = compiled = cast(OneLane, ekf.compiled)
+        constants = shared_constants(
+            compiled.shape, ekf.model, disturbances, robot, settings, ekf.x
+        )
+        ekf.workspace.constants[:] = constants
+        self._inputs = ekf.workspace.inputs
 
     def __reduce__(self) -> tuple[type[LaneStep], tuple[Any, ...]]:
         return LaneStep, self._made_of
 
-    def imu_step(
-        self,
-        tracks: HeldTrackSpeeds,
-        start: int,
-        end: int,
-        *,
-        stands: bool,
-        pushed: bool,
-        interval: float,
-        rate: float,
-        force: float | None,
-    ) -> Verdicts | None:
-        """Make a step with an IMU sample at its end, see `WholeStep`."""
-        ekf = self._ekf
-        compiled = ekf.compiled
-        if compiled is None or ekf.clones is not None or ekf.observer is not None:
-            return None
-        # The kernel tests a mean of quiet yaw rates itself, as in studies; the bias passes, NaN fails.
-        mean_bias = ekf.x.item(s.GYRO_BIAS) if stands else math.nan
-        measured = math.nan if force is None else force
-        steps = self._begin(tracks, start, end, pushed, (mean_bias, rate, measured))
-        of_gyro, of_accelerometer = compiled.imu_step(
-            *steps,
-            float(interval),
-            self._gyro.rejected_in_a_row,
-            self._accelerometer.rejected_in_a_row,
-        )
-        tested = of_accelerometer[0] != NOT_TESTED
-        return Verdicts(of_gyro, of_accelerometer if tested else None)
+    def take_track_speeds(self, stamp: int, left: float, right: float) -> int:
+        """Add track speeds, see `WholeStep`."""
+        return cast(int, add_track_speeds(self._records, stamp, left, right))
 
-    def time_step(self, tracks: HeldTrackSpeeds, start: int, end: int, *, pushed: bool) -> bool:
-        """Make a step without an IMU sample, see `WholeStep`."""
-        ekf = self._ekf
-        if ekf.compiled is None or ekf.clones is not None or ekf.observer is not None:
-            return False
-        ekf.compiled.time_step(*self._begin(tracks, start, end, pushed, (math.nan, 0.0, math.nan)))
-        return True
+    def take_imu(self, stamp: int, rate: float, force: float) -> bool:
+        """Add an IMU sample, and take the step that it ends, see `WholeStep`."""
+        readings, records, inputs = self._readings, self._records, self._inputs
+        while not add_sample(records, readings.stamps, readings.rates, inputs, stamp, rate, force):
+            readings.make_room()
+        return cast(bool, self._compiled.imu_step(*self._begin(stamp)))
 
-    def _begin(
-        self,
-        tracks: HeldTrackSpeeds,
-        start: int,
-        end: int,
-        pushed: bool,
-        measured: tuple[float, float, float],
-    ) -> tuple[Any, ...]:
-        """Advance the motion model, and gather the arguments of a compiled step."""
-        ekf, workspace = self._ekf, self._workspace
-        dt = (end - start) * NANOSECOND
-        inputs = step_inputs(tracks, start, end, tracks.settings)
-        ekf.begin_step(dt, inputs.mean_left, inputs.mean_right)
-        smoothing = smoothing_share(dt, REGRESSOR_SMOOTHING)
+    def move(self, stamp: int) -> None:
+        """Take a step without an IMU sample, see `WholeStep`."""
+        fill_move(self._records, self._inputs, stamp)
+        self._compiled.time_step(*self._begin(stamp))
+
+    def _begin(self, stamp: int) -> tuple[Any, ...]:
+        """Begin a step to a stamp [ns] in the motion model; return arguments of the step."""
+        ekf, workspace = self._ekf, self._ekf.workspace
+        if not isinstance(ekf.model, Unremembering):
+            dt = (stamp - self._record.stamp) * NANOSECOND
+            inputs = self._inputs
+            ekf.begin_step(dt, inputs.item(MEAN_LEFT), inputs.item(MEAN_RIGHT))
+        is_first = ekf.regressors is None
         if ekf.regressors is None:
-            ekf.regressors, smoothing = np.zeros((3, 8)), 1.0
-        # The last input, `slow`, is all that lanes know of it; here more is known.
-        STEP_VALUES.pack_into(workspace.packed, 0, *inputs[:-1], pushed, *measured)
+            ekf.regressors = np.zeros((3, 8))
         return (
+            self._records,
             ekf.x,
             ekf.P,
             ekf.regressors,
             ekf.model.memory,
             *workspace.arrays,
-            dt,
-            smoothing,
-            self._time_constant,
+            stamp,
+            is_first,
         )

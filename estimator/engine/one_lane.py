@@ -13,22 +13,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
 from icreckon.estimator.engine.layout import INPUTS, MOTION, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.model import TracedModel, traced_model
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.step_constants import PER_STEP, SMOOTHING, step_constants
-from icreckon.estimator.filter.gate import ADMITTED, REACQUIRED, REJECTED
+from icreckon.estimator.filter.gate import count_verdict
+from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
 from icreckon.estimator.tracing.jit_kernel import entry
 
 SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
-# Verdict of a gate that had no measurement.
-NOT_TESTED = -1
 # Places of a constant of a step, and of inputs of a kernel.
 MEAN = STEP_CONSTANTS.index("mean")
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
@@ -71,6 +70,7 @@ class LanePlaces(NamedTuple):
         by_state: (3, n) rows of the twist's derivatives by the states.
         fixed: place of the first parameter among the constants.
         interval: place of the interval of the IMU among them.
+        time_constant: place of the time constant of the slip among them.
         row_count: number of rows.
         constant_count: number of constants.
     """
@@ -92,6 +92,7 @@ class LanePlaces(NamedTuple):
     by_state: Any
     fixed: int
     interval: int
+    time_constant: int
     row_count: int
     constant_count: int
 
@@ -155,10 +156,10 @@ def _places(shape: FilterShape) -> LanePlaces:
 
     memory = shape.model.memory
     return LanePlaces(
-        np.array(states),
-        np.array(layout.parameters),
-        np.array([rows[f"x{i}"] for i in states]),
-        np.array([[rows[f"P{min(i, j)}_{max(i, j)}"] for j in states] for i in states]),
+        np.array(states, np.uintp),
+        np.array(layout.parameters, np.uintp),
+        np.array([rows[f"x{i}"] for i in states], np.uintp),
+        np.array([[rows[f"P{min(i, j)}_{max(i, j)}"] for j in states] for i in states], np.uintp),
         rows[f"r0_{layout.parameters[0]}"],
         rows["memory0"] if memory else 0,
         memory,
@@ -172,6 +173,7 @@ def _places(shape: FilterShape) -> LanePlaces:
         np.array([[rows[f"{axis}_by_{i}"] for i in states] for axis in TWIST[:3]]),
         constants[f"fixed{PARAMETERS}"],
         constants["interval"],
+        constants["time_constant"],
         len(rows),
         len(constants),
     )
@@ -237,32 +239,46 @@ def empty_lane(lane: Floats, x: Floats, P: Floats, regressors: Floats, places: L
             row += 1
 
 
-def fill_constants(constants: Floats, dt: float, smoothing: float, time_constant: float) -> None:
-    """Compute the constants of a step of `dt` seconds; its smoothing factor is given."""
+def fill_constants(
+    record: Any, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
+) -> None:
+    """Compute the constants of a step to a stamp [ns]; the first does not smooth."""
+    dt, time_constant = (stamp - record.stamp) * NANOSECOND, constants[places.time_constant]
     values = step_constants(dt, time_constant)
     for k in range(PER_STEP):
         constants[k] = values[k]
-    constants[SMOOTHING] = smoothing
+    if is_first:
+        constants[SMOOTHING] = 1.0
+    constants[places.interval] = record.imu.interval
 
 
-def verdict_of(lane: Floats, rows: tuple[int, int, int, int]) -> Any:
-    """Verdict of a gate on the newest sample, innovation, its variance and NIS."""
+def set_gate(counts: Any, lane: Floats, rows: tuple[int, int, int, int]) -> None:
+    """Copy the rejections of a gate into the workspace."""
+    in_a_row, admitted, _, _ = rows
+    lane[in_a_row, 0], lane[admitted, 0] = counts.rejected_in_a_row, 0.0
+
+
+def count_sample(counts: Any, stamp: int, lane: Floats, rows: tuple[int, int, int, int]) -> bool:
+    """Count the verdict of a gate on the newest sample; return True if it is used."""
     in_a_row, admitted, innovation, variance = rows
-    if lane[variance, 0] == 0.0:
-        return NOT_TESTED, 0.0, 0.0, 0.0
+    z, S = lane[innovation, 0], lane[variance, 0]
+    if S == 0.0:
+        return False
     verdict = REACQUIRED
     if lane[admitted, 0] > 0.0:
         verdict = ADMITTED
     elif lane[in_a_row, 0] > 0.0:
         verdict = REJECTED
-    z, S = lane[innovation, 0], lane[variance, 0]
-    return verdict, z, S, z * z / S
+    count_verdict(counts, verdict, z * z / S, 1)
+    counts.stamp, counts.verdict, counts.z[0], counts.S[0] = stamp, verdict, z, S
+    return verdict != REJECTED
 
 
 def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step with an IMU sample at its end."""
 
     def step_with_imu(
+        records: Any,
         x: Floats,
         P: Floats,
         regressors: Floats,
@@ -270,16 +286,13 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         lane: Floats,
         inputs: Floats,
         constants: Floats,
-        dt: float,
-        smoothing: float,
-        time_constant: float,
-        interval: float,
-        gyro_rejected: int,
-        accelerometer_rejected: int,
-    ) -> Any:
+        stamp: int,
+        is_first: bool,
+    ) -> bool:
         """Draw the fast slip, update by the gyro and the accelerometer, and propagate.
 
         Args:
+            records: (1,) record of the filter, see `FilterRecord`, changed in place.
             x: (SIZE,) the state, changed in place.
             P: (SIZE, SIZE) its covariance, changed in place.
             regressors: (3, 8) smoothed derivatives by the parameters, changed in place.
@@ -287,32 +300,28 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             lane: workspace.
             inputs: (n, 1) inputs of the kernel.
             constants: constants of the kernel.
-            dt: length of the step [s].
-            smoothing: smoothing factor of the regressors [-].
-            time_constant: time constant of the slip [s].
-            interval: interval of the IMU [s].
-            gyro_rejected: samples that the gate of the gyro rejected in a row.
-            accelerometer_rejected: samples that the gate of the accelerometer rejected in a row.
+            stamp: stamp of the sample [ns].
+            is_first: the step is the first, so that there are no regressors yet.
 
         Returns:
-            Verdict, innovation, its variance and NIS of the gyro, and those of the accelerometer. The
-            verdict is `NOT_TESTED` if there is no specific force or the robot stands.
+            True if the yaw rate is used.
 
         Raises:
             ValueError: an array has the wrong size.
         """
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
+        record = records[0]
         fill_state(lane, constants, x, memory, places)
         fill_covariance(lane, P, regressors, places)
-        fill_constants(constants, dt, smoothing, time_constant)
-        constants[places.interval] = interval
-        lane[places.gyro[0], 0], lane[places.gyro[1], 0] = gyro_rejected, 0.0
-        lane[places.accelerometer[0], 0] = accelerometer_rejected
-        lane[places.accelerometer[1], 0] = 0.0
+        fill_constants(record, constants, stamp, is_first, places)
+        set_gate(record.gyro, lane, places.gyro)
+        set_gate(record.accelerometer, lane, places.accelerometer)
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, places)
-        return verdict_of(lane, places.gyro), verdict_of(lane, places.accelerometer)
+        record.stamp, record.stands = stamp, int(lane[places.stood, 0])
+        count_sample(record.accelerometer, stamp, lane, places.accelerometer)
+        return count_sample(record.gyro, stamp, lane, places.gyro)
 
     return entry(step_with_imu, shape_digest)
 
@@ -321,6 +330,7 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
     """Compile a step without an IMU sample."""
 
     def step_without_imu(
+        records: Any,
         x: Floats,
         P: Floats,
         regressors: Floats,
@@ -328,19 +338,20 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
         lane: Floats,
         inputs: Floats,
         constants: Floats,
-        dt: float,
-        smoothing: float,
-        time_constant: float,
+        stamp: int,
+        is_first: bool,
     ) -> None:
         """Draw the fast slip and propagate; arguments as in `step_with_imu`."""
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
+        record = records[0]
         fill_state(lane, constants, x, memory, places)
         fill_covariance(lane, P, regressors, places)
-        fill_constants(constants, dt, smoothing, time_constant)
+        fill_constants(record, constants, stamp, is_first, places)
         lane[places.stood, 0] = 0.0
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, places)
+        record.stamp = stamp
 
     return entry(step_without_imu, shape_digest)
 

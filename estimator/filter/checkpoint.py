@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.records import NEVER, assign
 from icreckon.estimator.filter.clones import Clones
+from icreckon.estimator.filter.filter_record import FilterRecord
+from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.filter.reacquisition import RejectedFix
 from icreckon.estimator.motion.motion_model import NO_MEMORY
@@ -18,10 +22,38 @@ from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.standstill import StandstillMemory
 
 
+class FilterMemory(NamedTuple):
+    """Copy of all that a `Reckoning` changes: quick to make, for the history.
+
+    Attributes:
+        state: (SIZE,) see `estimator.base.state`.
+        covariance: (SIZE, SIZE).
+        regressors: (3, 8) of the filter, None before its first step.
+        model: (m,) memory of the motion model.
+        clones: stochastic clones, None if there are none.
+        record: the record of its inputs.
+        standstill: checkpoint of the standstill detection.
+        gates: counts of the gates of fixes, None before the first.
+        counts: counts of all but the gates.
+        rejected_fixes: position fixes that were rejected since one was used.
+    """
+
+    state: Floats
+    covariance: Floats
+    regressors: Floats | None
+    model: Floats
+    clones: Clones | None
+    record: FilterRecord
+    standstill: StandstillMemory
+    gates: tuple[GateRecord | None, ...]
+    counts: Health
+    rejected_fixes: tuple[RejectedFix, ...]
+
+
 class FilterCheckpoint(
     msgspec.Struct, frozen=True, rename={"clones": "marks", "rejected_fixes": "refused_fixes"}
 ):
-    """Checkpoint of a `Reckoning`; the filter never changes it.
+    """Checkpoint of a `Reckoning` as it is saved; the filter never changes it.
 
     Attributes:
         stamp: time of the estimate [ns], or None before the first.
@@ -62,6 +94,14 @@ class FilterCheckpoint(
             raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")
         if self.regressors is not None and self.regressors.shape != (3, 8):
             raise ValueError("three rows of eight derivatives by the parameters are needed")
+
+    def fill(self, record: FilterRecord) -> None:
+        """Copy all that is in the record of a filter, except standstill and gates."""
+        record.stamp = NEVER if self.stamp is None else self.stamp
+        record.stood_at = NEVER if self.stood_at is None else self.stood_at
+        record.step_under_way, record.stands = self.step_under_way, self.stands
+        assign(record.tracks, self.tracks)
+        assign(record.imu, self.imu)
 
     def shifted(self, by: int) -> FilterCheckpoint:
         """Shift all stamps by a change of the clock [ns], except those of marks."""

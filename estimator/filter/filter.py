@@ -13,11 +13,12 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.base.records import NEVER, assign, copied
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.clones import Clones
-from icreckon.estimator.filter.gate import Gate
-from icreckon.estimator.filter.health import Health
+from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
+from icreckon.estimator.filter.gate import Gate, GateRecord
+from icreckon.estimator.filter.health import Health, Judged, SensorHealth
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
 from icreckon.estimator.filter.step_engine import StepEngine
@@ -37,8 +38,14 @@ from icreckon.estimator.motion.propagation import step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
-from icreckon.estimator.sensors.imu_clock import ImuClock
+from icreckon.estimator.sensors.held_tracks import copy_of_tracks, is_hole, mean_speeds, speeds_at
+from icreckon.estimator.sensors.imu_clock import (
+    ClockRecord,
+    interval_start,
+    is_alive,
+    is_due_after,
+    take_stamp,
+)
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
     IMU_FIXED,
@@ -62,7 +69,7 @@ from icreckon.estimator.sensors.sensor_models import (
     STANDSTILL_VARIANCE,
     SensorModels,
 )
-from icreckon.estimator.sensors.standstill import StandstillDetector, stands
+from icreckon.estimator.sensors.standstill import QuietReadings, stands
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
 
 
@@ -79,9 +86,6 @@ class Reckoning:
 
     Attributes:
         ekf: the extended Kalman filter.
-        stamp: time of the estimate [ns]; None before the first track speeds or fix.
-        stands: the robot was found standing at the newest IMU sample.
-        health: counts of the measurements.
         parameter_sigmas: (8,) initial standard deviations of the parameters.
 
     Raises:
@@ -107,34 +111,48 @@ class Reckoning:
         self.ekf.P = np.diag(sigmas**2)
         self.ekf.considered = considered_states(variant, settings)
 
-        self.stamp: int | None = None
-        self.stands = False
-        self.health = Health()
+        # Counts of all but the gates, which count themselves.
+        self._counts = Health()
         self._settings = settings
         self._sensors = SensorModels(robot)
         self._gyro, self._accelerometer = Gyro(self._sensors), Accelerometer(self._sensors)
-        # The fast slip of the next step has begun, and the pose is still at its start.
-        self._step_under_way = False
-        for_inputs = input_settings(robot, settings)
-        self._tracks = HeldTrackSpeeds(settings=for_inputs)
-        self._imu = ImuClock(hold=settings.hold)
+        self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
+        self._tracks, self._imu = self._record.tracks, self._record.imu
+        self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
-        # Stamp of the newest zero velocity that was used.
-        self._stood_at: int | None = None
-        self._gates = {
-            name: Gate(len(components), settings.gates)
-            for name, components in innovation_components().items()
-        }
-        self._standstill = StandstillDetector(for_inputs)
+        counts = {"gyro": self._record.gyro, "accelerometer": self._record.accelerometer}
+        self._gates: dict[str, Gate] = {}
+        for name, components in innovation_components().items():
+            of_gate = counts.get(name) or engine.make_record(GateRecord())
+            self._gates[name] = Gate(len(components), settings.gates, of_gate)
+        self._fix_gates = [gate for name, gate in self._gates.items() if name not in counts]
         self._at_once = engine.make_step(
-            self.ekf,
-            self._disturbances,
-            robot,
-            settings,
-            self._gates["gyro"],
-            self._gates["accelerometer"],
+            self.ekf, self._disturbances, robot, settings, self._record, self._readings
         )
+
+    @property
+    def stamp(self) -> int | None:
+        """Time of the estimate [ns]; None before the first track speeds or fix."""
+        return _or_none(self._record.stamp)
+
+    @property
+    def stands(self) -> bool:
+        """True if the robot was found standing at the newest IMU sample."""
+        return bool(self._record.stands)
+
+    @property
+    def health(self) -> Health:
+        """Copy of the counts of the measurements."""
+        health = self._counts.copy()
+        judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
+        health.sensors.update(judged)
+        return health
+
+    def newest_judged(self) -> list[tuple[str, Judged]]:
+        """Newest innovation of each sensor with a gate."""
+        found = ((name, gate.newest) for name, gate in self._gates.items())
+        return [(name, newest) for name, newest in found if newest is not None]
 
     @property
     def imu_interval(self) -> float:
@@ -145,27 +163,57 @@ class Reckoning:
 
     def checkpoint(self) -> FilterCheckpoint:
         """Copy the state of the filter and of its inputs."""
+        record = self._record
         return FilterCheckpoint(
             self.stamp,
             self.ekf.x.copy(),
             self.ekf.P.copy(),
-            self._step_under_way,
+            bool(record.step_under_way),
             self.stands,
-            self._tracks.memory(),
-            self._standstill.memory(),
-            self._imu.memory(),
-            {name: gate.rejected_in_a_row for name, gate in self._gates.items()},
-            self.health.copy(),
+            copy_of_tracks(self._tracks),
+            self._readings.memory(record.still),
+            ClockRecord(record.imu.stamp, record.imu.interval),
+            {name: gate.counts.rejected_in_a_row for name, gate in self._gates.items()},
+            self.health,
             self.ekf.clones,
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
             self._rejected_fixes,
-            self._stood_at,
+            _or_none(record.stood_at),
         )
+
+    def memory(self) -> FilterMemory:
+        """Copy all that measurements change."""
+        ekf, record = self.ekf, self._record
+        return FilterMemory(
+            ekf.x.copy(),
+            ekf.P.copy(),
+            None if ekf.regressors is None else ekf.regressors.copy(),
+            ekf.model.memory,
+            ekf.clones,
+            copied(record),
+            self._readings.memory(record.still),
+            tuple(copied(gate.counts) if gate.counts.judged else None for gate in self._fix_gates),
+            self._counts.copy(),
+            self._rejected_fixes,
+        )
+
+    def recall(self, memory: FilterMemory) -> None:
+        """Restore a copy."""
+        ekf = self.ekf
+        ekf.x, ekf.P, ekf.clones = memory.state.copy(), memory.covariance.copy(), memory.clones
+        ekf.regressors = None if memory.regressors is None else memory.regressors.copy()
+        ekf.model.recall(memory.model)
+        assign(self._record, memory.record)
+        self._readings.recall(self._record.still, memory.standstill)
+        for gate, counts in zip(self._fix_gates, memory.gates, strict=True):
+            assign(gate.counts, counts or GateRecord())
+        self._counts, self._rejected_fixes = memory.counts.copy(), memory.rejected_fixes
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
         """Restore a checkpoint."""
-        self.stamp = checkpoint.stamp
+        checkpoint.fill(self._record)
+        self._readings.recall(self._record.still, checkpoint.standstill)
         self.ekf.x = checkpoint.state.copy()
         self.ekf.P = checkpoint.covariance.copy()
         self.ekf.clones = checkpoint.clones
@@ -173,17 +221,12 @@ class Reckoning:
         regressors = checkpoint.regressors
         self.ekf.regressors = None if regressors is None else regressors.copy()
         self._rejected_fixes = checkpoint.rejected_fixes
-        self._stood_at = checkpoint.stood_at
-        self._step_under_way = checkpoint.step_under_way
-        self.stands = checkpoint.stands
-        self._tracks.recall(checkpoint.tracks)
-        self._standstill.recall(checkpoint.standstill)
-        self._imu.recall(checkpoint.imu)
-        for gate in self._gates.values():
-            gate.rejected_in_a_row = 0
+        sensors = checkpoint.health.sensors
+        for name, gate in self._gates.items():
+            gate.restore(sensors.get(name, SensorHealth()), 0)
         for name, count in checkpoint.rejected_in_a_row.items():
-            self._gates[name].rejected_in_a_row = count
-        self.health = checkpoint.health.copy()
+            self._gates[name].counts.rejected_in_a_row = count
+        self._counts = checkpoint.health.copy()
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
         """Start with parameters, biases and scales of a checkpoint.
@@ -211,7 +254,8 @@ class Reckoning:
     @property
     def track_speeds(self) -> tuple[float, float]:
         """Present speeds of the left and the right track [m/s]."""
-        return self._tracks.speeds_at(self.stamp)
+        record = self._record
+        return speeds_at(self._tracks, record.stamp, record.settings.hold_ns)
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
@@ -233,68 +277,76 @@ class Reckoning:
             True if it was used.
         """
         match event:
-            case TrackSpeeds():
-                return self._take_track_speeds(event)
             case ImuSample():
                 return self._take_imu(event)
+            case TrackSpeeds():
+                return self._take_track_speeds(event)
             case Mark():
                 return self._take_mark(event)
             case _:
                 return self._take_fix(event)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
-        tracks = self._tracks
-        if tracks.stamp == NEVER:
-            self.stamp = m.stamp
+        record, tracks, step = self._record, self._tracks, self._at_once
+        hold, begins = self._settings.hold, tracks.stamp == NEVER
+        if begins:
+            record.stamp = m.stamp
         else:
             # The old speeds hold up to their own stamp. A gap is bridged with them, up to the start of
             # the interval that the new ones average.
-            hole = tracks.is_hole(m.stamp)
-            until = m.stamp - int(tracks.interval / NANOSECOND) if hole else tracks.stamp
-            self._advance(until)
-            self.health.track_gaps += hole
-        begins = tracks.stamp == NEVER
-        self.health.stuck_tracks += tracks.take(m.stamp, m.left, m.right)
+            hole = is_hole(tracks, m.stamp, hold)
+            self._advance(interval_start(tracks, m.stamp) if hole else tracks.stamp)
+            self._counts.track_gaps += hole
+        if step is None:
+            stuck = take_track_speeds(record, m.stamp, m.left, m.right)
+        else:
+            stuck = step.take_track_speeds(m.stamp, m.left, m.right)
+        counts = self._counts
+        counts.stuck_tracks += stuck
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
                 self.ekf.inflate(s.SLIP_X + axis, variance=sigma * sigma)
-        if not self._imu.is_alive(m.stamp):
+        if not is_alive(self._imu, m.stamp, hold):
             self._advance(m.stamp)
-        self._standstill.track_speeds(m.stamp, m.left, m.right)
-        self.health.sensor("tracks").used += 1
+        counts.sensor("tracks").used += 1
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        began = self._tracks.stamp != NEVER
-        self._imu.tick(m.stamp, used=began)
-        if not began:
+        record, imu, step = self._record, self._imu, self._at_once
+        hold = self._settings.hold
+        if self._tracks.stamp == NEVER:
             # The motion is unknown, not at rest.
-            self.health.sensor("imu").reject("before the first track speeds")
+            imu.stamp = m.stamp
+            self._counts.sensor("imu").reject("before the first track speeds")
             return False
-        if self._is_hole(m.stamp):
+        rate, force = self._sensors.yaw_rate(m), m.linear_acceleration
+        leftward = math.nan
+        if force is not None and self._settings.use_accelerometer:
+            leftward = self._sensors.to_the_left(force)
+        if (m.stamp - record.stamp) * NANOSECOND > hold:
             # The sample measures the present yaw rate, not that in the gap.
-            self._advance(m.stamp - int(self._imu.interval / NANOSECOND))
+            take_stamp(imu, m.stamp, hold)
+            self._advance(interval_start(imu, m.stamp))
+        if step is not None and self._can_step_at_once(m.stamp):
+            used = step.take_imu(m.stamp, rate, leftward)
+            self._counts.standstill_updates += record.stands
+            return used
+        take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
-        rate = self._sensors.yaw_rate(m)
-        mean = self._standstill.yaw_rate(m.stamp, rate)
+        mean = self._readings.mean(record.still, m.stamp, rate, record.settings)
         # A mean that is not a number is that of a moving robot.
-        self.stands = mean == mean and self._stands(mean)
-        at_once = self._take_imu_at_once(m, rate)
-        if at_once is not None:
-            return at_once
+        record.stands = mean == mean and self._stands(mean)
         # Predict the twist of the step.
         self._begin_step(m.stamp)
-        if self.stands:
+        if record.stands:
             self._update_standstill()
         at = StepTwist(
-            self.model(), ekf.x.copy(), self._imu.interval, track_change(self._inputs(m.stamp))
+            self.model(), ekf.x.copy(), imu.interval, track_change(self._inputs(m.stamp))
         )
         # Gate, update and record.
         used = self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
-        force = m.linear_acceleration
-        if force is not None and self._settings.use_accelerometer and not self.stands:
-            leftward = self._sensors.to_the_left(force)
+        if leftward == leftward and not record.stands:
             density = self._disturbances.sideways_density(self.slip_sigma())
             found = self._accelerometer.linearise(leftward, at, ekf.x, density)
             self._update(self._accelerometer, found, m.stamp)
@@ -308,46 +360,15 @@ class Reckoning:
         bias, variance = self.ekf.x.item(s.GYRO_BIAS), self.ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
         return stands(mean, bias, math.sqrt(variance), self._settings.standstill.bias_margin)
 
-    def _is_hole(self, stamp: int) -> bool:
-        """Return True if a stamp [ns] follows a gap longer than `Settings.hold`."""
-        return self.stamp is not None and (stamp - self.stamp) * NANOSECOND > self._settings.hold
-
-    def _take_imu_at_once(self, m: ImuSample, rate: float) -> bool | None:
-        """Do the rest of `_take_imu` by the compiled step; None if it cannot be done so."""
-        step, start = self._at_once, self.stamp
-        if step is None or self._step_under_way or start is None or start >= m.stamp:
-            return None
-        force = m.linear_acceleration if self._settings.use_accelerometer else None
-        verdicts = step.imu_step(
-            self._tracks,
-            start,
-            m.stamp,
-            stands=self.stands,
-            pushed=self._may_be_pushed(),
-            interval=self._imu.interval,
-            rate=rate,
-            force=None if force is None else self._sensors.to_the_left(force),
-        )
-        if verdicts is None:
-            return None
-        self.stamp = m.stamp
-        if self.stands:
-            self.health.standstill_updates += 1
-        gates, health = self._gates, self.health
-        (verdict, residual, variance, nis), of_accelerometer = verdicts
-        gates["gyro"].count(verdict)
-        judged = m.stamp, verdict, (residual,), ((variance,),)
-        used = health.sensor("gyro").judged(verdict, nis, 1, judged)
-        if of_accelerometer is not None:
-            verdict, residual, variance, nis = of_accelerometer
-            gates["accelerometer"].count(verdict)
-            judged = m.stamp, verdict, (residual,), ((variance,),)
-            health.sensor("accelerometer").judged(verdict, nis, 1, judged)
-        return used
+    def _can_step_at_once(self, stamp: int) -> bool:
+        """Return True if nothing is to follow each part of a whole step to a stamp [ns]."""
+        record, ekf = self._record, self.ekf
+        is_whole = NEVER != record.stamp < stamp and not record.step_under_way
+        return is_whole and ekf.clones is None and ekf.observer is None
 
     def _update_standstill(self) -> None:
         """Update with the zero twist of a standing robot."""
-        self.health.standstill_updates += 1
+        self._counts.standstill_updates += 1
         model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
         correct(self.ekf, -model.twist, model.jacobian, R, fixed=IMU_FIXED, correlated=False)
 
@@ -355,15 +376,16 @@ class Reckoning:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, ekf = MODELS[type(m)], self.ekf
         # Predict. A zero velocity at the end of a step is about the next one.
-        at_end = self.stamp == m.stamp and self._tracks.stamp != NEVER
+        record = self._record
+        at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
         if not ahead and model.predicts == "pose":
             self._advance(m.stamp)
         elif not ahead:
             self._begin_step(m.stamp)
-        stood_at = self._stood_at
+        stood_at = record.stood_at
         if model.standing:
-            self._stood_at = m.stamp
+            record.stood_at = m.stamp
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
 
         # Gate, update and record; relocate after rejected position fixes.
@@ -378,7 +400,7 @@ class Reckoning:
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
         if model.standing and not used:
-            self._stood_at = stood_at
+            record.stood_at = stood_at
         elif model.standing and ahead:
             # The fast slip of the last step is over.
             ekf.renew_fast_slip(predicted.R)
@@ -389,7 +411,7 @@ class Reckoning:
     def _take_mark(self, m: Mark) -> bool:
         # The estimate is that of the newest step before the mark. Until the mark the motion is assumed
         # constant; the next step corrects it.
-        elapsed = 0.0 if self.stamp is None else (self.stamp - m.stamp) * NANOSECOND
+        elapsed = (self._start(m.stamp) - m.stamp) * NANOSECOND
         model = self.model()
         motion, _, by_motion = step_on_se2(0.0, (model.twist * elapsed).tolist())
         by_state = np.array(by_motion) @ model.jacobian * elapsed
@@ -407,7 +429,7 @@ class Reckoning:
     ) -> bool:
         """Gate, update and record a measurement at a stamp [ns]; True if it was used."""
         gate = self._gates[model.name]
-        return update(self.ekf, model, gate, linearised, stamp, self.health, recover=recover)
+        return update(self.ekf, model, gate, linearised, stamp, recover=recover)
 
     def _relocate(self) -> bool:
         """Align the path with the rejected position fixes; False if they do not fit.
@@ -421,20 +443,13 @@ class Reckoning:
 
     def _may_be_pushed(self) -> bool:
         """Return True if the robot may be turning with its tracks at rest."""
-        tracks = self._tracks
-        return (
-            max(abs(tracks.left), abs(tracks.right)) < self._settings.standstill.track_speed
-            and not self.stands
-            and self.stamp is not None
-            and (self._stood_at is None or self._stood_at < self.stamp)
-            and self._imu.is_alive(self.stamp)
-        )
+        return not self._record.stands and may_be_pushed(self._record)
 
     def _waits_for_imu(self, stamp: int) -> bool:
         """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""
-        if self.stamp is None or self._tracks.stamp == NEVER:
-            return False
-        return stamp > self.stamp and self._imu.is_due_after(stamp)
+        record = self._record
+        began = record.stamp != NEVER and self._tracks.stamp != NEVER
+        return began and stamp > record.stamp and is_due_after(self._imu, stamp)
 
     def _predict(self, quantity: Quantity, stamp: int, *, ahead: bool) -> Prediction:
         """Predict the pose or the twist, now or ahead at a stamp [ns]."""
@@ -446,9 +461,8 @@ class Reckoning:
             return twist_now(model)
         density = self._fast_slip_density(stamp, model)
         if quantity == "twist":
-            return twist_ahead(x, model, density, self._imu.interval)
-        start = stamp if self.stamp is None else self.stamp
-        return pose_ahead(x, model, density, (stamp - start) * NANOSECOND)
+            return twist_ahead(x, model, density, self.imu_interval)
+        return pose_ahead(x, model, density, (stamp - self._start(stamp)) * NANOSECOND)
 
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
         """Density (3, 3) of the fast slip from the estimate's stamp to a later one [ns]."""
@@ -457,44 +471,50 @@ class Reckoning:
 
     def _inputs(self, stamp: int) -> StepInputs:
         """Inputs of a step from the estimate's stamp to a later one [ns]."""
-        start = stamp if self.stamp is None else self.stamp
-        return step_inputs(self._tracks, start, stamp, self._tracks.settings)
+        record = self._record
+        return step_inputs(self._tracks, self._start(stamp), stamp, record.settings)
+
+    def _start(self, stamp: int) -> int:
+        """Stamp of the estimate [ns]; before the first it starts at a given stamp."""
+        return stamp if self._record.stamp == NEVER else self._record.stamp
 
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns], if it is later than the estimate."""
-        if self._advance_at_once(stamp):
+        record, step = self._record, self._at_once
+        if NEVER != record.stamp >= stamp:
+            return
+        if step is not None and self._can_step_at_once(stamp):
+            step.move(stamp)
             return
         self._begin_step(stamp)
-        if self.stamp is None or self.stamp >= stamp:
+        if record.stamp >= stamp:
             return
-        dt = (stamp - self.stamp) * NANOSECOND
         noise = self._disturbances.of_step(self._tracks, self.slip_sigma())
-        left, right = self._tracks.mean_speeds(self.stamp, stamp)
-        self.ekf.predict_motion(dt, left, right, noise)
-        self.stamp = stamp
-        self._step_under_way = False
-
-    def _advance_at_once(self, stamp: int) -> bool:
-        """Propagate to a stamp [ns] by the compiled step; return False if it cannot."""
-        step, start = self._at_once, self.stamp
-        if step is None or self._step_under_way or start is None or start >= stamp:
-            return False
-        pushed = self._may_be_pushed()
-        if not step.time_step(self._tracks, start, stamp, pushed=pushed):
-            return False
-        self.stamp = stamp
-        return True
+        self.ekf.predict_motion(*self._mean_motion(stamp), noise)
+        record.stamp = stamp
+        record.step_under_way = False
 
     def _begin_step(self, stamp: int) -> None:
         """Begin a step to a stamp [ns] with a new fast slip, unless one is under way."""
-        if self.stamp is None:
-            self.stamp = stamp
-        if stamp <= self.stamp or self._step_under_way:
+        record = self._record
+        record.stamp = self._start(stamp)
+        if stamp <= record.stamp or record.step_under_way:
             return
         self.ekf.x[s.FAST_SLIP] = 0.0
         # The fast slip is the mean of a white process over the step.
-        dt = (stamp - self.stamp) * NANOSECOND
-        self.ekf.begin_step(dt, *self._tracks.mean_speeds(self.stamp, stamp))
+        dt, left, right = self._mean_motion(stamp)
+        self.ekf.begin_step(dt, left, right)
         model = self.ekf.smooth_regressors(dt, *self.track_speeds)
         self.ekf.renew_fast_slip(self._fast_slip_density(stamp, model) / dt)
-        self._step_under_way = True
+        record.step_under_way = True
+
+    def _mean_motion(self, stamp: int) -> tuple[float, float, float]:
+        """Length of a step to a stamp [ns], and mean track speeds [s, m/s, m/s]."""
+        record = self._record
+        start, hold_ns = record.stamp, record.settings.hold_ns
+        left, right = mean_speeds(self._tracks, start, stamp, hold_ns)
+        return (stamp - start) * NANOSECOND, left, right
+
+
+def _or_none(stamp: int) -> int | None:
+    return None if stamp == NEVER else stamp

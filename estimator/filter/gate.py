@@ -5,16 +5,28 @@ A wrong measurement cannot capture the filter, and a right one cannot be rejecte
 
 from __future__ import annotations
 
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.records import NEVER, assign
+from icreckon.estimator.filter.health import (
+    ADMITTED,
+    REACQUIRED,
+    REJECTED,
+    Judged,
+    SensorHealth,
+)
 from icreckon.estimator.robot.settings import GateSettings
 
 # Quantiles of the chi-square distribution at a right-tail probability of 1e-4, by degrees of freedom
 # (scipy.stats.chi2.isf, which is not imported here for the sake of a light library).
 CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 
-# Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
-# was inflated.
-ADMITTED, REJECTED, REACQUIRED = range(3)
-VERDICTS = ("admitted", "rejected", "reacquired")
+# Largest number of components of an innovation.
+MOST = max(CHI_SQUARE_1E4)
+# Number of gated measurements that are recent.
+RECENT = 100
 # Largest inflation, over the variance of the innovation: double precision would lose that beside more.
 LARGEST_INFLATION = 1e10
 
@@ -43,29 +55,139 @@ def inflation(square: float, expected: float) -> float:
     return min(square, LARGEST_INFLATION * expected)
 
 
+class GateRecord(msgspec.Struct):
+    """Counts of one gate, and the newest innovation that it tested.
+
+    Attributes:
+        rejected_in_a_row: rejections since the gate last let a measurement pass.
+        judged: number of measurements that it tested.
+        used: number of measurements that it let pass.
+        rejected: number of those that it did not.
+        reacquired: number of measurements that were used after too many rejections in a row.
+        degrees: sum of the degrees of freedom of admitted measurements.
+        nis_sum: sum of their normalised innovations squared (NIS).
+        newest_nis: NIS of the newest measurement.
+        recent_nis: mean NIS per degree of freedom of the newest hundred or so.
+        stamp: stamp of the newest measurement [ns], or NEVER.
+        verdict: verdict on it.
+        z: its innovation (n,); the rest is unused.
+        S: its innovation covariance (n, n) in rows; the rest is unused.
+    """
+
+    rejected_in_a_row: int = 0
+    judged: int = 0
+    used: int = 0
+    rejected: int = 0
+    reacquired: int = 0
+    degrees: int = 0
+    nis_sum: float = 0.0
+    newest_nis: float = 0.0
+    recent_nis: float = 0.0
+    stamp: int = NEVER
+    verdict: int = ADMITTED
+    z: list[float] = msgspec.field(default_factory=lambda: [0.0] * MOST)
+    S: list[float] = msgspec.field(default_factory=lambda: [0.0] * MOST**2)
+
+
+def count_verdict(counts: GateRecord, verdict: int, nis: float, degrees: int) -> None:
+    """Count a verdict; plain Python, for numba too.
+
+    Args:
+        counts: counts of the gate, changed in place.
+        verdict: the verdict.
+        nis: normalised innovation squared.
+        degrees: its degrees of freedom.
+    """
+    counts.judged += 1
+    counts.newest_nis = nis
+    counts.recent_nis += (nis / degrees - counts.recent_nis) / min(counts.judged, RECENT)
+    if verdict == REJECTED:
+        counts.rejected_in_a_row += 1
+        counts.rejected += 1
+        return
+    counts.rejected_in_a_row = 0
+    counts.used += 1
+    if verdict == ADMITTED:
+        counts.nis_sum += nis
+        counts.degrees += degrees
+    else:
+        counts.reacquired += 1
+
+
 class Gate:
     """Gate of one sensor.
 
     Args:
         degrees: number of components of the innovation.
         settings: settings of all gates.
+        counts: its counts; None to begin anew.
 
     Attributes:
         threshold: threshold of the normalised innovation squared.
         patience: rejections in a row after which the next measurement is re-acquired.
-        rejected_in_a_row: rejections since the gate last let a measurement pass.
+        counts: its counts.
     """
 
-    def __init__(self, degrees: int, settings: GateSettings) -> None:
-        self.threshold = CHI_SQUARE_1E4[degrees]
+    def __init__(
+        self, degrees: int, settings: GateSettings, counts: GateRecord | None = None
+    ) -> None:
+        self._degrees, self.threshold = degrees, CHI_SQUARE_1E4[degrees]
         self.patience = settings.patience
-        self.rejected_in_a_row = 0
+        self.counts = GateRecord() if counts is None else counts
 
     def judge(self, nis: float) -> int:
         """Return the verdict on a normalised innovation squared, and count it."""
-        return self.count(verdict(nis, self.threshold, self.rejected_in_a_row, self.patience))
+        counts = self.counts
+        found = verdict(nis, self.threshold, counts.rejected_in_a_row, self.patience)
+        count_verdict(counts, found, nis, self._degrees)
+        return found
 
-    def count(self, verdict: int) -> int:
-        """Count a verdict, and return it."""
-        self.rejected_in_a_row = self.rejected_in_a_row + 1 if verdict == REJECTED else 0
-        return verdict
+    def keep(self, stamp: int, verdict: int, z: Floats, S: Floats) -> None:
+        """Keep the newest innovation z (n,), and its covariance S (n, n)."""
+        counts, n = self.counts, self._degrees
+        counts.stamp, counts.verdict = stamp, verdict
+        counts.z[:n], counts.S[: n * n] = z.tolist(), S.ravel().tolist()
+
+    @property
+    def newest(self) -> Judged | None:
+        """Newest innovation; None before the first."""
+        counts, n = self.counts, self._degrees
+        if counts.stamp == NEVER:
+            return None
+        S = counts.S[: n * n]
+        rows = tuple(tuple(S[k : k + n]) for k in range(0, n * n, n))
+        return counts.stamp, counts.verdict, tuple(counts.z[:n]), rows
+
+    def health(self) -> SensorHealth:
+        """Counts for people."""
+        counts = self.counts
+        return SensorHealth(
+            counts.used,
+            {"gate": counts.rejected} if counts.rejected else {},
+            counts.nis_sum,
+            counts.degrees,
+            0,
+            counts.judged,
+            counts.newest_nis,
+            counts.recent_nis,
+            self.newest,
+            counts.reacquired,
+        )
+
+    def restore(self, health: SensorHealth, rejected_in_a_row: int) -> None:
+        """Restore the counts of a checkpoint."""
+        counts = GateRecord(
+            rejected_in_a_row,
+            health.judged_count,
+            health.used,
+            health.rejected.get("gate", 0),
+            health.reacquired,
+            health.degrees,
+            health.nis_sum,
+            health.newest_nis or 0.0,
+            health.recent_nis or 0.0,
+        )
+        assign(self.counts, counts)
+        if health.newest_judged is not None:
+            stamp, verdict, z, S = health.newest_judged
+            self.keep(stamp, verdict, np.array(z), np.array(S))

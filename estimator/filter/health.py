@@ -6,17 +6,16 @@ import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from icreckon.estimator.filter.gate import ADMITTED, REACQUIRED, REJECTED, VERDICTS
-
+# Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
+# was inflated.
+ADMITTED, REJECTED, REACQUIRED = range(3)
+VERDICTS = ("admitted", "rejected", "reacquired")
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
 # hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
 # Reasons to reject a late measurement.
 TOO_OLD, HISTORY_FULL = "older than Settings.history", "history is full"
-# Number of gated measurements that are recent.
-RECENT = 100
-# Stamp [ns], verdict (see `estimator.filter.gate`), innovation and its covariance, see
-# `JudgedInnovation`; a plain tuple, because each step makes one.
+# Stamp [ns], verdict, innovation and its covariance, see `JudgedInnovation`.
 Judged = tuple[int, int, tuple[float, ...], tuple[tuple[float, ...], ...]]
 
 
@@ -90,37 +89,6 @@ class SensorHealth:
     def reject(self, reason: str) -> None:
         """Count one that did not update the filter."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
-
-    def judged(
-        self,
-        verdict: int,
-        nis: float,
-        degrees: int = 1,
-        judged: Judged | None = None,
-    ) -> bool:
-        """Count a verdict of the gate; return True if the measurement is used.
-
-        Args:
-            verdict: see `estimator.filter.gate`.
-            nis: normalised innovation squared.
-            degrees: its degrees of freedom.
-            judged: the innovation.
-        """
-        self.newest_judged = judged
-        self.judged_count += 1
-        self.newest_nis = nis
-        before = self.recent_nis or 0.0
-        self.recent_nis = before + (nis / degrees - before) / min(self.judged_count, RECENT)
-        if verdict == REJECTED:
-            self.reject("gate")
-            return False
-        if verdict == ADMITTED:
-            self.nis_sum += nis
-            self.degrees += degrees
-        elif verdict == REACQUIRED:
-            self.reacquired += 1
-        self.used += 1
-        return True
 
     def copy(self) -> SensorHealth:
         """Copy the counts."""

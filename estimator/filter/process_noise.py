@@ -16,7 +16,7 @@ from icreckon.estimator.filter.ekf import ProcessNoise
 from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.robot.robot_file import Robot, Slip
 from icreckon.estimator.robot.slip import slip_components
-from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Yaw rate of a robot that is pushed with its tracks at rest [rad/s].
@@ -60,7 +60,7 @@ class Disturbances:
         """(SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s."""
         return self._parameter_walk
 
-    def slip_sigma(self, tracks: HeldTrackSpeeds, eta: float, *, pushed: bool) -> Vector3:
+    def slip_sigma(self, tracks: TrackRecord, eta: float, *, pushed: bool) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
 
         It depends on smoothed speeds, as the random walk of the parameters does. If it followed the noise
@@ -71,8 +71,7 @@ class Disturbances:
             eta: typical steering efficiency index [-].
             pushed: the robot may be turning with its tracks at rest.
         """
-        left, right = tracks.smooth
-        return self.slip_of(left, right, eta, pushed=pushed)
+        return self.slip_of(tracks.smooth_left, tracks.smooth_right, eta, pushed=pushed)
 
     def slip_of(self, left: float, right: float, eta: float, *, pushed: bool = False) -> Vector3:
         """Standard deviation of the slip at given track speeds [m/s]."""
@@ -103,13 +102,15 @@ class Disturbances:
         )
         return np.array(density)
 
-    def of_step(self, tracks: HeldTrackSpeeds, sigma: Vector3) -> ProcessNoise:
+    def of_step(self, tracks: TrackRecord, sigma: Vector3) -> ProcessNoise:
         """Process noise of a step at a `slip_sigma`.
 
         The random walk of the parameters has its full rate in turns, where they are observable, and none
         when driving straight or standing.
         """
-        walk = self._bias_walk + self._parameter_walk * share_of_walk(*tracks.smooth)
+        walk = self._bias_walk + self._parameter_walk * share_of_walk(
+            tracks.smooth_left, tracks.smooth_right
+        )
         return ProcessNoise(np.array(sigma), self._slip.time_constant, walk)
 
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.gate import REACQUIRED, REJECTED, Gate, inflation
-from icreckon.estimator.filter.health import Health
+from icreckon.estimator.filter.gate import Gate, inflation
+from icreckon.estimator.filter.health import REACQUIRED, REJECTED
 from icreckon.estimator.sensors.measurement_models import Linearised, MeasurementModel
 from icreckon.estimator.sensors.sensor_models import shift
 
@@ -25,7 +25,6 @@ def update(
     gate: Gate,
     linearised: Linearised,
     stamp: int,
-    health: Health,
     *,
     recover: Callable[[], bool] | None = None,
 ) -> bool:
@@ -37,7 +36,6 @@ def update(
         gate: gate of the sensor.
         linearised: the measurement at the present state.
         stamp: stamp of the measurement [ns].
-        health: counts of the filter.
         recover: called in place of inflation and update when re-acquiring; False if it did nothing.
 
     Returns:
@@ -52,8 +50,8 @@ def update(
         R = _inflated(ekf, model, linearised, S)
     if verdict != REJECTED and not recovered:
         correct(ekf, z, H, R, fixed=model.fixed, correlated=model.correlated)
-    innovation = stamp, verdict, tuple(z.tolist()), tuple(map(tuple, S.tolist()))
-    return health.sensor(model.name).judged(verdict, nis, len(z), innovation)
+    gate.keep(stamp, verdict, z, S)
+    return verdict != REJECTED
 
 
 def normalised_square(z: Floats, S: Floats) -> float:

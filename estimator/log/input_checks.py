@@ -287,7 +287,8 @@ class Admission:
             now: stamp of the estimate [ns], or None before the first.
         """
         if now is None or stamp - now <= self._longest_gap:
-            self.witnesses.pop(stream, None)
+            if self.witnesses:
+                self.witnesses.pop(stream, None)
             return None
         count, before = self.witnesses.get(stream, (0, stamp))
         count = count + 1 if abs(stamp - before) <= self._longest_gap else 1
@@ -299,7 +300,7 @@ def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str
     """Reason to reject values that are not finite, or larger than `most`: `absurd`."""
     for value in values:
         # True for a value that is not a number, too.
-        if not abs(value) <= most:
+        if not -most <= value <= most:
             return absurd if all(map(math.isfinite, values)) else NOT_FINITE
     return None
 

@@ -57,30 +57,31 @@ class TrackRecord(msgspec.Struct):
     repeating_left: Repeating = msgspec.field(default_factory=Repeating)
     repeating_right: Repeating = msgspec.field(default_factory=Repeating)
 
-    def copied(self) -> TrackRecord:
-        """Copy for a checkpoint."""
-        return TrackRecord(
-            self.stamp,
-            self.left,
-            self.right,
-            self.interval,
-            self.acceleration_left,
-            self.acceleration_right,
-            self.smooth_left,
-            self.smooth_right,
-            copy_of_repeating(self.repeating_left),
-            copy_of_repeating(self.repeating_right),
-        )
-
     def shifted(self, by: int) -> TrackRecord:
         """Copy for a clock that is ahead by so much [ns]."""
-        twin = self.copied()
+        twin = copy_of_tracks(self)
         if twin.stamp != NEVER:
             twin.stamp += by
             for track in (twin.repeating_left, twin.repeating_right):
                 track.since += by
                 track.newest += by
         return twin
+
+
+def copy_of_tracks(held: TrackRecord) -> TrackRecord:
+    """Copy of a record, for a checkpoint."""
+    return TrackRecord(
+        held.stamp,
+        held.left,
+        held.right,
+        held.interval,
+        held.acceleration_left,
+        held.acceleration_right,
+        held.smooth_left,
+        held.smooth_right,
+        copy_of_repeating(held.repeating_left),
+        copy_of_repeating(held.repeating_right),
+    )
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
@@ -212,46 +213,3 @@ def unknown_density(since: int, start: int, end: int, settings: InputSettings) -
         return 0.0
     from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
     return walked_density(dt, from_age, to_age, settings.gap_acceleration, settings.fastest)
-
-
-class HeldTrackSpeeds(TrackRecord, kw_only=True):
-    """Record of the track speeds of one streaming filter, with its settings.
-
-    Attributes:
-        settings: settings of the filter.
-    """
-
-    settings: InputSettings
-
-    def memory(self) -> TrackRecord:
-        """Checkpoint of the present state."""
-        return self.copied()
-
-    def recall(self, memory: TrackRecord) -> None:
-        """Restore a checkpoint."""
-        twin = memory.copied()
-        for name in TrackRecord.__struct_fields__:
-            setattr(self, name, getattr(twin, name))
-
-    def take(self, stamp: int, left: float, right: float) -> int:
-        """Add a later sample; return the number of tracks newly found stuck."""
-        return take_tracks(self, stamp, left, right, self.settings)
-
-    @property
-    def smooth(self) -> tuple[float, float]:
-        """Smoothed speeds of the left and the right track [m/s]."""
-        return self.smooth_left, self.smooth_right
-
-    def speeds_at(self, now: int | None) -> tuple[float, float]:
-        """Speeds of the left and the right track at a stamp [ns]; stale ones decay [m/s]."""
-        if now is None:
-            return self.left, self.right
-        return speeds_at(self, now, self.settings.hold_ns)
-
-    def mean_speeds(self, start: int, end: int) -> tuple[float, float]:
-        """Mean speeds of the left and the right track between two stamps [ns] [m/s]."""
-        return mean_speeds(self, start, end, self.settings.hold_ns)
-
-    def is_hole(self, stamp: int) -> bool:
-        """Return True if a sample at a stamp [ns] follows a gap longer than `hold`."""
-        return is_hole(self, stamp, self.settings.hold)

@@ -42,9 +42,12 @@ class ClockRecord(msgspec.Struct):
 
 
 def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:
-    """Add a sample at a stamp [ns]; an interval longer than `hold` [s] does not count."""
+    """Add a sample at a stamp [ns]; an interval longer than `hold` [s] does not count.
+
+    The same sample once more changes nothing.
+    """
     interval = (stamp - clock.stamp) * NANOSECOND
-    if interval <= hold:
+    if 0.0 < interval <= hold:
         clock.interval = interval
     clock.stamp = stamp
 
@@ -69,36 +72,3 @@ def is_due_after(clock: Clocked, stamp: int) -> bool:
 def interval_start(clock: Clocked, stamp: int) -> int:
     """Stamp [ns] at which the interval of a sample at a stamp [ns] begins."""
     return stamp - int(clock.interval / NANOSECOND)
-
-
-class ImuClock(ClockRecord, kw_only=True):
-    """Clock of the IMU samples of one streaming filter.
-
-    Attributes:
-        hold: an IMU without samples for longer has stopped [s].
-    """
-
-    hold: float
-
-    def memory(self) -> ClockRecord:
-        """Checkpoint of the present state."""
-        return ClockRecord(self.stamp, self.interval)
-
-    def recall(self, memory: ClockRecord) -> None:
-        """Restore a checkpoint."""
-        self.stamp, self.interval = memory.stamp, memory.interval
-
-    def tick(self, stamp: int, *, used: bool) -> None:
-        """Add a sample at a stamp [ns]; its interval counts if it is used."""
-        if used:
-            take_stamp(self, stamp, self.hold)
-        else:
-            self.stamp = stamp
-
-    def is_alive(self, stamp: int) -> bool:
-        """Return True if a sample is expected that covers the motion up to a stamp [ns]."""
-        return is_alive(self, stamp, self.hold)
-
-    def is_due_after(self, stamp: int) -> bool:
-        """Return True if a stamp [ns] lies in a step that the next sample will end soon."""
-        return is_due_after(self, stamp)

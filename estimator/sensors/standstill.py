@@ -7,10 +7,11 @@ lie in a buffer beside the record, for their number is known only when a log is.
 from __future__ import annotations
 
 import math
-from collections.abc import MutableSequence
 
 import msgspec
+import numpy as np
 
+from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.sensors.input_settings import InputSettings
@@ -34,7 +35,7 @@ class StandstillRecord(msgspec.Struct):
 
 
 class StandstillMemory(msgspec.Struct, frozen=True):
-    """Checkpoint of a `StandstillDetector`.
+    """Checkpoint of a standstill.
 
     Attributes:
         stopped_since: stamp of the first track speeds that were slow enough [ns], or NEVER.
@@ -78,8 +79,8 @@ def stopped_after(
 
 def quiet_mean(
     still: StandstillRecord,
-    stamps: MutableSequence[int],
-    rates: MutableSequence[float],
+    stamps: Stamps,
+    rates: Floats,
     stamp: int,
     rate: float,
     settings: InputSettings,
@@ -142,45 +143,47 @@ def stands(mean: float, bias: float, bias_sigma: float, margin: float) -> bool:
     return abs(mean - bias) <= max(margin, 4.0 * bias_sigma)
 
 
-class StandstillDetector:
-    """Detector of standstill of one streaming filter.
+def is_full(still: StandstillRecord, stamps: Stamps) -> bool:
+    """Return True if a buffer needs more room for a reading."""
+    return still.end >= len(stamps) > 2 * still.first
 
-    Args:
-        settings: settings of the filter.
+
+class QuietReadings:
+    """Buffers for the yaw-rate readings of one streaming filter.
+
+    Attributes:
+        stamps: stamps of the readings [ns].
+        rates: the readings [rad/s].
     """
 
-    def __init__(self, settings: InputSettings) -> None:
-        self._settings = settings
-        self._record = StandstillRecord()
-        self._stamps, self._rates = [0] * ROOM, [0.0] * ROOM
+    def __init__(self) -> None:
+        self.stamps: Stamps = np.zeros(ROOM, np.int64)
+        self.rates: Floats = np.zeros(ROOM)
 
-    def memory(self) -> StandstillMemory:
-        """Checkpoint of the present state."""
-        record = self._record
-        if record.end == 0:
-            return StandstillMemory(record.stopped_since)
-        kept = slice(record.first, record.end)
-        return StandstillMemory(
-            record.stopped_since, tuple(self._stamps[kept]), tuple(self._rates[kept])
-        )
+    def make_room(self) -> None:
+        """Double the buffers."""
+        self.stamps = np.concatenate([self.stamps, np.zeros_like(self.stamps)])
+        self.rates = np.concatenate([self.rates, np.zeros_like(self.rates)])
 
-    def recall(self, memory: StandstillMemory) -> None:
+    def mean(
+        self, still: StandstillRecord, stamp: int, rate: float, settings: InputSettings
+    ) -> float:
+        """Add a reading, see `quiet_mean`."""
+        if is_full(still, self.stamps):
+            self.make_room()
+        return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, settings))
+
+    def memory(self, still: StandstillRecord) -> StandstillMemory:
+        """Checkpoint of the readings that count."""
+        if still.end == 0:
+            return StandstillMemory(still.stopped_since)
+        kept = slice(still.first, still.end)
+        stamps, rates = self.stamps[kept].tolist(), self.rates[kept].tolist()
+        return StandstillMemory(still.stopped_since, tuple(stamps), tuple(rates))
+
+    def recall(self, still: StandstillRecord, memory: StandstillMemory) -> None:
         """Restore a checkpoint."""
         count = len(memory.stamps)
-        self._record = StandstillRecord(memory.stopped_since, 0, count)
-        self._stamps = [*memory.stamps, *[0] * ROOM]
-        self._rates = [*memory.rates, *[0.0] * ROOM]
-
-    def track_speeds(self, stamp: int, left: float, right: float) -> None:
-        """Add track speeds [m/s] at a stamp [ns]."""
-        stopped_after(self._record, stamp, left, right, self._settings.track_speed)
-
-    def yaw_rate(self, stamp: int, reading: float) -> float:
-        """Add a yaw-rate reading [rad/s] at a stamp [ns]; return the `quiet_mean`."""
-        record, stamps, rates = self._record, self._stamps, self._rates
-        if record.stopped_since == NEVER:
-            return math.nan
-        if record.end == len(stamps) and record.first < len(stamps) // 2:
-            stamps += [0] * len(stamps)
-            rates += [0.0] * len(rates)
-        return quiet_mean(record, stamps, rates, stamp, reading, self._settings)
+        still.stopped_since, still.first, still.end = memory.stopped_since, 0, count
+        self.stamps, self.rates = np.zeros(count + ROOM, np.int64), np.zeros(count + ROOM)
+        self.stamps[:count], self.rates[:count] = memory.stamps, memory.rates

@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import Annotated
 
 import msgspec
-from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER
@@ -49,7 +48,15 @@ class Repeating(msgspec.Struct):
 
 def copy_of_repeating(track: Repeating) -> Repeating:
     """Copy of a record, for a checkpoint."""
-    return replace(track, others=track.others.copy())
+    return Repeating(
+        track.reading,
+        track.since,
+        track.newest,
+        track.changes,
+        track.longest,
+        track.other_count,
+        list(track.others),
+    )
 
 
 def repeating_after(

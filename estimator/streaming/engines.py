@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from icreckon.estimator.base.records import Record, shared_record
 from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.gate import Gate
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.filter.step_engine import StepEngine, WholeStep
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Engine, Settings
+from icreckon.estimator.sensors.standstill import QuietReadings
 
 
 class PlainEngine:
@@ -18,14 +20,18 @@ class PlainEngine:
         """Make the filter of a motion model, see `StepEngine`."""
         return IcrEkf(model)
 
+    def make_record(self, record: Record) -> Record:
+        """Make a record of a filter, see `StepEngine`."""
+        return record
+
     def make_step(
         self,
         ekf: IcrEkf,  # noqa: ARG002
         disturbances: Disturbances,  # noqa: ARG002
         robot: Robot,  # noqa: ARG002
         settings: Settings,  # noqa: ARG002
-        gyro: Gate,  # noqa: ARG002
-        accelerometer: Gate,  # noqa: ARG002
+        record: FilterRecord,  # noqa: ARG002
+        readings: QuietReadings,  # noqa: ARG002
     ) -> None:
         """Make no whole step: its parts are made one at a time."""
         return
@@ -40,21 +46,25 @@ class CompiledEngine:
 
         return LaneEkf(model)
 
+    def make_record(self, record: Record) -> Record:
+        """Make a record of a filter, see `StepEngine`."""
+        return shared_record(record)
+
     def make_step(
         self,
         ekf: IcrEkf,
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
-        gyro: Gate,
-        accelerometer: Gate,
+        record: FilterRecord,
+        readings: QuietReadings,
     ) -> WholeStep | None:
         """Make the whole step of a filter, see `StepEngine`."""
         from icreckon.estimator.engine.lane_filter import LaneEkf, LaneStep
 
-        if not isinstance(ekf, LaneEkf):
+        if not isinstance(ekf, LaneEkf) or ekf.compiled is None:
             return None
-        return LaneStep(ekf, disturbances, robot, settings, gyro, accelerometer)
+        return LaneStep(ekf, disturbances, robot, settings, record, readings)
 
 
 def engine_of(name: Engine) -> StepEngine:

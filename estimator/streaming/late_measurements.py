@@ -10,7 +10,7 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import HISTORY_FULL, TOO_OLD
 from icreckon.estimator.log.input_checks import Event, Key, event_of, event_row, key_of
@@ -38,11 +38,11 @@ class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memo
     measurements: tuple[tuple[Any, ...], ...]
 
 
-class KeyedCheckpoint(NamedTuple):
-    """Checkpoint of the filter after the measurement of a key, before the next."""
+class KeyedMemory(NamedTuple):
+    """Copy of the filter after the measurement of a key, before the next."""
 
     after: Key
-    checkpoint: FilterCheckpoint
+    memory: FilterMemory
 
 
 class History:
@@ -62,13 +62,17 @@ class History:
         self._span = round(span / NANOSECOND)
         self._keys: list[Key] = []
         self._events: list[Event] = []
-        self._checkpoints = [KeyedCheckpoint(BEFORE_ALL, reckoning.checkpoint())]
+        self._checkpoints = [KeyedMemory(BEFORE_ALL, reckoning.memory())]
         self._since_checkpoint = 0
 
     def checkpoint(self) -> HistoryCheckpoint:
         """Checkpoint of the present state."""
         after, oldest = self._checkpoints[0]
-        return HistoryCheckpoint(after, oldest, tuple(map(event_row, self._events)))
+        now = self._reckoning.memory()
+        self._reckoning.recall(oldest)
+        checkpoint = self._reckoning.checkpoint()
+        self._reckoning.recall(now)
+        return HistoryCheckpoint(after, checkpoint, tuple(map(event_row, self._events)))
 
     def restore(self, checkpoint: HistoryCheckpoint) -> None:
         """Restore a checkpoint; the filter's own of the same time must be restored before.
@@ -80,19 +84,20 @@ class History:
         keys = [key_of(event) for event in events]
         if any(one >= other for one, other in pairwise([checkpoint.after, *keys])):
             raise EstimatorError("the measurements of the history are not in order")
+        now = self._reckoning.memory()
+        self.begin_anew(checkpoint.after, checkpoint.checkpoint)
         self._keys, self._events = keys, events
-        self._checkpoints = [KeyedCheckpoint(checkpoint.after, checkpoint.checkpoint)]
         if keys:
-            self._checkpoints.append(KeyedCheckpoint(keys[-1], self._reckoning.checkpoint()))
-        self._since_checkpoint = 0
+            self._checkpoints.append(KeyedMemory(keys[-1], now))
+        self._reckoning.recall(now)
 
     def objection(self, key: Key) -> str | None:
         """Reason to reject a measurement of this key; None if it can be inserted."""
+        if self.is_newest(key):
+            return None
         keys = self._keys
         if not keys:
-            return None if key > self._checkpoints[0].after else TOO_OLD
-        if key > keys[-1]:
-            return None
+            return TOO_OLD
         if key[0] < keys[-1][0] - self._span:
             return TOO_OLD
         if keys[bisect_left(keys, key)] == key:
@@ -105,18 +110,22 @@ class History:
         """Return True if this key is before the first measurement of all."""
         return self._checkpoints[0].after == BEFORE_ALL and key < self._keys[0]
 
-    def is_late(self, key: Key) -> bool:
-        """Return True if this key is before the newest measurement."""
-        return bool(self._keys) and key < self._keys[-1]
+    def is_newest(self, key: Key) -> bool:
+        """Return True if this key is after all measurements so far."""
+        return key > (self._keys[-1] if self._keys else self._checkpoints[0].after)
 
     def take(self, key: Key, event: Event) -> bool:
         """Update the filter with a measurement or mark; return True if it was used."""
-        if self.is_late(key):
-            return self._insert(key, event)
+        return self.append(key, event) if self.is_newest(key) else self.insert(key, event)
+
+    def append(self, key: Key, event: Event) -> bool:
+        """Update the filter with the newest measurement; return True if it was used."""
         self._keys.append(key)
         self._events.append(event)
         used = self._reckoning.take(event)
-        if self._add_checkpoint(key):
+        self._since_checkpoint += 1
+        if self._since_checkpoint >= CHECKPOINT_EVERY:
+            self._add_checkpoint(key)
             self._drop_obsolete()
         return used
 
@@ -129,7 +138,7 @@ class History:
         """Restore a checkpoint after the measurement of a key, and clear the history."""
         self._reckoning.restore(checkpoint)
         self._keys, self._events = [], []
-        self._checkpoints = [KeyedCheckpoint(after, checkpoint)]
+        self._checkpoints = [KeyedMemory(after, self._reckoning.memory())]
         self._since_checkpoint = 0
 
     @property
@@ -144,37 +153,35 @@ class History:
         place = bisect_left(self._keys, key)
         if place < len(self._keys) and self._keys[place] == key:
             del self._keys[place], self._events[place]
-        for index, (after, checkpoint) in enumerate(self._checkpoints):
-            if checkpoint.clones is not None:
-                clones = checkpoint.clones.without(mark.stamp)
-                without = msgspec.structs.replace(checkpoint, clones=clones)
-                self._checkpoints[index] = KeyedCheckpoint(after, without)
+        for index, (after, memory) in enumerate(self._checkpoints):
+            if memory.clones is not None:
+                without = memory._replace(clones=memory.clones.without(mark.stamp))
+                self._checkpoints[index] = KeyedMemory(after, without)
 
-    def _insert(self, key: Key, event: Event) -> bool:
+    def insert(self, key: Key, event: Event) -> bool:
+        """Update the filter with a late measurement; return True if it was used."""
         place = bisect_left(self._keys, key)
         self._keys.insert(place, key)
         self._events.insert(place, event)
         while self._checkpoints[-1].after > key:
             self._checkpoints.pop()
-        after, checkpoint = self._checkpoints[-1]
-        self._reckoning.restore(checkpoint)
+        after, memory = self._checkpoints[-1]
+        self._reckoning.recall(memory)
         self._since_checkpoint = 0
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
             now_used = self._reckoning.take(self._events[index])
             if index == place:
                 used = now_used
-            self._add_checkpoint(self._keys[index])
+            self._since_checkpoint += 1
+            if self._since_checkpoint >= CHECKPOINT_EVERY:
+                self._add_checkpoint(self._keys[index])
         return used
 
-    def _add_checkpoint(self, key: Key) -> bool:
-        """Add a checkpoint if one is due; return True if it was added."""
-        self._since_checkpoint += 1
-        if self._since_checkpoint < CHECKPOINT_EVERY:
-            return False
+    def _add_checkpoint(self, key: Key) -> None:
+        """Add a checkpoint after the measurement of a key."""
         self._since_checkpoint = 0
-        self._checkpoints.append(KeyedCheckpoint(key, self._reckoning.checkpoint()))
-        return True
+        self._checkpoints.append(KeyedMemory(key, self._reckoning.memory()))
 
     def _drop_obsolete(self) -> None:
         """Drop measurements and checkpoints that are older than the history."""

@@ -188,14 +188,13 @@ class PoseEstimator:
     @property
     def health(self) -> Health:
         """Counts of the measurements so far: a copy, which later ones do not change."""
-        health = self._reckoning.health.copy()
+        health = self._reckoning.health
         health.add(self._arrivals)
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
         """Newest innovation of each sensor with a gate, without a copy of `health`."""
-        sensors = self._reckoning.health.sensors.items()
-        return [(name, one.newest_judged) for name, one in sensors if one.newest_judged is not None]
+        return self._reckoning.newest_judged()
 
     @property
     def parameter_health(self) -> dict[str, ParameterHealth]:
@@ -253,18 +252,20 @@ class PoseEstimator:
         measurement = as_plain(measurement)
         stream, key = STREAMS[type(measurement)], key_of(measurement)
         admission, history = self._admission, self._history
+        in_order = history.is_newest(key)
         reason = (
             admission.objection(measurement)
-            or history.objection(key)
-            or admission.objection_to_stamp(stream, measurement.stamp, self.stamp)
+            or (None if in_order else history.objection(key))
+            or admission.objection_to_stamp(stream, measurement.stamp, self._reckoning.stamp)
         )
         if reason is not None:
             self._arrivals.sensor(stream).reject(reason)
             return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
         admission.in_time()
-        if history.is_late(key):
-            self._arrivals.sensor(stream).late += 1
-        return history.take(key, measurement)
+        if in_order:
+            return history.append(key, measurement)
+        self._arrivals.sensor(stream).late += 1
+        return history.insert(key, measurement)
 
     def filter_checkpoint(self) -> FilterCheckpoint:
         """Copy the state of the filter and of its inputs."""

@@ -28,12 +28,15 @@ from icreckon.estimator.robot.variants import (
 )
 from icreckon.estimator.sensors.held_tracks import (
     ACCELERATION_AVERAGING,
-    HeldTrackSpeeds,
+    TrackRecord,
     age_at,
     gap_density,
+    mean_speeds,
+    speeds_at,
+    take_tracks,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
-from icreckon.estimator.sensors.standstill import StandstillDetector
+from icreckon.estimator.sensors.standstill import QuietReadings, StandstillRecord, stopped_after
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, sine_and_cosine
@@ -242,27 +245,27 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
     chosen = input_settings(ROBOT, Settings())
     steps, measured, inputs = all_inputs(tracks, present, gyro, track_rate, imu_rate, chosen)
 
-    held = HeldTrackSpeeds(settings=chosen)
+    held = TrackRecord()
     taken = 0
     for k, (start, end) in enumerate(zip(steps.starts.tolist(), steps.ends.tolist(), strict=True)):
         while taken < steps.tracks[k]:
             left, right = measured.tracks[0, taken].tolist()
             if not math.isnan(left):
-                held.take(int(measured.track_stamps[taken]), left, right)
+                take_tracks(held, int(measured.track_stamps[taken]), left, right, chosen)
             taken += 1
         plain = step_inputs(held, start, end, chosen)
         expected = {
-            "left": held.speeds_at(start)[0],
-            "right": held.speeds_at(start)[1],
-            "now_right": held.speeds_at(end)[1],
-            "smooth_left": held.smooth[0],
+            "left": speeds_at(held, start, chosen.hold_ns)[0],
+            "right": speeds_at(held, start, chosen.hold_ns)[1],
+            "now_right": speeds_at(held, end, chosen.hold_ns)[1],
+            "smooth_left": held.smooth_left,
             "acceleration_right": plain.acceleration_right,
             "window": max(ACCELERATION_AVERAGING, held.interval),
             "age": age_at(held, start, chosen.hold),
             "speed_variance": plain.speed_variance,
         }
         if end > start:
-            expected["mean_left"] = held.mean_speeds(start, end)[0]
+            expected["mean_left"] = mean_speeds(held, start, end, chosen.hold_ns)[0]
             expected["gap_density"] = gap_density(held, start, end, chosen)
             expected["left_density"] = plain.left_density
         for name, value in expected.items():
@@ -280,15 +283,14 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
     steps, measured, inputs = all_inputs(
         tracks, np.ones(count, dtype=bool), gyro, 50.0, 100.0, chosen
     )
-    detector = StandstillDetector(chosen)
+    still, readings = StandstillRecord(), QuietReadings()
     taken = 0
     for k, end in enumerate(steps.ends.tolist()):
         while taken < steps.tracks[k]:
-            detector.track_speeds(
-                int(measured.track_stamps[taken]), *measured.tracks[0, taken].tolist()
-            )
+            stamp, speeds = int(measured.track_stamps[taken]), measured.tracks[0, taken].tolist()
+            stopped_after(still, stamp, *speeds, chosen.track_speed)
             taken += 1
-        mean = detector.yaw_rate(end, float(gyro[k]))
+        mean = readings.mean(still, end, float(gyro[k]), chosen)
         assert inputs[k, INPUTS["quiet_mean"]] == pytest.approx(mean, rel=1e-12, nan_ok=True)
 
 

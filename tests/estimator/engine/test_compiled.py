@@ -263,8 +263,8 @@ def test_compiled_agrees_with_plain(variant, options):
 
 def test_everything_has_a_stuck_track():
     estimator, _ = fed("compiled", measurements=[m for m in EVERYTHING if m.stamp < STUCK])
-    tracks = estimator._reckoning._tracks
-    stuck = stuck_density(tracks.repeating_left, STUCK, STUCK + 1, tracks.settings)
+    record = estimator._reckoning._record
+    stuck = stuck_density(record.tracks.repeating_left, STUCK, STUCK + 1, record.settings)
     assert stuck > 0.0
 
 

@@ -4,19 +4,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from icreckon.estimator.filter.gate import (
-    ADMITTED,
-    CHI_SQUARE_1E4,
-    REACQUIRED,
-    REJECTED,
-    Gate,
-    inflation,
-)
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, Gate, inflation
+from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.standstill import StandstillDetector, stands
+from icreckon.estimator.sensors.standstill import (
+    QuietReadings,
+    StandstillRecord,
+    stands,
+    stopped_after,
+)
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 
@@ -56,10 +55,23 @@ def second(value):
     return round(value * 1e9)
 
 
+class Detector:
+    """Standstill of a filter in Python."""
+
+    def __init__(self, settings):
+        self.settings, self.still, self.readings = settings, StandstillRecord(), QuietReadings()
+
+    def track_speeds(self, stamp, left, right):
+        stopped_after(self.still, stamp, left, right, self.settings.track_speed)
+
+    def yaw_rate(self, stamp, rate):
+        return self.readings.mean(self.still, stamp, rate, self.settings)
+
+
 def detector_of(gyro_noise_density):
     settings = input_settings(load_robot("auriga-alpha"), Settings())
     settings = settings._replace(gyro_noise_density=gyro_noise_density)
-    return StandstillDetector(settings)
+    return Detector(settings)
 
 
 def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0)):

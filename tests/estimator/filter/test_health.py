@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.filter.gate import ADMITTED, REJECTED
+from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.health import (
     EXCITED,
     Health,
@@ -121,13 +121,14 @@ def test_counts_add_up():
 
 
 def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
-    health = SensorHealth()
+    gate = Gate(2, GateSettings(patience=1000))
     for _ in range(5000):
-        health.judged(ADMITTED, 2.0, degrees=2)
-    assert health.recent_nis == pytest.approx(1.0)
-    for _ in range(300):
-        health.judged(REJECTED, 60.0, 2, (7, REJECTED, (3.0, 4.0), ((1.0, 0.5), (0.5, 2.0))))
+        gate.judge(2.0)
+    assert gate.health().recent_nis == pytest.approx(1.0)
     residual, covariance = (3.0, 4.0), ((1.0, 0.5), (0.5, 2.0))
+    for _ in range(300):
+        gate.keep(7, gate.judge(60.0), np.array(residual), np.array(covariance))
+    health = gate.health()
     assert health.newest == JudgedInnovation(7, "rejected", residual, covariance)
     assert health.newest_nis == 60.0
     assert health.nis_per_degree == pytest.approx(1.0)
@@ -136,6 +137,10 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
     both = SensorHealth()
     both.add(health)
     assert both == health
+    other = Gate(2, GateSettings())
+    other.restore(health, 3)
+    assert other.health() == health
+    assert other.counts.rejected_in_a_row == 3
 
 
 # --- innovations ------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.records import assign
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING, IcrEkf
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
@@ -12,7 +13,13 @@ from icreckon.estimator.motion.index_model import InertiaMotion
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, slip_of
-from icreckon.estimator.sensors.held_tracks import SMOOTHING, HeldTrackSpeeds, smoothing_share
+from icreckon.estimator.sensors.held_tracks import (
+    SMOOTHING,
+    TrackRecord,
+    copy_of_tracks,
+    smoothing_share,
+    take_tracks,
+)
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
@@ -22,35 +29,39 @@ SETTINGS = input_settings(ALPHA, Settings())
 
 
 def held(speeds, rate, tracks=None, start=0):
-    tracks = tracks or HeldTrackSpeeds(settings=SETTINGS)
+    tracks = tracks or TrackRecord()
     for k, (left, right) in enumerate(speeds):
-        tracks.take(start + k * SECOND // rate, left, right)
+        take_tracks(tracks, start + k * SECOND // rate, left, right, SETTINGS)
     return tracks
+
+
+def smooth(tracks):
+    return tracks.smooth_left, tracks.smooth_right
 
 
 @pytest.mark.parametrize("rate", [50, 400])
 def test_smoothed_speeds_follow_a_step_in_their_time_whatever_the_rate(rate):
     count = round(SMOOTHING * rate)
     tracks = held([(0.0, 1.0)] + [(1.0, 0.0)] * count, rate)
-    assert tracks.smooth == pytest.approx((1.0 - np.exp(-1.0), np.exp(-1.0)), abs=1e-6)
+    assert smooth(tracks) == pytest.approx((1.0 - np.exp(-1.0), np.exp(-1.0)), abs=1e-6)
 
 
 def test_smoothed_speeds_begin_anew_after_a_hole():
     tracks = held([(0.2, 0.3)] * 5, 50)
-    assert tracks.smooth == pytest.approx((0.2, 0.3))
-    assert held([(0.7, -0.1)], 50, tracks, start=SECOND).smooth == pytest.approx((0.7, -0.1))
+    assert smooth(tracks) == pytest.approx((0.2, 0.3))
+    assert smooth(held([(0.7, -0.1)], 50, tracks, start=SECOND)) == pytest.approx((0.7, -0.1))
 
 
 def test_smoothed_speeds_are_remembered():
-    tracks, other = held([(0.2, 0.3), (0.5, 0.1)], 50), HeldTrackSpeeds(settings=SETTINGS)
-    other.recall(tracks.memory())
-    assert other.smooth == tracks.smooth
+    tracks, other = held([(0.2, 0.3), (0.5, 0.1)], 50), TrackRecord()
+    assign(other, copy_of_tracks(tracks))
+    assert smooth(other) == smooth(tracks)
 
 
 def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
     disturbances = Disturbances(ALPHA, slip_of(ALPHA, find_variant("inertia-online")), np.zeros(8))
     noisy = held([(0.2, 0.6)] * 50 + [(0.1, 0.8)], 400)
-    steady = held([noisy.smooth], 400)
+    steady = held([smooth(noisy)], 400)
     sizes = [disturbances.slip_sigma(one, 1.5, pushed=False) for one in (noisy, steady)]
     assert sizes[0] == sizes[1]
 

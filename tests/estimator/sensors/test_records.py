@@ -2,6 +2,7 @@
 
 import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -9,14 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from icreckon.estimator.base.records import NEVER, record_array
+from icreckon.estimator.base.records import (
+    NEVER,
+    array_on,
+    assign,
+    record_array,
+    record_of,
+    shared_record,
+)
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
+from icreckon.estimator.sensors.held_tracks import TrackRecord, copy_of_tracks, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import (
-    StandstillDetector,
+    QuietReadings,
     StandstillRecord,
     quiet_mean,
     stopped_after,
@@ -108,7 +117,7 @@ def test_a_checkpoint_is_a_copy():
     for stamp, (left, right) in zip(stamps[:230], speeds[:230], strict=True):
         take_tracks(plain, stamp, left, right, SETTINGS)
         take_in_lane(array, 0, stamp, left, right, SETTINGS)
-    checkpoint, of_array = plain.copied(), array.copy()
+    checkpoint, of_array = copy_of_tracks(plain), array.copy()
     before = values(plain)
     for stamp, (left, right) in zip(stamps[230:], speeds[230:], strict=True):
         take_tracks(plain, stamp, left, right, SETTINGS)
@@ -193,17 +202,17 @@ def test_a_buffer_that_is_too_short_is_refused():
         quiet_mean(still, *buffers, 40 * 10**7, 0.0, SETTINGS)
 
 
-def test_a_detector_makes_room_for_any_number_of_readings():
-    detector = StandstillDetector(SETTINGS)
-    detector.track_speeds(0, 0.0, 0.0)
-    means = [detector.yaw_rate(k * 10**6, 0.01) for k in range(2000)]
+def test_the_readings_make_room_for_any_number_of_readings():
+    still, readings = StandstillRecord(), QuietReadings()
+    stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
+    means = [readings.mean(still, k * 10**6, 0.01, SETTINGS) for k in range(2000)]
     assert np.isnan(means[:500]).all()
     assert means[500:] == pytest.approx([0.01] * 1500)
-    other = StandstillDetector(SETTINGS)
-    other.recall(detector.memory())
-    assert other.memory() == detector.memory()
-    assert len(other.memory().stamps) == 501
-    assert other.yaw_rate(2000 * 10**6, 0.01) == pytest.approx(0.01)
+    other, others = StandstillRecord(), QuietReadings()
+    others.recall(other, readings.memory(still))
+    assert others.memory(other) == readings.memory(still)
+    assert len(others.memory(other).stamps) == 501
+    assert others.mean(other, 2000 * 10**6, 0.01, SETTINGS) == pytest.approx(0.01)
 
 
 def test_clocks_are_the_same_in_python_and_compiled():
@@ -214,3 +223,26 @@ def test_clocks_are_the_same_in_python_and_compiled():
         assert values(plain) == values(array[1])
     assert copy.copy(plain).shifted(5).stamp == plain.stamp + 5
     assert values(array[0]) == values(ClockRecord().shifted(5)) == [NEVER, 0.01]
+
+
+def test_a_shared_record_is_one_for_python_and_compiled_code():
+    shared, plain = shared_record(TrackRecord()), TrackRecord()
+    array = array_on(shared)
+    stamps, speeds = drive(0)
+    for number, (stamp, (left, right)) in enumerate(zip(stamps, speeds, strict=True)):
+        take_tracks(plain, stamp, left, right, SETTINGS)
+        if number % 2:
+            take_tracks(shared, stamp, left, right, SETTINGS)
+        else:
+            take_in_lane(array, 0, stamp, left, right, SETTINGS)
+    assert copy_of_tracks(shared) == plain == record_of(TrackRecord, array[0])
+
+
+def test_copies_of_a_shared_record_have_their_own_memory():
+    shared = shared_record(FilterRecord(SETTINGS))
+    shared.tracks.left, shared.tracks.repeating_right.others[3] = 0.25, 0.5
+    for other in (copy.deepcopy(shared), pickle.loads(pickle.dumps(shared))):  # noqa: S301 - our own
+        assert values(array_on(other)[0]) == values(array_on(shared)[0])
+        assert record_of(FilterRecord, array_on(other)[0]).settings == SETTINGS
+        assign(other.tracks, TrackRecord())
+        assert (shared.tracks.left, shared.tracks.repeating_right.others[3]) == (0.25, 0.5)

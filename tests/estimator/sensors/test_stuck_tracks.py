@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from icreckon.estimator.base.records import assign
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.held_tracks import HeldTrackSpeeds
+from icreckon.estimator.sensors.held_tracks import TrackRecord, copy_of_tracks, take_tracks
 from icreckon.estimator.sensors.held_tracks import stuck_density as stuck_density_of
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -18,9 +19,9 @@ SETTINGS = input_settings(ALPHA, Settings())
 
 
 def held(left, right):
-    tracks = HeldTrackSpeeds(settings=SETTINGS)
+    tracks = TrackRecord()
     for k, speeds in enumerate(zip(left, right, strict=True)):
-        tracks.take(k * SECOND // RATE, *map(float, speeds))
+        take_tracks(tracks, k * SECOND // RATE, *map(float, speeds), SETTINGS)
     return tracks
 
 
@@ -29,9 +30,9 @@ def noisy(count, seed=0, mean=0.5):
 
 
 def stuck_density(tracks):
-    begin, settings = tracks.stamp, tracks.settings
+    begin = tracks.stamp
     return tuple(
-        stuck_density_of(track, begin, begin + SECOND // RATE, settings)
+        stuck_density_of(track, begin, begin + SECOND // RATE, SETTINGS)
         for track in (tracks.repeating_left, tracks.repeating_right)
     )
 
@@ -59,8 +60,8 @@ def test_it_is_believed_again_with_its_next_reading():
 
 
 def test_it_is_remembered():
-    tracks, other = held(*with_stuck_left(40)), HeldTrackSpeeds(settings=SETTINGS)
-    other.recall(tracks.memory())
+    tracks, other = held(*with_stuck_left(40)), TrackRecord()
+    assign(other, copy_of_tracks(tracks))
     assert stuck_density(other) == stuck_density(tracks)
 
 

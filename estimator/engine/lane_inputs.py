@@ -1,0 +1,81 @@
+"""Inputs of the steps of one filter; compiled once for all motion models."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.filter.filter_record import may_be_pushed, take_track_speeds
+from icreckon.estimator.sensors.imu_clock import take_stamp
+from icreckon.estimator.sensors.standstill import is_full, quiet_mean
+from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
+from icreckon.estimator.tracing.jit_kernel import entry
+
+ROWS, TRACK_ROWS, SLOW = len(INPUTS), len(StepInputs._fields), INPUTS["slow"]
+QUIET_MEAN, RATE, FORCE = INPUTS["quiet_mean"], INPUTS["rate"], INPUTS["force"]
+
+
+def take_tracks_of(records: Any, stamp: int, left: float, right: float) -> int:
+    """Add track speeds to the record in an array (1,), see `take_track_speeds`."""
+    return take_track_speeds(records[0], stamp, left, right)
+
+
+def sample_inputs(
+    records: Any,
+    stamps: Stamps,
+    rates: Floats,
+    inputs: Floats,
+    stamp: int,
+    rate: float,
+    force: float,
+) -> bool:
+    """Add an IMU sample, and fill the inputs of the step that it ends.
+
+    Args:
+        records: (1,) record of the filter, changed in place.
+        stamps: buffer for stamps of yaw-rate readings [ns].
+        rates: buffer for the readings [rad/s].
+        inputs: (n, 1) inputs of the step, written to.
+        stamp: stamp of the sample [ns].
+        rate: yaw rate [rad/s].
+        force: specific force to the left [m/s²], NaN if it is not used.
+
+    Returns:
+        False if the buffers are full; nothing was done then.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    record = records[0]
+    if is_full(record.still, stamps):
+        return False
+    fill_tracks(record, inputs, stamp)
+    take_stamp(record.imu, stamp, record.settings.hold)
+    inputs[SLOW, 0] = 1.0 if may_be_pushed(record) else 0.0
+    inputs[QUIET_MEAN, 0] = quiet_mean(record.still, stamps, rates, stamp, rate, record.settings)
+    inputs[RATE, 0], inputs[FORCE, 0] = rate, force
+    return True
+
+
+def move_inputs(records: Any, inputs: Floats, stamp: int) -> None:
+    """Fill the inputs of a step without an IMU sample; see `sample_inputs`."""
+    record = records[0]
+    fill_tracks(record, inputs, stamp)
+    inputs[SLOW, 0] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
+    inputs[QUIET_MEAN, 0], inputs[RATE, 0], inputs[FORCE, 0] = math.nan, 0.0, math.nan
+
+
+def fill_tracks(record: Any, inputs: Floats, stamp: int) -> None:
+    """Fill the inputs of a step from the track speeds."""
+    if inputs.shape != (ROWS, 1):
+        raise ValueError(WRONG_SIZE)
+    found = step_inputs(record.tracks, record.stamp, stamp, record.settings)
+    for row in range(TRACK_ROWS):
+        inputs[row, 0] = found[row]
+
+
+add_track_speeds, add_sample = entry(take_tracks_of), entry(sample_inputs)
+fill_move = entry(move_inputs)

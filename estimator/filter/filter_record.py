@@ -1,0 +1,60 @@
+"""Record of a streaming filter: all that it remembers of its inputs.
+
+The functions are written for plain Python and for numba, see `estimator.base.records`.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
+from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
+from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_after
+
+
+class FilterRecord(msgspec.Struct):
+    """Record of the inputs of one streaming filter.
+
+    Attributes:
+        settings: settings of the inputs.
+        stamp: time of the estimate [ns], or NEVER.
+        stood_at: stamp of the newest zero velocity that was used [ns], or NEVER.
+        stands: 1 if the robot was found standing at the newest IMU sample.
+        step_under_way: 1 if the fast slip of the next step has begun, and the pose is still at its start.
+        tracks: the track speeds.
+        imu: clock of the IMU.
+        still: the standstill.
+        gyro: counts of the gate of the gyro.
+        accelerometer: counts of the gate of the accelerometer.
+    """
+
+    settings: InputSettings
+    stamp: int = NEVER
+    stood_at: int = NEVER
+    stands: int = 0
+    step_under_way: int = 0
+    tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
+    imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
+    still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
+    gyro: GateRecord = msgspec.field(default_factory=GateRecord)
+    accelerometer: GateRecord = msgspec.field(default_factory=GateRecord)
+
+
+def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> int:
+    """Add track speeds [m/s] at a stamp [ns]; return the number of newly stuck tracks."""
+    settings = record.settings
+    stopped_after(record.still, stamp, left, right, settings.track_speed)
+    return take_tracks(record.tracks, stamp, left, right, settings)
+
+
+def may_be_pushed(record: FilterRecord) -> bool:
+    """Return True if a robot that does not stand may turn with its tracks at rest."""
+    tracks, settings = record.tracks, record.settings
+    return (
+        max(abs(tracks.left), abs(tracks.right)) < settings.track_speed
+        and record.stood_at < record.stamp
+        and is_alive(record.imu, record.stamp, settings.hold)
+    )
