@@ -19,15 +19,13 @@ from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import (
     MOVE,
     MOVE_AND_UPDATE,
+    SMOOTHING,
+    STEP_COLUMNS,
     UPDATE,
     Bytes,
     LogSteps,
-    steps_of_log,
-)
-from icreckon.estimator.engine.step_constants import (
-    SMOOTHING,
-    STEP_COLUMNS,
     fill_step_constants,
+    steps_of_log,
 )
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.filter import Reckoning

@@ -14,7 +14,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
-from icreckon.estimator.engine.friction import motion_kernel, substep_places
+from icreckon.estimator.engine.friction import motion_steps
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
@@ -30,27 +30,23 @@ from icreckon.estimator.engine.schedule import (
     MOVE,
     MOVE_AND_UPDATE,
     POSITION,
-    LogSteps,
-    Steps,
-)
-from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.engine.step_constants import (
     SMOOTHING,
     STEP_COLUMNS,
+    LogSteps,
+    Steps,
     fill_step_constants,
 )
+from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.work import (
     ESTIMATE,
     LaneKernels,
     Places,
-    advance_nothing,
     lane_worker,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.friction.kernel import friction_steps
 from icreckon.estimator.friction.loads import PAIR_COLUMNS
 from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.motion_model import MotionModel
@@ -59,7 +55,6 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
-from icreckon.estimator.tracing.jit_kernel import inner, jit
 
 # NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
@@ -496,12 +491,7 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
     }
     shape_digest = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    advance = jit(advance_nothing)
-    if shape.model.kind == "friction":
-        kernel = kernel_on_demand(
-            "motion", partial(motion_kernel, "motion", shape), width, shape.bits
-        )
-        advance = friction_steps(kernel, substep_places(shape.layout), inner(shape_digest))
+    advance = motion_steps(shape, width, shape_digest)
     return lane_worker(LaneKernels(**compiled), advance, shape_digest)
 
 

@@ -1,11 +1,15 @@
-"""Substep of the friction model in the workspace of lanes."""
+"""Step of the motion model in the workspace of lanes; only the friction model has one."""
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import Layout
-from icreckon.estimator.friction.kernel import SubstepPlaces
+from icreckon.estimator.friction.kernel import SubstepPlaces, friction_steps
 from icreckon.estimator.friction.layout import (
     BODY_CONSTANTS,
     CARRIED,
@@ -16,7 +20,8 @@ from icreckon.estimator.friction.layout import (
 from icreckon.estimator.friction.loads import PAIR_COLUMNS
 from icreckon.estimator.friction.step import FrictionRows, substep
 from icreckon.estimator.tracing import trace
-from icreckon.estimator.tracing.emit import Kernel
+from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
+from icreckon.estimator.tracing.jit_kernel import inner, jit
 
 
 def motion_kernel(name: str, shape: FilterShape) -> Kernel:
@@ -38,6 +43,25 @@ def motion_kernel(name: str, shape: FilterShape) -> Kernel:
     lane.stores.update({f"memory{k}": value for k, value in enumerate(after.memory)})
     lane.stores.update(zip(CARRIED, after.carried, strict=True))
     return lane.kernel(name)
+
+
+def motion_steps(shape: FilterShape, width: int, shape_digest: str) -> Any:
+    """Compile the function that advances the motion models of all lanes by a step.
+
+    Args:
+        shape: shape of the filters.
+        width: number of lanes.
+        shape_digest: digest of both.
+    """
+    if shape.model.kind != "friction":
+        return jit(advance_nothing)
+    make = partial(motion_kernel, "motion", shape)
+    kernel = kernel_on_demand("motion", make, width, shape.bits)
+    return friction_steps(kernel, substep_places(shape.layout), inner(shape_digest))
+
+
+def advance_nothing(lanes: Floats, inputs: Floats, constants: Floats, dt: float) -> None:
+    """Advance motion models without memory by a step, which does not change them."""
 
 
 def substep_places(layout: Layout) -> SubstepPlaces:

@@ -10,7 +10,6 @@ from typing import Any, cast
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import array_on
 from icreckon.estimator.engine.filters import aligned, shared_constants
 from icreckon.estimator.engine.lane_inputs import add_sample, add_track_speeds, fill_move
@@ -20,12 +19,10 @@ from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
-from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel, Unremembering
+from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
-
-MEAN_LEFT, MEAN_RIGHT = INPUTS["mean_left"], INPUTS["mean_right"]
 
 
 class Workspace:
@@ -130,7 +127,7 @@ class LaneStep:
         constants = shared_constants(
             compiled.shape, ekf.model, disturbances, robot, settings, ekf.x
         )
-        ekf.workspace.constants[:] = constants
+        ekf.workspace = Workspace(compiled, constants)
         self._inputs = ekf.workspace.inputs
 
     def __reduce__(self) -> tuple[type[LaneStep], tuple[Any, ...]]:
@@ -153,12 +150,13 @@ class LaneStep:
         self._compiled.time_step(*self._begin(stamp))
 
     def _begin(self, stamp: int) -> tuple[Any, ...]:
-        """Begin a step to a stamp [ns] in the motion model; return arguments of the step."""
+        """Gather the arguments of a step to a stamp [ns]."""
         ekf, workspace = self._ekf, self._ekf.workspace
-        if not isinstance(ekf.model, Unremembering):
-            dt = (stamp - self._record.stamp) * NANOSECOND
-            inputs = self._inputs
-            ekf.begin_step(dt, inputs.item(MEAN_LEFT), inputs.item(MEAN_RIGHT))
+        memory = ekf.model.memory
+        if len(memory):
+            # The step advances the model; checkpoints share the memory before it.
+            memory = memory.copy()
+            ekf.model.recall(memory)
         is_first = ekf.regressors is None
         if ekf.regressors is None:
             ekf.regressors = np.zeros((3, 8))
@@ -167,7 +165,7 @@ class LaneStep:
             ekf.x,
             ekf.P,
             ekf.regressors,
-            ekf.model.memory,
+            memory,
             *workspace.arrays,
             stamp,
             is_first,

@@ -15,11 +15,12 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.friction import motion_steps
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
 from icreckon.estimator.engine.layout import INPUTS, MOTION, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.model import TracedModel, traced_model
+from icreckon.estimator.engine.schedule import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.engine.step_constants import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.filter.gate import count_verdict
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.motion.motion_model import MotionModel
@@ -28,8 +29,8 @@ from icreckon.estimator.tracing.jit_kernel import entry
 
 SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
-# Places of a constant of a step, and of inputs of a kernel.
-MEAN = STEP_CONSTANTS.index("mean")
+# Places of constants of a step, and of inputs of a kernel.
+DT, MEAN = STEP_CONSTANTS.index("dt"), STEP_CONSTANTS.index("mean")
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
@@ -124,11 +125,11 @@ def _one_lane(model: TracedModel, considered: tuple[int, ...]) -> OneLane:
     }
     compiled = {name: kernel_on_demand(name, make, 1, shape.bits) for name, make in kernels.items()}
     shape_digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
-    places = _places(shape)
+    places, advance = _places(shape), motion_steps(shape, 1, shape_digest)
     return OneLane(
         shape,
-        compile_imu_step(compiled["imu_step"], places, shape_digest),
-        compile_time_step(compiled["time_step"], places, shape_digest),
+        compile_imu_step(compiled["imu_step"], advance, places, shape_digest),
+        compile_time_step(compiled["time_step"], advance, places, shape_digest),
         compile_twist(compiled["twist"], places, shape_digest),
     )
 
@@ -223,8 +224,12 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePla
     lane[places.V_l, 0] = np.nan
 
 
-def empty_lane(lane: Floats, x: Floats, P: Floats, regressors: Floats, places: LanePlaces) -> None:
+def empty_lane(
+    lane: Floats, x: Floats, P: Floats, regressors: Floats, memory: Floats, places: LanePlaces
+) -> None:
     """Copy the filter out of the workspace."""
+    for k in range(len(memory)):
+        memory[k] = lane[places.memory + k, 0]
     n = len(places.states)
     for a in range(n):
         i = places.states[a]
@@ -274,7 +279,7 @@ def count_sample(counts: Any, stamp: int, lane: Floats, rows: tuple[int, int, in
     return verdict != REJECTED
 
 
-def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step with an IMU sample at its end."""
 
     def step_with_imu(
@@ -296,7 +301,7 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             x: (SIZE,) the state, changed in place.
             P: (SIZE, SIZE) its covariance, changed in place.
             regressors: (3, 8) smoothed derivatives by the parameters, changed in place.
-            memory: memory of the motion model.
+            memory: memory of the motion model, changed in place.
             lane: workspace.
             inputs: (n, 1) inputs of the kernel.
             constants: constants of the kernel.
@@ -317,8 +322,9 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         fill_constants(record, constants, stamp, is_first, places)
         set_gate(record.gyro, lane, places.gyro)
         set_gate(record.accelerometer, lane, places.accelerometer)
+        advance(lane, inputs, constants, constants[DT])
         kernel(lane, inputs, constants)
-        empty_lane(lane, x, P, regressors, places)
+        empty_lane(lane, x, P, regressors, memory, places)
         record.stamp, record.stands = stamp, int(lane[places.stood, 0])
         count_sample(record.accelerometer, stamp, lane, places.accelerometer)
         return count_sample(record.gyro, stamp, lane, places.gyro)
@@ -326,7 +332,7 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     return entry(step_with_imu, shape_digest)
 
 
-def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
+def compile_time_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step without an IMU sample."""
 
     def step_without_imu(
@@ -349,8 +355,9 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
         fill_covariance(lane, P, regressors, places)
         fill_constants(record, constants, stamp, is_first, places)
         lane[places.stood, 0] = 0.0
+        advance(lane, inputs, constants, constants[DT])
         kernel(lane, inputs, constants)
-        empty_lane(lane, x, P, regressors, places)
+        empty_lane(lane, x, P, regressors, memory, places)
         record.stamp = stamp
 
     return entry(step_without_imu, shape_digest)

@@ -2,7 +2,7 @@
 
 `walk_stamps` makes the steps that `estimator.filter.filter` takes with each measurement, and finds the
 fixes that wait for the IMU. Of a log it also finds the estimates that `estimator.streaming.run` writes as
-rows.
+rows. `fill_table` computes the constants of each step.
 """
 
 from __future__ import annotations
@@ -17,8 +17,15 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.records import NEVER, record_array
 from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.layout import STEP_CONSTANTS
+from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
+from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
 from icreckon.estimator.robot.settings import LONGEST_TIME, Settings
-from icreckon.estimator.sensors.held_tracks import USUAL_TRACK_INTERVAL, is_hole
+from icreckon.estimator.sensors.held_tracks import (
+    USUAL_TRACK_INTERVAL,
+    is_hole,
+    smoothing_share,
+)
 from icreckon.estimator.sensors.imu_clock import (
     LEAST_WAIT,
     ClockRecord,
@@ -46,6 +53,11 @@ REASONS = (
     "there is an IMU sample at a stamp that the filter has reached without it",
     "there is a stamp further ahead than Settings.longest_gap",
 )
+
+
+PER_STEP, SMOOTHING = len(STEP_CONSTANTS), STEP_CONSTANTS.index("smoothing")
+# Columns of a table of constants, with the interval of the IMU last.
+STEP_COLUMNS = PER_STEP + 1
 
 
 class Steps(NamedTuple):
@@ -494,3 +506,51 @@ def add_row(walk: Walk, steps: LogSteps) -> None:
 
 
 walk_entry = entry(walk_stamps)
+
+
+# --- constants of steps ------------------------------------------------------------------------------
+
+
+def step_constants(dt: float, time_constant: float) -> Any:
+    """Compute the values of `STEP_CONSTANTS`.
+
+    Args:
+        dt: length of the step [s].
+        time_constant: time constant of the slip [s].
+    """
+    decay, mean = fading(dt, time_constant)
+    integral, cross, final = gauss_markov_noise(dt, time_constant)
+    return dt, smoothing_share(dt, REGRESSOR_SMOOTHING), decay, mean, integral, cross, final
+
+
+def fill_table(
+    table: Floats, starts: Stamps, ends: Stamps, intervals: Floats, time_constant: float
+) -> None:
+    """Fill the constants of each step, the interval of the IMU last.
+
+    Args:
+        table: (n, k) written to.
+        starts: stamps of the starts of the steps [ns].
+        ends: stamps of their ends [ns].
+        intervals: time between IMU samples [s].
+        time_constant: time constant of the slip [s].
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    count = min(len(ends), len(intervals), len(table))
+    if count < len(starts) or table.shape[1] != STEP_COLUMNS:
+        raise ValueError(WRONG_SIZE)
+    for k in range(len(starts)):
+        elapsed = ends[k] - starts[k]
+        if k == 0 or elapsed != ends[k - 1] - starts[k - 1]:
+            constants = step_constants(elapsed * NANOSECOND, time_constant)
+            for c in range(PER_STEP):
+                table[k, c] = constants[c]
+        else:
+            for c in range(PER_STEP):
+                table[k, c] = table[k - 1, c]
+        table[k, PER_STEP] = intervals[k]
+
+
+fill_step_constants = entry(fill_table)

@@ -10,8 +10,16 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FORCED, SKIPPED
 from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS, TWIST
-from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE
-from icreckon.estimator.engine.step_constants import PER_STEP, STEP_COLUMNS
+from icreckon.estimator.engine.schedule import (
+    AHEAD,
+    HEADING,
+    MOVE,
+    PER_STEP,
+    POSITION,
+    STEP_COLUMNS,
+    TICK,
+    UPDATE,
+)
 from icreckon.estimator.filter.reacquisition import laid_over
 from icreckon.estimator.tracing.emit import FLAG_BITS
 from icreckon.estimator.tracing.jit_kernel import entry, inner
@@ -92,7 +100,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
 
     Args:
         kernels: kernels of that shape.
-        advance: compiled function that advances the motion models in time, see `advance_nothing`.
+        advance: compiled function that advances the motion models in time, see `motion_steps`.
         shape_digest: digest that separates the machine code of this shape from that of others.
     """
     usual, full, update, move, move_tick, *of_fixes = kernels
@@ -233,10 +241,6 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
                         estimates[ticks[k], row, lane] = workspace[places.estimate[row], lane]
 
     return entry(work_through, shape_digest)
-
-
-def advance_nothing(workspace: Floats, given: Floats, constants: Floats, dt: float) -> None:
-    """Advance motion models without memory by a step: they do not change."""
 
 
 def relocate(workspace: Floats, lane: int, rejected: Floats, count: int, places: Places) -> bool:
