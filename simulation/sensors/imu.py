@@ -26,6 +26,7 @@ import numpy as np
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Robot
@@ -179,7 +180,7 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
         start, _, end = _window(motion, times, window)
         change = (after - before)[:, :2] / (end - start)[:, None] / now[:, 2:]
         yaw = motion.poses_at(times)[:, 2]
-        rates[:, :2] = _turned(np.stack([change[:, 1], -change[:, 0]], axis=-1), -yaw)
+        rates[:, :2] = rotate(np.stack([change[:, 1], -change[:, 0]], axis=-1), -yaw)
     return rates
 
 
@@ -208,7 +209,7 @@ def specific_forces(
         before, after = (angular_velocities(motion, at, window) for at in (start, end))
         omega_rate[:, :2] = (after - before)[:, :2] / (end - start)[:, None]
         gravity = _unturned_gravity(motion, motion.gravity, times)
-        gravity[:, :2] = _turned(gravity[:, :2], -motion.poses_at(times)[:, 2])
+        gravity[:, :2] = rotate(gravity[:, :2], -motion.poses_at(times)[:, 2])
     r = np.array(position)
     # omega x (omega x r), by the rule for double cross products.
     inward = omega * (omega @ r)[:, None] - r * (omega**2).sum(axis=1)[:, None]
@@ -224,15 +225,8 @@ def _window(motion: TrueMotion, times: Floats, window: float) -> tuple[Floats, F
 def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Floats:
     """Gravity (n, 3) in axes that follow the body but not its yaw [m/s²]."""
     grid = np.arange(len(gravity)) / motion.rate
-    unturned = np.column_stack([_turned(gravity[:, :2], motion.poses[:, 2]), gravity[:, 2]])
+    unturned = np.column_stack([rotate(gravity[:, :2], motion.poses[:, 2]), gravity[:, 2]])
     return np.stack([np.interp(times, grid, column) for column in unturned.T], axis=-1)
-
-
-def _turned(vectors: Floats, yaw: Floats) -> Floats:
-    """Vectors (n, 2), each rotated counter-clockwise by its yaw (n,) [rad]."""
-    x, y = vectors.T
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 def _read(
