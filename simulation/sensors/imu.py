@@ -81,41 +81,19 @@ class Imu:
     accelerometer_bias: Floats
 
 
-def read_imu(
-    motion: TrueMotion,
-    times: Floats,
-    rate: float,
-    robot: Robot,
-    gyro: InertialErrors,
-    accelerometer: InertialErrors,
-    gyro_rng: Generator,
-    accelerometer_rng: Generator,
-) -> Imu:
-    """IMU samples in the IMU's axes, for its place and mounting in the robot file.
+def perfect_readings(
+    motion: TrueMotion, times: Floats, rate: float, robot: Robot
+) -> tuple[Floats, Floats]:
+    """IMU readings without errors, for its place and mounting in the robot file.
 
     The accelerometer reads specific force, averaged over one sample interval. The gyro reads
-    `gyro_scale` times the rate, and of "z" gyros x and y are zero.
+    `gyro_scale` times the rate.
 
     Args:
         motion: the true motion.
         times: (n,) sample times [s].
         rate: samples per second [Hz].
-        robot: place, mounting, axes and scale of the IMU.
-        gyro: errors of the gyro.
-        accelerometer: errors of the accelerometer.
-        gyro_rng: draws the errors of the gyro.
-        accelerometer_rng: draws the errors of the accelerometer.
-    """
-    true = perfect_readings(motion, times, rate, robot)
-    return with_inertial_errors(
-        true, times, rate, robot, gyro, accelerometer, gyro_rng, accelerometer_rng
-    )
-
-
-def perfect_readings(
-    motion: TrueMotion, times: Floats, rate: float, robot: Robot
-) -> tuple[Floats, Floats]:
-    """IMU readings without errors; arguments as in `read_imu`.
+        robot: place, mounting and scale of the IMU.
 
     Returns:
         Angular velocities (n, 3) times `gyro_scale` [rad/s], and specific forces (n, 3) [m/s²].
@@ -137,7 +115,7 @@ def with_inertial_errors(
     gyro_rng: Generator,
     accelerometer_rng: Generator,
 ) -> Imu:
-    """Add IMU errors to error-free readings.
+    """Add IMU errors to error-free readings; x and y of "z" gyros become zero.
 
     Args:
         perfect: the readings, as returned by `perfect_readings`.
