@@ -6,9 +6,8 @@ after estimate and truth are aligned at the start of a segment, so they need not
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,9 @@ from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
+# Lengths of segments in reports [s], [m].
 HORIZONS = (10.0, 30.0, 60.0)
+DISTANCES = (5.0, 10.0, 30.0, 50.0)
 # Spacing of segment starts [s], and the least mean speed [m/s] of segments in per-segment figures.
 SEGMENT_STEP = 1.0
 SLOWEST_MEAN_SPEED = 0.02
@@ -30,23 +31,28 @@ PATH_STEP = 0.5
 LEAST_EIGENVALUE = 1e-12
 
 Interval = tuple[int, int]
+Unit = Literal["s", "m"]
 Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Drift over segments of one horizon.
+    """Drift over segments of one length.
 
     Attributes:
-        horizon: length of the segments [s].
+        horizon: length of the segments [s], or of their true path [m].
+        unit: unit of that length, "s" or "m".
         starts: (n,) stamps of their starts [ns].
+        durations: (n,) their durations [s].
         position_errors: (n,) distance of the end points after alignment at the start [m].
         yaw_errors: (n,) [rad], signed.
         distances: (n,) length of the true path [m].
     """
 
     horizon: float
+    unit: Unit
     starts: Stamps
+    durations: Floats
     position_errors: Floats
     yaw_errors: Floats
     distances: Floats
@@ -114,77 +120,37 @@ def drift(
     truth: PoseSeries,
     horizon: float,
     *,
+    unit: Unit = "s",
     within: list[Interval] | None = None,
     largest_gap: float = 1.0,
 ) -> Drift:
-    """Drift over all segments of a given length.
+    """Drift over all segments of a given length, which begin `SEGMENT_STEP` apart.
+
+    A segment ends at the first pose of the truth at that time, or at that distance along its path.
 
     Args:
         estimate: estimated poses, in any frame.
         truth: true poses.
-        horizon: length of the segments [s].
-        within: intervals of stamps [ns] that must contain a segment; None for everywhere.
-        largest_gap: segments across a longer gap in the truth are left out [s].
-    """
-    span = int(horizon / NANOSECOND)
-    found = segments(
-        estimate,
-        truth,
-        lambda stamps, _, first: np.searchsorted(stamps, stamps[first] + span),
-        within=within,
-        largest_gap=largest_gap,
-    )
-    return Drift(horizon, found.starts, found.position_errors, found.yaw_errors, found.distances)
-
-
-class Segments(NamedTuple):
-    """Segments of a log, aligned at their starts.
-
-    Attributes:
-        starts: (n,) stamps of their starts [ns].
-        ends: (n,) stamps of their ends [ns].
-        position_errors: (n,) distance of the end points [m].
-        yaw_errors: (n,) [rad], signed.
-        distances: (n,) length of the true path [m].
-    """
-
-    starts: Stamps
-    ends: Stamps
-    position_errors: Floats
-    yaw_errors: Floats
-    distances: Floats
-
-
-def segments(
-    estimate: PoseSeries,
-    truth: PoseSeries,
-    ends_of: Callable[[Stamps, Floats, Places], Places],
-    *,
-    within: list[Interval] | None,
-    largest_gap: float,
-) -> Segments:
-    """Errors over all segments, which begin `SEGMENT_STEP` apart.
-
-    Args:
-        estimate: estimated poses, in any frame.
-        truth: true poses.
-        ends_of: function from the stamps of the truth (m,) [ns], its distance so far (m,) [m] and the
-            indices (n,) of segment starts to those of segment ends; m or more for no end.
+        horizon: length of the segments [s, m].
+        unit: "s" for segments of a duration, "m" for those of a distance.
         within: intervals of stamps [ns] that must contain a segment; None for everywhere.
         largest_gap: segments across a longer gap in the truth are left out [s].
     """
     stamps = shared_stamps(estimate, truth)
     if len(stamps) < 2:
-        return Segments(stamps[:0], stamps[:0], *(np.zeros(0) for _ in range(3)))
+        return Drift(horizon, unit, stamps[:0], *(np.zeros(0) for _ in range(4)))
     true_poses = interpolate_poses(truth, stamps)
     travelled = path_length(PoseSeries(stamps, true_poses))
     first = segment_starts(stamps)
-    first, last = usable_segments(
-        stamps, first, ends_of(stamps, travelled, first), within=within, largest_gap=largest_gap
-    )
-    estimated = interpolate_poses(estimate, stamps)
-    errors = segment_errors(estimated, true_poses, first, last)
-    return Segments(stamps[first], stamps[last], *errors, travelled[last] - travelled[first])
+    if unit == "m":
+        last = np.searchsorted(travelled, travelled[first] + horizon)
+    else:
+        last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
+    first, last = usable_segments(stamps, first, last, within=within, largest_gap=largest_gap)
+    durations = np.asarray((stamps[last] - stamps[first]) * NANOSECOND, dtype=float)
+    errors = segment_errors(interpolate_poses(estimate, stamps), true_poses, first, last)
+    distances = travelled[last] - travelled[first]
+    return Drift(horizon, unit, stamps[first], durations, *errors, distances)
 
 
 def shared_stamps(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> Stamps:
