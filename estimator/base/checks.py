@@ -7,7 +7,7 @@ import numbers
 from collections.abc import Iterable
 from functools import cache
 from types import NoneType
-from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -80,26 +80,23 @@ def check_bounds(
         name: format of the names of fields in messages.
         error: the error class to raise.
     """
-    for field, bound, optional in _bounds(type(data)):
+    for field, (bound, hint) in _bounds(type(data)).items():
         value = getattr(data, field)
-        for number in value if isinstance(value, list | tuple) else [value]:
-            if not (optional and number is None):
+        for number in value if get_origin(hint) is tuple else [value]:
+            if number is not None or NoneType not in get_args(hint):
                 bound.require(name.format(field), number, error)
 
 
 @cache
-def _bounds(kind: type[msgspec.Struct]) -> list[tuple[str, Bound, bool]]:
-    """Fields with a bound, their bounds, and True for those that may be None."""
-    return [
-        (field, bound, NoneType in get_args(hint))
+def _bounds(kind: type[msgspec.Struct]) -> dict[str, tuple[Bound, Any]]:
+    """Fields with a bound, their bounds and types."""
+    return {
+        field: (bound, hint)
         for field, hint in get_type_hints(kind, include_extras=True).items()
-        for bound in {one for part in (hint, *get_args(hint)) for one in _metadata(part)}
+        for part in (hint, *get_args(hint))
+        for bound in getattr(part, "__metadata__", ())
         if isinstance(bound, Bound)
-    ]
-
-
-def _metadata(hint: Any) -> tuple[Any, ...]:
-    return getattr(hint, "__metadata__", ())
+    }
 
 
 def require_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
