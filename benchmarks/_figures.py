@@ -4,12 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 # What two runs of one command may differ in: where, when and by what they were made.
 NO_FIGURES = {"versions", "engine", "inputs", "configuration", "command", "seconds", "created"}
+
+
+def run_command(arguments: Sequence[str], *, cwd: Path | None = None, **environment: str) -> None:
+    """Run `icreckon` in a process of its own; exit with its output if it fails."""
+    done = subprocess.run(  # noqa: S603 - our own command
+        [Path(sys.executable).parent / "icreckon", *arguments],
+        env={**os.environ, **environment},
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        sys.exit(f"{' '.join(arguments)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
 
 
 class Difference(NamedTuple):

@@ -69,14 +69,17 @@ def mean_interval(samples: Floats) -> tuple[float, float, float]:
     return mean, mean - half, mean + half
 
 
-def bootstrap(statistic: Callable[[Floats], Floats], samples: Floats) -> tuple[float, float, float]:
+def bootstrap(
+    statistic: Callable[[Floats], Floats], samples: Floats, draws: int = BOOTSTRAPS
+) -> tuple[float, float, float]:
     """A statistic of independent runs and its 95 % percentile bootstrap interval.
 
     Args:
         statistic: of (..., n, k) runs over the last axis but one, (...).
         samples: (n, k).
+        draws: how often the runs are drawn anew.
     """
-    picks = np.random.default_rng(0).integers(0, len(samples), (BOOTSTRAPS, len(samples)))
+    picks = np.random.default_rng(0).integers(0, len(samples), (draws, len(samples)))
     low, high = np.percentile(statistic(samples[picks]), (2.5, 97.5))
     return float(statistic(samples[None])[0]), float(low), float(high)
 
@@ -92,3 +95,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     print("|" + " --- |" * len(head))
     for row in rows:
         print("| " + " | ".join(row) + " |", flush=True)
+
+
+def ratio_of_sums(samples: Floats) -> Floats:
+    """Ratio of the sums of two columns (..., n, 2), for `bootstrap`."""
+    sums = samples.sum(axis=-2)
+    return np.asarray(sums[..., 0] / sums[..., 1])

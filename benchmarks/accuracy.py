@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from _study import spread, table
+from _study import bootstrap, ratio_of_sums, spread, table
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative
@@ -52,7 +52,7 @@ from icreckon.replay.reading.read_log import read_log
 
 HORIZONS = (30.0, 10.0)
 BLOCK = 60.0
-BOOTSTRAPS = 5000
+DRAWS = 5000
 # Motions whose covariance is looked at begin so often [s], and the truth's noise shows in such [s].
 MARK_EVERY, NOISE_HORIZON = 10.0, 0.5
 REFERENCE = "constant-online"
@@ -324,16 +324,12 @@ def pooled(scores: Iterable[Score], horizon: float) -> Pooled:
             (errors[blocks == block].sum(), distances[blocks == block].sum())
             for block in np.unique(blocks)
         ]
-    table_of = np.array(sums)
-    picks = np.random.default_rng(0).integers(0, len(table_of), (BOOTSTRAPS, len(table_of)))
-    drawn = table_of[picks].sum(axis=1)
-    low, high = np.percentile(100.0 * drawn[:, 0] / drawn[:, 1], (2.5, 97.5))
-    whole = table_of.sum(axis=0)
+    percent, low, high = (100.0 * one for one in bootstrap(ratio_of_sums, np.array(sums), DRAWS))
     nees = np.concatenate([one.nees[horizon] for one in scores])
     return Pooled(
-        float(100.0 * whole[0] / whole[1]),
-        float(low),
-        float(high),
+        percent,
+        low,
+        high,
         float(nees.mean()) if len(nees) else float("nan"),
     )
 
@@ -364,12 +360,7 @@ def paired(scores: Iterable[Score], others: Iterable[Score], horizon: float) -> 
             (errors[:count][at].sum(), errors_of_other[:count][at].sum())
             for at in (blocks[:count] == block for block in np.unique(blocks[:count]))
         ]
-    table_of = np.array(sums)
-    picks = np.random.default_rng(0).integers(0, len(table_of), (BOOTSTRAPS, len(table_of)))
-    drawn = table_of[picks].sum(axis=1)
-    low, high = np.percentile(drawn[:, 0] / drawn[:, 1], (2.5, 97.5))
-    whole = table_of.sum(axis=0)
-    return Ratio(float(whole[0] / whole[1]), float(low), float(high))
+    return Ratio(*bootstrap(ratio_of_sums, np.array(sums), DRAWS))
 
 
 def results_of(scores: list[Score]) -> dict[str, Any]:

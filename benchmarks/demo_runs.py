@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import argparse
 import os
-from concurrent.futures import ProcessPoolExecutor
 
 import msgspec
 import numpy as np
+from _study import bootstrap, ratio_of_sums, spread, table
 
 from icreckon.cli.demo import DURATION, demo_scenario
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.scores import drift, pose_nees, without_fixes
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
@@ -25,7 +24,6 @@ from icreckon.simulation.simulate import simulate
 
 SCORING_SEED = 1
 BASELINE = "constant-online"
-BOOTSTRAPS = 10_000
 
 
 def score(job: tuple[str, float | None, str, int]) -> tuple[float, float]:
@@ -44,10 +42,9 @@ def score(job: tuple[str, float | None, str, int]) -> tuple[float, float]:
     return drifted.percent_mean, float(np.mean(pose_nees(result.trajectory, log.truth.poses)))
 
 
-def interval(samples: Floats) -> str:
-    """95 % percentile interval."""
-    low, high = np.percentile(samples, (2.5, 97.5))
-    return f"{low:.2f} to {high:.2f}"
+def cells(value: float, low: float, high: float) -> list[str]:
+    """A figure, and its interval."""
+    return [f"{value:.2f}", f"{low:.2f} to {high:.2f}"]
 
 
 def main() -> None:
@@ -62,22 +59,21 @@ def main() -> None:
         for variant in VARIANTS
         for index in range(arguments.runs)
     ]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        scores = np.array(list(pool.map(score, jobs)))
+    scores = np.array(spread(score, jobs, os.cpu_count() or 1))
     drifts, nees = scores.reshape(len(VARIANTS), arguments.runs, 2).transpose(2, 0, 1)
-    picks = np.random.default_rng(0).integers(0, arguments.runs, (BOOTSTRAPS, arguments.runs))
-    resampled = drifts[:, picks].mean(axis=2)
-    baseline = list(VARIANTS).index(BASELINE)
-    print(f"| variant | drift 30 s, % | 95 % | ratio to {BASELINE} | 95 % | pose NEES (3) |")
-    print("| --- | --- | --- | --- | --- | --- |")
-    for row, variant in enumerate(VARIANTS):
-        mean = drifts[row].mean()
-        ratio = mean / drifts[baseline].mean()
-        ratios = resampled[row] / resampled[baseline]
-        print(
-            f"| `{variant}` | {mean:.2f} | {interval(resampled[row])} | {ratio:.2f} "
-            f"| {interval(ratios)} | {nees[row].mean():.1f} |"
-        )
+    baseline = drifts[list(VARIANTS).index(BASELINE)]
+    table(
+        ["variant", "drift 30 s, %", "95 %", f"ratio to {BASELINE}", "95 %", "pose NEES (3)"],
+        [
+            [
+                f"`{variant}`",
+                *cells(*bootstrap(lambda x: x[..., 0].mean(axis=-1), drifted[:, None])),
+                *cells(*bootstrap(ratio_of_sums, np.stack([drifted, baseline], axis=-1))),
+                f"{of_run.mean():.1f}",
+            ]
+            for variant, drifted, of_run in zip(VARIANTS, drifts, nees, strict=True)
+        ],
+    )
 
 
 if __name__ == "__main__":

@@ -11,13 +11,11 @@ largest relative difference. Counts must be the same, all else within TOLERANCE.
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from _figures import count, differences, figures
+from _figures import count, differences, figures, run_command
 from _study import table
 
 # Differences that rounding can make of sums over some 10^5 samples.
@@ -38,17 +36,8 @@ STUDIES = ("driving-style", "imu-grades", "mis-calibration", "outage-length", "t
 def command_in_fresh_cache(work: Path, arguments: list[str]) -> Path:
     """Run a command with an empty compile cache; return the folder of its results."""
     out = Path(tempfile.mkdtemp(dir=work)) / "results"
-    program = Path(sys.executable).parent / "icreckon"
     with tempfile.TemporaryDirectory(dir=work) as cache:
-        done = subprocess.run(  # noqa: S603 - our own command
-            [program, *arguments, "--out", out],
-            env={**os.environ, "NUMBA_CACHE_DIR": cache},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    if done.returncode:
-        sys.exit(f"{' '.join(arguments)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+        run_command([*arguments, "--out", str(out)], NUMBA_CACHE_DIR=cache)
     return out
 
 

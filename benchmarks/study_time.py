@@ -26,7 +26,7 @@ DURATION, RATE = 600.0, 100.0
 PARTS = {
     "filters": ("engine/work.py", "engine/filters.py"),
     "front end": ("batch/front_end.py",),
-    "scores": ("batch/scoring.py",),
+    "scores": ("study/statistics.py", "log/scores.py", "streaming/lost.py"),
     "sensor noise": ("sensors/imu.py", "noise_kernel.py", "encoders.py", "sensors/fixes.py"),
     "true motion": ("truth/friction.py", "friction_ode.py", "true_motion.py", "terrain_kernel.py"),
 }

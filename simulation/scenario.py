@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from icreckon.estimator.base.checks import NotNegative, Positive
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
@@ -71,19 +72,19 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     trajectory: str = "random"
     trajectory_options: dict[str, float] = {}
     trajectory_file: str | None = None
-    duration: float = 300.0
+    duration: Positive = 300.0
     seed: int = 0
     noise: str = "nominal"
     truth: str = "friction"
-    truth_spread: float = DEFAULT_SPREAD
-    slip_noise: float | None = None
-    track_lag: float | None = None
+    truth_spread: NotNegative = DEFAULT_SPREAD
+    slip_noise: NotNegative | None = None
+    track_lag: NotNegative | None = None
     patches: tuple[Patch, ...] = ()
     payloads: tuple[Payload, ...] = ()
-    track_rate: float = 50.0
-    imu_rate: float = 100.0
-    truth_rate: float = 50.0
-    fix_rate: float = 1.0
+    track_rate: Positive = 50.0
+    imu_rate: Positive = 100.0
+    truth_rate: Positive = 50.0
+    fix_rate: NotNegative = 1.0
     outages: tuple[tuple[float, float], ...] = ()
     include_truth: bool = True
     encoders: EncoderSpec = EncoderSpec()
@@ -96,11 +97,6 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         check_trajectory(self.trajectory, self.trajectory_options, self.trajectory_file)
         self.make_truth()
         noise_preset(self.noise)
-        for name in ("duration", "track_rate", "imu_rate", "truth_rate"):
-            self._require(name, positive=True)
-        for name in ("truth_spread", "slip_noise", "track_lag", "fix_rate"):
-            if getattr(self, name) is not None:
-                self._require(name, positive=False)
         if self.truth_spread > LARGEST_SPREAD:
             raise SimulationError(
                 f"truth_spread is relative (0.15 is 15 %) and must be at most {LARGEST_SPREAD:g}, "
@@ -146,12 +142,6 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                     f"{setting} over {self.duration!r} s makes {samples:.2g} samples, more than "
                     f"{MOST_SAMPLES:.2g}; lower the rate or the duration"
                 )
-
-    def _require(self, name: str, *, positive: bool) -> None:
-        value = getattr(self, name)
-        if not (np.isfinite(value) and value >= 0 and not (positive and value == 0)):
-            wanted = "a positive number" if positive else "zero or a positive number"
-            raise SimulationError(f"{name} must be {wanted}, found {value!r}")
 
 
 def load_scenario(path: str | Path) -> Scenario:

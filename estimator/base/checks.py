@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Iterable
-from typing import Any, cast
+from functools import cache
+from types import NoneType
+from typing import Annotated, Any, NamedTuple, cast, get_args, get_origin, get_type_hints
 
+import msgspec
 import numpy as np
 
 from icreckon.estimator.base.errors import SettingError, nearest_hint
@@ -30,57 +33,70 @@ def is_finite(value: object) -> bool:
         return False
 
 
-def require_finite(name: str, *values: object) -> None:
-    """Reject values that are not finite numbers.
+class Bound(NamedTuple):
+    """Allowed numbers of a field, as `Annotated[float, Bound("at least 1 s", 1.0)]`.
 
-    Raises:
-        SettingError: one of the values is not.
+    Attributes:
+        wanted: description of them, for messages.
+        least: lower bound.
+        most: upper bound.
+        beyond: True to exclude the lower bound itself.
     """
-    for value in values:
-        if not is_finite(value):
-            raise SettingError(f"{name} must be finite, found {value!r}")
+
+    wanted: str
+    least: float = -math.inf
+    most: float = math.inf
+    beyond: bool = False
+
+    def require(self, name: str, value: object, error: type[Exception]) -> None:
+        """Reject a value that is not an allowed finite number.
+
+        Args:
+            name: name of the value, for the message.
+            value: the value.
+            error: the error class to raise.
+        """
+        if is_finite(value):
+            number = float(value)  # type: ignore[arg-type]
+            if self.least <= number <= self.most and not (self.beyond and number == self.least):
+                return
+        if self.beyond and is_number(value) and value != value:
+            raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
+        raise error(f"{name} must be {self.wanted}, found {value!r}")
 
 
-def require_positive(name: str, value: object) -> None:
-    """Reject a value that is not a finite number above zero.
-
-    Raises:
-        SettingError: the value is not.
-    """
-    if is_number(value) and value != value:
-        raise SettingError(f"{name} must be a positive number, found nan: it is not filled in")
-    require_from(name, value, 0.0, "a positive number", beyond=True)
+Finite = Annotated[float, Bound("finite")]
+Positive = Annotated[float, Bound("a positive number", 0.0, beyond=True)]
+NotNegative = Annotated[float, Bound("zero or a positive number", 0.0)]
 
 
-def require_not_negative(name: str, value: object) -> None:
-    """Reject a value that is not zero or a finite positive number.
-
-    Raises:
-        SettingError: the value is not.
-    """
-    require_from(name, value, 0.0, "zero or a positive number")
-
-
-def require_from(
-    name: str, value: object, least: float, wanted: str, *, beyond: bool = False
+def check_bounds(
+    data: msgspec.Struct, name: str = "{}", error: type[Exception] = SettingError
 ) -> None:
-    """Reject a value that is not a finite number of at least `least`.
+    """Reject a structure with a number outside of the `Bound` of its field.
 
     Args:
-        name: name of the value, for the message.
-        value: the value.
-        least: lower bound.
-        wanted: description of valid values, for the message.
-        beyond: True to exclude the bound itself.
-
-    Raises:
-        SettingError: the value is out of range.
+        data: the structure, as in its `__post_init__`. A field may be optional, or a tuple.
+        name: format of the names of fields in messages.
+        error: the error class to raise.
     """
-    if is_finite(value):
-        number = float(value)  # type: ignore[arg-type]
-        if number > least or (number == least and not beyond):
-            return
-    raise SettingError(f"{name} must be {wanted}, found {value!r}")
+    for field, (bound, hint) in _bounds(type(data)).items():
+        value = getattr(data, field)
+        for number in value if get_origin(hint) is tuple else [value]:
+            if number is not None or NoneType not in get_args(hint):
+                bound.require(name.format(field), number, error)
+
+
+@cache
+def _bounds(kind: type[msgspec.Struct]) -> dict[str, tuple[Bound, Any]]:
+    """Fields with a bound, their bounds and types."""
+    return {
+        field: (bound, hint)
+        for field, hint in get_type_hints(kind, include_extras=True).items()
+        for part in (hint, *get_args(hint))
+        for bound in getattr(part, "__metadata__", ())
+        if isinstance(bound, Bound)
+    }
 
 
 def require_choice(name: str, value: object, choices: tuple[str, ...]) -> None:

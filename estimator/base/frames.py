@@ -32,6 +32,13 @@ def wrap_angle(angle: Any) -> Any:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
+def rotate(vectors: ArrayLike, yaw: ArrayLike) -> Floats:
+    """Rotate vectors (..., 2) counter-clockwise by yaw (...) [rad]."""
+    x, y = np.moveaxis(np.asarray(vectors, dtype=float), -1, 0)
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
 def compose(a: ArrayLike, b: ArrayLike) -> Floats:
     """Compose pose `a` with pose `b`, in SE(2).
 
@@ -43,10 +50,8 @@ def compose(a: ArrayLike, b: ArrayLike) -> Floats:
         (..., 3) frame B in the world; yaw is not wrapped.
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    x = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
-    y = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
-    return np.stack([x, y, a[..., 2] + b[..., 2]], axis=-1)
+    place = a[..., :2] + rotate(b[..., :2], a[..., 2])
+    return np.concatenate([place, (a[..., 2] + b[..., 2])[..., None]], axis=-1)
 
 
 def relative(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -60,10 +65,8 @@ def relative(a: ArrayLike, b: ArrayLike) -> Floats:
         (..., 3) b in the frame of a; yaw wrapped to [-pi, pi).
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
-    yaw = wrap_angle(b[..., 2] - a[..., 2])
-    return np.stack([cos * dx + sin * dy, -sin * dx + cos * dy, yaw], axis=-1)
+    place = rotate(b[..., :2] - a[..., :2], -a[..., 2])
+    return np.concatenate([place, wrap_angle(b[..., 2] - a[..., 2])[..., None]], axis=-1)
 
 
 def arc_factors(angle: float) -> tuple[float, float]:

@@ -17,7 +17,6 @@ from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_after
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ImuSample
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.input_settings import input_settings
@@ -50,18 +49,19 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     """
     log = Log("arrays", tracks, imu)
     bulk = _bulk(log, estimator.settings.history)
-    used, rest = 0, iter(log.measurements())
     if bulk is None:
-        return sum(map(estimator.feed, rest))
-    for measurement in rest:
-        used += estimator.feed(measurement)
-        if isinstance(measurement, ImuSample) and measurement.stamp == bulk.begin:
-            break
+        return _feed_each(estimator, log)
+    used = _feed_each(estimator, log.between(log.start, bulk.begin))
     try:
         used += _feed_bulk(estimator, log, bulk)
     except BatchError:
-        return used + sum(map(estimator.feed, rest))
-    return used + sum(estimator.feed(one) for one in rest if one.stamp > bulk.end)
+        return used + _feed_each(estimator, log.between(bulk.begin + 1, log.end))
+    return used + _feed_each(estimator, log.between(bulk.end + 1, log.end))
+
+
+def _feed_each(estimator: PoseEstimator, log: Log) -> int:
+    """Feed measurements one by one; return the number of those that were used."""
+    return sum(map(estimator.feed, log.measurements()))
 
 
 class _Bulk(NamedTuple):

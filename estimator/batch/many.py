@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.inputs import has_absurd_readings, has_heading, measured_of
-from icreckon.estimator.batch.runs import work_through_runs
+from icreckon.estimator.batch.runs import side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.log.log import Log
@@ -85,11 +85,18 @@ def run_many(
             steps,
             start=np.array(start, dtype=float),
             start_sigma=np.array(start_sigma, dtype=float),
-            keep_estimates=True,
         )
-        estimates = np.asarray(worked.estimates)[: len(ticks)]
-        count = min(filters.width, len(logs) - first)
-        found += [_trajectory(ticks, estimates[:, :, lane]) for lane in range(count)]
+        path = side_by_side(ticks, worked)
+        found += [
+            Trajectory(
+                ticks,
+                path.poses[:, lane],
+                path.pose_covariances[:, lane],
+                path.twists[:, lane],
+                path.twist_covariances[:, lane],
+            )
+            for lane in range(min(filters.width, len(logs) - first))
+        ]
     return found
 
 
@@ -97,19 +104,3 @@ def _tick_stamps(imu: Stamps, every: float) -> Stamps:
     """Stamps of the first IMU sample in each interval of so many seconds [ns]."""
     wanted = np.arange(imu[0], imu[-1] + 1, max(1, int(every / NANOSECOND)))
     return np.asarray(imu[np.unique(np.searchsorted(imu, wanted))])
-
-
-def _trajectory(stamps: Stamps, estimates: Floats) -> Trajectory:
-    """Make a trajectory of estimates (n, 18), see `estimator.engine.work.ESTIMATE`."""
-    return Trajectory(
-        stamps,
-        estimates[:, :3],
-        _symmetric(estimates[:, 3:9]),
-        estimates[:, 9:12],
-        _symmetric(estimates[:, 12:18]),
-    )
-
-
-def _symmetric(upper: Floats) -> Floats:
-    """Matrices (n, 3, 3) of the entries (n, 6) on and above the diagonal, row by row."""
-    return np.asarray(upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import FrontEnd, Measured
-from icreckon.estimator.batch.scoring import Scores, Segments, TrueTicks
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import TICK, Steps
 from icreckon.estimator.engine.work import ESTIMATE
+from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 
 # Number of steps of a part. All filters run through a part before the next, so that its inputs stay in
@@ -26,13 +26,11 @@ class Worked(NamedTuple):
 
     Attributes:
         lanes: the filters.
-        scores: their scores; None without a truth.
-        estimates: (ticks, rows, width) see `estimator.engine.work.ESTIMATE`; None if they are not kept.
+        estimates: (rows, ticks, width) see `estimator.engine.work.ESTIMATE`.
     """
 
     lanes: Lanes
-    scores: Scores | None
-    estimates: Floats | None
+    estimates: Floats
 
 
 def work_through_runs(
@@ -42,8 +40,6 @@ def work_through_runs(
     *,
     start: Floats,
     start_sigma: Floats,
-    against: tuple[TrueTicks, Segments] | None = None,
-    keep_estimates: bool = False,
 ) -> list[Worked]:
     """Run filters over the measurements of runs, one run for each lane.
 
@@ -53,8 +49,6 @@ def work_through_runs(
         steps: steps of the runs.
         start: (3,) pose at the start: x, y [m], yaw [rad].
         start_sigma: (3,) its standard deviations.
-        against: truth to score against, and segments of drift; None for no scores.
-        keep_estimates: return all estimates at the ticks.
     """
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
@@ -74,10 +68,7 @@ def work_through_runs(
         for one, data in zip(filters, measured, strict=True)
     ]
     tables = [one.prepare(steps) for one in filters]
-    scores = [None if against is None else Scores(width, *against) for _ in filters]
-    estimates = [
-        np.zeros((ticks, len(ESTIMATE), width)) if keep_estimates else None for _ in filters
-    ]
+    estimates = [np.zeros((len(ESTIMATE), ticks, width)) for _ in filters]
     room = np.zeros((PART + 1, len(ESTIMATE), width))
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
@@ -88,14 +79,31 @@ def work_through_runs(
         for number, one in enumerate(filters):
             table = tables[number][begin:end]
             one.work_through(begun[number], inputs[keys[number]][: end - begin], part, table, room)
-            if not len(at_ticks):
-                continue
-            first = int(part.ticks[at_ticks[0]])
-            newest = room[first - int(part.ticks[0]) :][: len(at_ticks)]
-            of_one = scores[number]
-            if of_one is not None:
-                of_one.add(first, newest)
-            all_of_one = estimates[number]
-            if all_of_one is not None:
-                all_of_one[first : first + len(at_ticks)] = newest
-    return [Worked(*of_one) for of_one in zip(begun, scores, estimates, strict=True)]
+            if len(at_ticks):
+                first = int(part.ticks[at_ticks[0]])
+                newest = room[first - int(part.ticks[0]) :][: len(at_ticks)]
+                estimates[number][:, first : first + len(at_ticks)] = newest.swapaxes(0, 1)
+    return [Worked(*of_one) for of_one in zip(begun, estimates, strict=True)]
+
+
+def side_by_side(stamps: Stamps, worked: Worked) -> Trajectory:
+    """Trajectory of all lanes: its arrays have an axis for them after the first.
+
+    Args:
+        stamps: (n,) stamps of the ticks [ns].
+        worked: the filters.
+    """
+    rows = worked.estimates[:, : len(stamps)]
+    return Trajectory(
+        stamps,
+        np.moveaxis(rows[:3], 0, -1),
+        _symmetric(rows[3:9]),
+        np.moveaxis(rows[9:12], 0, -1),
+        _symmetric(rows[12:18]),
+    )
+
+
+def _symmetric(upper: Floats) -> Floats:
+    """Matrices (n, width, 3, 3) of their upper entries (6, n, width), row by row."""
+    entries = upper[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3, *upper.shape[1:])
+    return np.moveaxis(entries, (0, 1), (-2, -1))

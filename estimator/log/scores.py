@@ -6,9 +6,8 @@ after estimate and truth are aligned at the start of a segment, so they need not
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,9 @@ from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
+# Lengths of segments in reports [s], [m].
 HORIZONS = (10.0, 30.0, 60.0)
+DISTANCES = (5.0, 10.0, 30.0, 50.0)
 # Spacing of segment starts [s], and the least mean speed [m/s] of segments in per-segment figures.
 SEGMENT_STEP = 1.0
 SLOWEST_MEAN_SPEED = 0.02
@@ -26,25 +27,32 @@ SLOWEST_MEAN_SPEED = 0.02
 VELOCITY_WINDOW = 1.0
 # Least time between points of a path length, so that noise does not add up [s].
 PATH_STEP = 0.5
+# A covariance with a smaller eigenvalue counts as singular.
+LEAST_EIGENVALUE = 1e-12
 
 Interval = tuple[int, int]
+Unit = Literal["s", "m"]
 Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Drift over segments of one horizon.
+    """Drift over segments of one length.
 
     Attributes:
-        horizon: length of the segments [s].
+        horizon: length of the segments [s], or of their true path [m].
+        unit: unit of that length, "s" or "m".
         starts: (n,) stamps of their starts [ns].
+        durations: (n,) their durations [s].
         position_errors: (n,) distance of the end points after alignment at the start [m].
         yaw_errors: (n,) [rad], signed.
         distances: (n,) length of the true path [m].
     """
 
     horizon: float
+    unit: Unit
     starts: Stamps
+    durations: Floats
     position_errors: Floats
     yaw_errors: Floats
     distances: Floats
@@ -57,10 +65,7 @@ class Drift:
     @property
     def percent_mean(self) -> float:
         """Mean error over mean distance [%]; NaN without a segment with motion."""
-        moved = self.moved
-        if not moved.any():
-            return float("nan")
-        return float(100.0 * self.position_errors[moved].sum() / self.distances[moved].sum())
+        return float(100.0 * mean_ratio(self.position_errors, self.distances, self.horizon))
 
     @property
     def percent_median(self) -> float:
@@ -73,20 +78,32 @@ class Drift:
     @property
     def yaw_deg_per_m(self) -> float:
         """Mean yaw error over mean distance [deg/m]; NaN without a segment with motion."""
-        moved = self.moved
-        if not moved.any():
-            return float("nan")
-        errors = np.degrees(np.abs(self.yaw_errors[moved]))
-        return float(errors.sum() / self.distances[moved].sum())
+        return float(np.degrees(mean_ratio(np.abs(self.yaw_errors), self.distances, self.horizon)))
+
+
+def mean_ratio(errors: Floats, distances: Floats, horizon: float) -> Floats:
+    """Mean error over mean distance of the segments with motion; NaN without any.
+
+    Args:
+        errors: (n, ...) errors of the segments.
+        distances: (n, ...) their distances [m].
+        horizon: their length [s].
+    """
+    moved = distances > SLOWEST_MEAN_SPEED * horizon
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sum(errors, 0, where=moved) / np.sum(distances, 0, where=moved))
+
+
+def interpolate(known: Stamps, values: Floats, stamps: Stamps) -> Floats:
+    """Columns (n, k) at `stamps`, linear between those (m, k) at `known` stamps [ns]."""
+    at, seconds = ((one - known[0]) * NANOSECOND for one in (stamps, known))
+    return np.stack([np.interp(at, seconds, column) for column in values.T], axis=-1)
 
 
 def interpolate_poses(series: PoseSeries, stamps: Stamps) -> Floats:
     """Poses (n, 3) at the given stamps: linear in position and in unwrapped yaw."""
-    at = (stamps - series.stamps[0]) * NANOSECOND
-    known = (series.stamps - series.stamps[0]) * NANOSECOND
-    yaw = np.unwrap(series.poses[:, 2])
-    columns = (series.poses[:, 0], series.poses[:, 1], yaw)
-    return np.stack([np.interp(at, known, column) for column in columns], axis=-1)
+    x, y, yaw = series.poses.T
+    return interpolate(series.stamps, np.stack([x, y, np.unwrap(yaw)], axis=-1), stamps)
 
 
 def path_length(series: PoseSeries) -> Floats:
@@ -103,76 +120,71 @@ def drift(
     truth: PoseSeries,
     horizon: float,
     *,
+    unit: Unit = "s",
     within: list[Interval] | None = None,
     largest_gap: float = 1.0,
 ) -> Drift:
-    """Drift over all segments of a given length.
+    """Drift over all segments of a given length, which begin `SEGMENT_STEP` apart.
+
+    A segment ends at the first pose of the truth at that time, or at that distance along its path.
 
     Args:
         estimate: estimated poses, in any frame.
         truth: true poses.
-        horizon: length of the segments [s].
+        horizon: length of the segments [s, m].
+        unit: "s" for segments of a duration, "m" for those of a distance.
         within: intervals of stamps [ns] that must contain a segment; None for everywhere.
         largest_gap: segments across a longer gap in the truth are left out [s].
     """
-    span = int(horizon / NANOSECOND)
-    found = segments(
-        estimate,
-        truth,
-        lambda stamps, _, first: np.searchsorted(stamps, stamps[first] + span),
-        within=within,
-        largest_gap=largest_gap,
-    )
-    return Drift(horizon, found.starts, found.position_errors, found.yaw_errors, found.distances)
+    stamps = shared_stamps(estimate, truth)
+    if len(stamps) < 2:
+        return Drift(horizon, unit, stamps[:0], *(np.zeros(0) for _ in range(4)))
+    true_poses = interpolate_poses(truth, stamps)
+    travelled = path_length(PoseSeries(stamps, true_poses))
+    first = segment_starts(stamps)
+    if unit == "m":
+        last = np.searchsorted(travelled, travelled[first] + horizon)
+    else:
+        last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
+    first, last = usable_segments(stamps, first, last, within=within, largest_gap=largest_gap)
+    durations = np.asarray((stamps[last] - stamps[first]) * NANOSECOND, dtype=float)
+    errors = segment_errors(interpolate_poses(estimate, stamps), true_poses, first, last)
+    distances = travelled[last] - travelled[first]
+    return Drift(horizon, unit, stamps[first], durations, *errors, distances)
 
 
-class Segments(NamedTuple):
-    """Segments of a log, aligned at their starts.
+def shared_stamps(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> Stamps:
+    """Stamps (n,) of the truth within those of the estimate [ns]."""
+    inside = (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
+    return np.asarray(truth.stamps[inside])
 
-    Attributes:
-        starts: (n,) stamps of their starts [ns].
-        ends: (n,) stamps of their ends [ns].
-        position_errors: (n,) distance of the end points [m].
-        yaw_errors: (n,) [rad], signed.
-        distances: (n,) length of the true path [m].
+
+def segment_starts(stamps: Stamps) -> Places:
+    """Indices (n,) of stamps (m,) [ns] at which segments start.
+
+    All starts within a gap give one segment, the one after the gap.
     """
-
-    starts: Stamps
-    ends: Stamps
-    position_errors: Floats
-    yaw_errors: Floats
-    distances: Floats
+    begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
+    return np.asarray(np.unique(np.searchsorted(stamps, begins)))
 
 
-def segments(
-    estimate: PoseSeries,
-    truth: PoseSeries,
-    ends_of: Callable[[Stamps, Floats, Places], Places],
+def usable_segments(
+    stamps: Stamps,
+    first: Places,
+    last: Places,
     *,
     within: list[Interval] | None,
     largest_gap: float,
-) -> Segments:
-    """Errors over all segments, which begin `SEGMENT_STEP` apart.
+) -> tuple[Places, Places]:
+    """Starts and ends of segments that end within an interval, without a gap.
 
     Args:
-        estimate: estimated poses, in any frame.
-        truth: true poses.
-        ends_of: function from the stamps of the truth (m,) [ns], its distance so far (m,) [m] and the
-            indices (n,) of segment starts to those of segment ends; m or more for no end.
+        stamps: (m,) stamps of the truth [ns].
+        first: (n,) indices of segment starts.
+        last: (n,) indices of segment ends, m or more for no end.
         within: intervals of stamps [ns] that must contain a segment; None for everywhere.
-        largest_gap: segments across a longer gap in the truth are left out [s].
+        largest_gap: segments across a longer gap are left out [s].
     """
-    stamps = truth.stamps[
-        (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
-    ]
-    if len(stamps) < 2:
-        return Segments(stamps[:0], stamps[:0], *(np.zeros(0) for _ in range(3)))
-    true_poses = interpolate_poses(truth, stamps)
-    travelled = path_length(PoseSeries(stamps, true_poses))
-    begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
-    # All starts within a gap of the truth give one segment, the one after the gap.
-    first = np.unique(np.searchsorted(stamps, begins))
-    last = ends_of(stamps, travelled, first)
     ends_inside = last < len(stamps)
     first, last = first[ends_inside], last[ends_inside]
     piece = pieces(stamps, largest_gap)
@@ -181,17 +193,22 @@ def segments(
         keep &= np.any(
             [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within], axis=0
         )
-    first, last = first[keep], last[keep]
-    estimated = interpolate_poses(estimate, stamps)
-    true_step = relative(true_poses[first], true_poses[last])
-    estimated_step = relative(estimated[first], estimated[last])
-    return Segments(
-        stamps[first],
-        stamps[last],
-        np.hypot(*(estimated_step - true_step)[:, :2].T),
-        np.asarray(wrap_angle(estimated_step[:, 2] - true_step[:, 2])),
-        travelled[last] - travelled[first],
-    )
+    return first[keep], last[keep]
+
+
+def segment_errors(
+    estimated: Floats, true: Floats, first: Places, last: Places
+) -> tuple[Floats, Floats]:
+    """Position [m] and signed yaw errors [rad] of segments aligned at their starts.
+
+    Args:
+        estimated: (m, ..., 3) estimated poses.
+        true: (m, ..., 3) true poses at the same stamps.
+        first: (n,) indices of segment starts.
+        last: (n,) indices of segment ends.
+    """
+    apart = relative(estimated[first], estimated[last]) - relative(true[first], true[last])
+    return np.hypot(apart[..., 0], apart[..., 1]), np.asarray(wrap_angle(apart[..., 2]))
 
 
 def pieces(stamps: Stamps, largest_gap: float) -> Places:
@@ -209,10 +226,8 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     if truth.twists is not None:
         stamps, twists = truth.twists.stamps, truth.twists.twists
         inside = (stamps >= estimate.stamps[0]) & (stamps <= estimate.stamps[-1])
-        at = (stamps[inside] - estimate.stamps[0]) * NANOSECOND
-        known = (estimate.stamps - estimate.stamps[0]) * NANOSECOND
-        columns = [np.interp(at, known, estimate.twists[:, axis]) for axis in range(3)]
-        return np.asarray(np.stack(columns, axis=-1) - twists[inside])
+        found = interpolate(estimate.stamps, estimate.twists, stamps[inside])
+        return np.asarray(found - twists[inside])
     window = int(VELOCITY_WINDOW / NANOSECOND)
     low = max(truth.poses.stamps[0], estimate.stamps[0])
     high = min(truth.poses.stamps[-1], estimate.stamps[-1])
@@ -245,28 +260,57 @@ def _reckoned(estimate: Trajectory) -> PoseSeries:
     return PoseSeries(estimate.stamps, poses)
 
 
+def nees(errors: Floats, covariances: Floats) -> Floats:
+    """Normalised estimation error squared (...) of three errors by their covariance.
+
+    Chi-square with three degrees of freedom if the filter is consistent (Bar-Shalom, Li, Kirubarajan,
+    Estimation with Applications, section 5.4).
+
+    Args:
+        errors: (..., 3).
+        covariances: (..., 3, 3).
+    """
+    (of_x, of_y, of_z), (l_yx, l_zx, l_zy) = _factors(covariances)
+    x = errors[..., 0]
+    y = errors[..., 1] - l_yx * x
+    z = errors[..., 2] - l_zx * x - l_zy * y
+    return np.asarray(x * x / of_x + y * y / of_y + z * z / of_z)
+
+
+def regular(covariances: Floats) -> NDArray[np.bool_]:
+    """Mask (...) of matrices (..., 3, 3) with eigenvalues above `LEAST_EIGENVALUE`."""
+    with np.errstate(all="ignore"):
+        pivots, _ = _factors(covariances, LEAST_EIGENVALUE)
+    return np.asarray((pivots[0] > 0.0) & (pivots[1] > 0.0) & (pivots[2] > 0.0))
+
+
+def _factors(covariances: Floats, less: float = 0.0) -> tuple[tuple[Floats, ...], ...]:
+    """Factors of P - less I = L D L^T: entries of D, and of L below its diagonal."""
+    xx, yy, zz = (covariances[..., axis, axis] - less for axis in range(3))
+    xy, xz, yz = covariances[..., 0, 1], covariances[..., 0, 2], covariances[..., 1, 2]
+    l_yx, l_zx = xy / xx, xz / xx
+    of_y, left_yz = yy - l_yx * xy, yz - l_yx * xz
+    l_zy = left_yz / of_y
+    return (xx, of_y, zz - l_zx * xz - l_zy * left_yz), (l_yx, l_zx, l_zy)
+
+
 def pose_nees(
     estimate: Trajectory, truth: PoseSeries, *, within: list[Interval] | None = None
 ) -> Floats:
-    """Normalised estimation error squared (n,) of the pose at the truth's stamps.
+    """NEES (n,) of the pose at the truth's stamps, see `nees`.
 
-    Chi-square with three degrees of freedom if the filter is consistent (Bar-Shalom, Li, Kirubarajan,
-    Estimation with Applications, section 5.4). Estimate and truth must share their frame. Stamps with a
-    singular covariance, and those outside of `within`, are left out.
+    Estimate and truth must share their frame. Stamps with a singular covariance, and those outside of
+    `within`, are left out.
     """
-    stamps = truth.stamps[
-        (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
-    ]
+    stamps = shared_stamps(estimate, truth)
     if within is not None:
         inside = [(stamps >= low) & (stamps <= high) for low, high in within]
         stamps = stamps[np.any(inside, axis=0)] if inside else stamps[:0]
     errors = interpolate_poses(estimate.pose_series, stamps) - interpolate_poses(truth, stamps)
     errors[:, 2] = wrap_angle(errors[:, 2])
-    following = np.searchsorted(estimate.stamps, stamps)
-    covariances = estimate.pose_covariances[following]
-    regular = np.linalg.eigvalsh(covariances)[:, 0] > 1e-12
-    solved = np.linalg.solve(covariances[regular], errors[regular][..., None])[..., 0]
-    return np.asarray(np.einsum("ij,ij->i", errors[regular], solved))
+    covariances = estimate.pose_covariances[np.searchsorted(estimate.stamps, stamps)]
+    counted = regular(covariances)
+    return nees(errors[counted], covariances[counted])
 
 
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.checks import NotNegative, Positive, check_bounds
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist, inertial_force
 
 if TYPE_CHECKING:
@@ -56,22 +57,15 @@ class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "track", the motion of the track around its rollers.
     """
 
-    friction: float = 0.9
-    longitudinal_friction: float | None = None
-    rolling_resistance: float = 0.0
-    shear_modulus: float = 0.0
-    regularising_speed: float = 1e-4
+    friction: Positive = 0.9
+    longitudinal_friction: Positive | None = None
+    rolling_resistance: NotNegative = 0.0
+    shear_modulus: NotNegative = 0.0
+    regularising_speed: Positive = 1e-4
     resistance_opposes: Literal["travel", "track"] = "travel"
 
     def __post_init__(self) -> None:
-        _require_positive("friction", self.friction)
-        if self.longitudinal_friction is not None:
-            _require_positive("longitudinal_friction", self.longitudinal_friction)
-        _require_positive("regularising_speed", self.regularising_speed)
-        for name in ("rolling_resistance", "shear_modulus"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"{name} must be zero or a positive number, found {value!r}")
+        check_bounds(self)
 
     @property
     def coefficients(self) -> tuple[float, float]:
@@ -92,13 +86,13 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             each position evenly over the tread's width.
     """
 
-    gauge: float
+    gauge: Positive
     positions: tuple[float, ...]
-    weights: tuple[float, ...] = ()
+    weights: tuple[Positive, ...] = ()
     across: tuple[float, ...] = (0.0,)
 
     def __post_init__(self) -> None:
-        _require_positive("gauge", self.gauge)
+        check_bounds(self)
         if len(self.positions) < 2 or not np.all(np.diff(self.positions) > 0.0):
             raise ValueError(f"positions must be two or more, rising, found {self.positions!r}")
         if self.weights and len(self.weights) != len(self.positions):
@@ -106,8 +100,6 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"weights must be as many as positions ({len(self.positions)}), "
                 f"found {len(self.weights)}"
             )
-        for weight in self.weights:
-            _require_positive("weights", weight)
         if not self.across or not np.all(np.abs(self.across) < 0.5 * self.gauge):
             raise ValueError(
                 f"across must be one or more offsets of less than half the gauge, "
@@ -125,13 +117,13 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         z_CM: centre of mass, above the ground [m].
     """
 
-    mass: float
+    mass: Positive
     x_CM: float = 0.0
     y_CM: float = 0.0
     z_CM: float = 0.0
 
     def __post_init__(self) -> None:
-        _require_positive("mass", self.mass)
+        check_bounds(self)
         if not np.all(np.isfinite([self.x_CM, self.y_CM, self.z_CM])) or self.z_CM < 0.0:
             raise ValueError(
                 "the centre of mass must be finite and not below the ground, found "
@@ -402,8 +394,3 @@ def _outline(geometry: ContactGeometry) -> tuple[float, float, float]:
     """Half width, rear and front end [m] of the rectangle around all contact points."""
     half = 0.5 * geometry.gauge + max(geometry.across)
     return half, geometry.positions[0], geometry.positions[-1]
-
-
-def _require_positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} must be a positive number, found {value!r}")

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import require_finite, require_not_negative, require_positive
+from icreckon.estimator.base.checks import Finite, NotNegative, Positive, check_bounds
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
 from icreckon.estimator.base.frames import rep103_to_paper, rpy_to_matrix
@@ -48,31 +48,20 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             pitches on its suspension [s].
     """
 
-    mass: float
-    track_gauge: float
-    sprocket_radius: float
-    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    half_contact_length: float = 0.3
+    mass: Positive
+    track_gauge: Positive
+    sprocket_radius: Positive
+    centre_of_mass: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    half_contact_length: Positive = 0.3
     contact_points: int = 5
-    yaw_inertia: float | None = None
-    max_track_speed: float = 1.0
-    load_lag: float = LOAD_LAG
+    yaw_inertia: Positive | None = None
+    max_track_speed: Positive = 1.0
+    load_lag: Positive = LOAD_LAG
 
     def __post_init__(self) -> None:
-        for name in (
-            "mass",
-            "track_gauge",
-            "sprocket_radius",
-            "half_contact_length",
-            "max_track_speed",
-            "load_lag",
-        ):
-            require_positive(name, getattr(self, name))
-        require_finite("centre_of_mass", *self.centre_of_mass)
+        check_bounds(self)
         if self.contact_points < 2:
             raise SettingError(f"contact_points must be at least 2, found {self.contact_points!r}")
-        if self.yaw_inertia is not None:
-            require_positive("yaw_inertia", self.yaw_inertia)
 
 
 class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -89,18 +78,17 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         eta2: quadratic gain of eta [1/N²].
     """
 
-    H: float = 1.0
-    zeta0: float = 0.0
-    zeta1: float = 0.0
-    epsilon0: float = 0.0
-    epsilon1: float = 0.0
-    eta0: float = 1.0
-    eta1: float = 0.0
-    eta2: float = 0.0
+    H: Finite = 1.0
+    zeta0: Finite = 0.0
+    zeta1: Finite = 0.0
+    epsilon0: Finite = 0.0
+    epsilon1: Finite = 0.0
+    eta0: Finite = 1.0
+    eta1: Finite = 0.0
+    eta2: Finite = 0.0
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            require_finite(name, getattr(self, name))
+        check_bounds(self)
         if not self.eta0 >= 1.0:
             raise SettingError(
                 f"eta0 must be at least 1 (1 is the ideal differential drive), found {self.eta0!r}"
@@ -116,10 +104,10 @@ class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     x_ICRl: float
     x_ICRr: float
-    y_ICR: float = 0.0
+    y_ICR: Finite = 0.0
 
     def __post_init__(self) -> None:
-        require_finite("y_ICR", self.y_ICR)
+        check_bounds(self)
         if not -np.inf < self.x_ICRl < 0.0 < self.x_ICRr < np.inf:
             raise SettingError(
                 f"x_ICRl < 0 < x_ICRr must hold, found {self.x_ICRl!r} and {self.x_ICRr!r}"
@@ -145,31 +133,20 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         accelerometer_bias_walk: random walk of the bias [m/s²/√s].
     """
 
-    rotation_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_rpy_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     gyro_axes: Literal["xyz", "z"] = "xyz"
-    gyro_scale: float = 1.0
-    gyro_scale_sigma: float = 0.0
-    gyro_noise_density: float = 1e-3
-    gyro_bias_sigma: float = 0.01
-    gyro_bias_walk: float = 1e-5
-    accelerometer_noise_density: float = 0.02
-    accelerometer_bias_sigma: float = 0.2
-    accelerometer_bias_walk: float = 1e-3
+    gyro_scale: Positive = 1.0
+    gyro_scale_sigma: NotNegative = 0.0
+    gyro_noise_density: Positive = 1e-3
+    gyro_bias_sigma: NotNegative = 0.01
+    gyro_bias_walk: NotNegative = 1e-5
+    accelerometer_noise_density: Positive = 0.02
+    accelerometer_bias_sigma: NotNegative = 0.2
+    accelerometer_bias_walk: NotNegative = 1e-3
 
     def __post_init__(self) -> None:
-        require_finite("rotation_rpy_deg", *self.rotation_rpy_deg)
-        require_finite("position", *self.position)
-        for name in ("gyro_scale", "gyro_noise_density", "accelerometer_noise_density"):
-            require_positive(name, getattr(self, name))
-        for name in (
-            "gyro_scale_sigma",
-            "gyro_bias_sigma",
-            "gyro_bias_walk",
-            "accelerometer_bias_sigma",
-            "accelerometer_bias_walk",
-        ):
-            require_not_negative(name, getattr(self, name))
+        check_bounds(self)
         roll, pitch, _ = np.radians(self.rotation_rpy_deg)
         if self.gyro_axes == "z" and abs(np.cos(roll) * np.cos(pitch)) < LEAST_UPRIGHT:
             raise SettingError(
@@ -186,12 +163,11 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         scale_sigma: standard deviation of the relative error of the effective sprocket radius [-].
     """
 
-    speed_noise_density: float = 1e-3
-    scale_sigma: float = 0.0
+    speed_noise_density: NotNegative = 1e-3
+    scale_sigma: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            require_not_negative(name, getattr(self, name))
+        check_bounds(self)
 
 
 class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -216,19 +192,17 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         EstimatorError: a value is negative or not a finite number, or `time_constant` is zero.
     """
 
-    turning_x: float = 0.05
-    turning_y: float = 0.02
-    turning_w: float = 0.1
-    driving_x: float = 0.005
-    driving_y: float = 0.003
-    driving_w: float = 0.01
-    time_constant: float = 1.0
-    white_time: float = 0.1
+    turning_x: NotNegative = 0.05
+    turning_y: NotNegative = 0.02
+    turning_w: NotNegative = 0.1
+    driving_x: NotNegative = 0.005
+    driving_y: NotNegative = 0.003
+    driving_w: NotNegative = 0.01
+    time_constant: Positive = 1.0
+    white_time: NotNegative = 0.1
 
     def __post_init__(self) -> None:
-        require_positive("time_constant", self.time_constant)
-        for name in self.__struct_fields__:
-            require_not_negative(name, getattr(self, name))
+        check_bounds(self)
 
     def scaled(self, factor: float) -> Slip:
         """Scale all standard deviations by a factor."""

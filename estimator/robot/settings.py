@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import msgspec
 
 from icreckon.estimator.base.checks import (
-    is_finite,
+    Bound,
+    NotNegative,
+    check_bounds,
     is_whole,
     require_choice,
     require_flag,
-    require_from,
     require_kind,
-    require_not_negative,
 )
 from icreckon.estimator.base.errors import SettingError
 from icreckon.estimator.motion.index_model import Form
@@ -27,6 +27,10 @@ Inertia = Literal["tracks", "imu"]
 LONGEST_HISTORY = 60.0
 # Largest valid time, thirty years [s].
 LONGEST_TIME = 1e9
+_HISTORY = Bound(f"from 0 to {LONGEST_HISTORY:g} s", 0.0, LONGEST_HISTORY)
+_SOME_TIME = Bound(
+    f"a time of more than 0 s, and no more than {LONGEST_TIME:g} s", 0.0, LONGEST_TIME, beyond=True
+)
 
 
 class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,6 +55,7 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 # A shorter time contains no readings [s].
 SHORTEST_STANDSTILL = 1e-3
+_LONG_ENOUGH = Bound(f"at least {SHORTEST_STANDSTILL:g} s", SHORTEST_STANDSTILL)
 
 
 class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -68,20 +73,13 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         EstimatorError: a value is negative or not a finite number, or `duration` is too short.
     """
 
-    track_speed: float = 0.005
-    duration: float = 0.5
-    quiet_gyro: float = 0.02
-    bias_margin: float = 0.03
+    track_speed: NotNegative = 0.005
+    duration: Annotated[float, _LONG_ENOUGH] = 0.5
+    quiet_gyro: NotNegative = 0.02
+    bias_margin: NotNegative = 0.03
 
     def __post_init__(self) -> None:
-        for name in ("track_speed", "quiet_gyro", "bias_margin"):
-            require_not_negative(f"StandstillSettings.{name}", getattr(self, name))
-        require_from(
-            "StandstillSettings.duration",
-            self.duration,
-            SHORTEST_STANDSTILL,
-            f"at least {SHORTEST_STANDSTILL:g} s",
-        )
+        check_bounds(self, "StandstillSettings.{}")
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -117,10 +115,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     inertia: Inertia = "tracks"
     slip: Slip | None = None
     adaptation: Adaptation | None = None
-    hold: float = 0.3
-    gap_acceleration: float = 1.0
-    history: float = 1.0
-    longest_gap: float = 100.0
+    hold: Annotated[float, _SOME_TIME] = 0.3
+    gap_acceleration: NotNegative = 1.0
+    history: Annotated[float, _HISTORY] = 1.0
+    longest_gap: Annotated[float, _SOME_TIME] = 100.0
     use_accelerometer: bool = True
     considered: tuple[str, ...] = ()
     gates: GateSettings = GateSettings()
@@ -133,22 +131,11 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         require_kind("Settings.adaptation", self.adaptation, Adaptation, or_none=True)
         require_kind("Settings.gates", self.gates, GateSettings)
         require_kind("Settings.standstill", self.standstill, StandstillSettings)
-        for name in ("hold", "longest_gap"):
-            value = getattr(self, name)
-            if not (is_finite(value) and 0.0 < value <= LONGEST_TIME):
-                raise SettingError(
-                    f"Settings.{name} must be a time of more than 0 s, and no more than "
-                    f"{LONGEST_TIME:g} s, found {value!r}"
-                )
-        require_not_negative("Settings.gap_acceleration", self.gap_acceleration)
+        check_bounds(self, "Settings.{}")
         require_flag("Settings.use_accelerometer", self.use_accelerometer)
         names = self.considered
         if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names)):
             raise SettingError(
                 "Settings.considered must be a tuple of names of states, as in ('gyro_scale',), "
                 f"found {names!r}"
-            )
-        if not (is_finite(self.history) and 0.0 <= self.history <= LONGEST_HISTORY):
-            raise SettingError(
-                f"Settings.history must be from 0 to {LONGEST_HISTORY:g} s, found {self.history!r}"
             )

@@ -18,7 +18,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import require_not_negative
+from icreckon.estimator.base.checks import NotNegative, check_bounds
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.estimator.base.state import PARAMETER_NAMES as INDEX_PARAMETERS
 from icreckon.estimator.friction.layout import FRICTION, LENGTH, ROLLING, Z_CM
@@ -103,25 +103,24 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         EstimatorError: a value is negative or not a finite number.
     """
 
-    zeta0: float = 0.02
-    zeta1: float = 0.02
-    epsilon0: float = 0.03
-    epsilon1: float = 0.05
-    eta0: float = 0.4
-    eta1: float = 0.1
-    eta2: float = 0.1
-    friction: float = 0.2
-    rolling_resistance: float = 0.02
-    contact_length: float = 0.06
-    x_CM: float = 0.06
-    y_CM: float = 0.05
-    z_CM: float = 0.08
-    walk: float = 0.01
-    ground_walk: float = 0.1
+    zeta0: NotNegative = 0.02
+    zeta1: NotNegative = 0.02
+    epsilon0: NotNegative = 0.03
+    epsilon1: NotNegative = 0.05
+    eta0: NotNegative = 0.4
+    eta1: NotNegative = 0.1
+    eta2: NotNegative = 0.1
+    friction: NotNegative = 0.2
+    rolling_resistance: NotNegative = 0.02
+    contact_length: NotNegative = 0.06
+    x_CM: NotNegative = 0.06
+    y_CM: NotNegative = 0.05
+    z_CM: NotNegative = 0.08
+    walk: NotNegative = 0.01
+    ground_walk: NotNegative = 0.1
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            require_not_negative(f"Adaptation.{name}", getattr(self, name))
+        check_bounds(self, "Adaptation.{}")
 
 
 # Constant ICRs: Table II's RMS errors as shares of the RMS track-speed difference over the grid of that

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.measurements import Vector3
+from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.streaming.recorded_run import Run
 
 # No position is further from its origin, not even in UTM coordinates [m].
@@ -47,21 +48,23 @@ def reason_of(kind: int, seconds: float) -> str:
     return f"{REASONS[kind]} from {seconds:.1f} s on"
 
 
-def loss_kind(
-    pose: Vector3, pose_variances: Vector3, twist: Vector3, twist_variances: Vector3
-) -> int:
-    """Kind of loss of a pose and a twist; plain Python, for numba too."""
-    x, y, yaw = pose
-    xx, yy, yaw_yaw = pose_variances
-    v_x, v_y, w = twist
-    v_xx, v_yy, ww = twist_variances
-    if not math.isfinite(x + y + yaw + v_x + v_y + w + xx + yy + yaw_yaw + v_xx + v_yy + ww):
-        return NOT_FINITE
-    if min(xx, yy, yaw_yaw, v_xx, v_yy, ww) < -ROUNDING:
-        return NEGATIVE
-    if max(abs(x), abs(y)) > FURTHEST or max(abs(v_x), abs(v_y), abs(w)) > FASTEST:
-        return ABSURD
-    return USABLE
+def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -> Any:
+    """Kind of loss (n, ...) of each row of a path, of one filter or several.
+
+    Args:
+        path: the path; its arrays may have an axis for filters after the first.
+        finite: (n, ...) False if something else of a row is not finite.
+        negative: (n, ...) True if something else of a row is a negative variance.
+    """
+    for values in (path.poses, path.twists):
+        finite = finite & np.isfinite(values).all(axis=-1)
+    for covariances in (path.pose_covariances, path.twist_covariances):
+        finite = finite & np.isfinite(covariances).all(axis=(-2, -1))
+        variances = np.diagonal(covariances, axis1=-2, axis2=-1)
+        negative = negative | (variances < -ROUNDING).any(axis=-1)
+    absurd = (np.abs(path.poses[..., :2]) > FURTHEST).any(axis=-1)
+    absurd |= (np.abs(path.twists) > FASTEST).any(axis=-1)
+    return np.select([~finite, negative, absurd], [NOT_FINITE, NEGATIVE, ABSURD], USABLE)
 
 
 def loss_of(run: Run, start: int) -> LostFilter | None:
@@ -71,17 +74,12 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
         run: the run.
         start: stamp from which times are counted [ns].
     """
-    path = run.trajectory
-    finite = np.isfinite(run.states).all(axis=1) & np.isfinite(path.twists).all(axis=1)
-    covariances = path.pose_covariances, path.twist_covariances
-    negative = np.isnan(run.state_sigmas).any(axis=1)
-    for one in covariances:
-        finite &= np.isfinite(one).all(axis=(1, 2))
-        negative |= (np.diagonal(one, axis1=1, axis2=2) < -ROUNDING).any(axis=1)
-    finite &= ~np.isinf(run.state_sigmas).any(axis=1)
-    absurd = (np.abs(path.poses[:, :2]) > FURTHEST).any(axis=1)
-    absurd |= (np.abs(path.twists) > FASTEST).any(axis=1)
-    kinds = np.select([~finite, negative, absurd], [NOT_FINITE, NEGATIVE, ABSURD], USABLE)
+    sigmas = run.state_sigmas
+    kinds = loss_kinds(
+        run.trajectory,
+        finite=np.isfinite(run.states).all(axis=1) & ~np.isinf(sigmas).any(axis=1),
+        negative=np.isnan(sigmas).any(axis=1),
+    )
     lost = np.flatnonzero(kinds)
     if not len(lost):
         sums = {name: one.nis_sum for name, one in run.health.sensors.items()}

@@ -14,15 +14,13 @@ content.
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from icreckon.estimator.base.atomic_write import write_whole
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.health import Health
@@ -131,18 +129,9 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
         "checksum": _checksum(content),
         "content": content,
     }
-    scratch = None
     try:
-        handle, scratch = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(_readable(document) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        Path(scratch).replace(path)
+        write_whole(path, f"{_readable(document)}\n".encode())
     except OSError as problem:
-        if scratch is not None:
-            with suppress(OSError):
-                Path(scratch).unlink()
         raise EstimatorError(f"{path}: cannot be written: {problem.strerror}") from None
 
 

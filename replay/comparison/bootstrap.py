@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.log.drift_by_distance import DistanceDrift
 from icreckon.estimator.log.scores import Drift
 
 REPLICATES = 2000
@@ -117,7 +116,7 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     errors = np.array([one.position_errors[rows[name]] for name, one in drifts.items()])
     name, first = next(iter(drifts.items()))
     duration = first.horizon
-    if isinstance(first, DistanceDrift):
+    if first.unit == "m":
         duration = float(first.durations[rows[name]].mean()) if len(common) else 1.0
     step = float(np.median(np.diff(common))) * 1e-9 if len(common) > 1 else 1.0
     length = max(1.0, duration / step)

@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, w
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from multiprocessing.sharedctypes import Synchronized
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from icreckon.estimator.base.errors import IcreckonError, nearest_hint
 from icreckon.estimator.log.log import Log
@@ -23,7 +23,7 @@ from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.fixes import LogPart, with_fixes_within
-from icreckon.replay.comparison.initial_pose import Start, start_from_fixes
+from icreckon.replay.comparison.initial_pose import start_from_fixes
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
@@ -40,6 +40,7 @@ ENGINES = ("auto", "batch", "streaming")
 Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
 Outcome = tuple[Run | LostFilter, ...]
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -106,15 +107,15 @@ def compare(
         ReplayError: no such engine, fixes were requested that the log lacks, or every variant failed.
         BatchError: the engine "batch" does not support this log; the message gives the reason.
     """
+    report = progress or _unreported
     if engine not in ENGINES:
         raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
     for name in variants:
         motion_model(robot, find_variant(name))
     alignment = None
     if log.truth is not None and log.truth.twists is None:
-        reckoned = _first_run(
-            _Task(replace(log, fixes=None), robot, settings, engine=engine), variants
-        )
+        unaided = _Task(replace(log, fixes=None), robot, settings, engine=engine)
+        reckoned = _first_found(variants, unaided.only_run)
         alignment = align_truth(log.truth, reckoned.trajectory)
         log = replace(log, truth=alignment.truth)
     if fixes is not None:
@@ -124,12 +125,14 @@ def compare(
         start = _pose_at(log.truth, log.start)
         sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
     elif log.fixes is not None:
-        start, sigma = _start_from_fixes(log, robot, settings, variants)
+        start, sigma = _first_found(
+            variants, lambda name: start_from_fixes(log, robot, name, settings)
+        )
     task = _Task(log, robot, settings, start, sigma, smooth, engine)
     if executor is not None:
-        runs = _on_executor(task, variants, executor, progress)
+        runs = _on_executor(task, variants, executor, report)
     else:
-        runs = _in_any_way(task, variants, workers, progress)
+        runs = _in_any_way(task, variants, workers, report)
     # All filtered runs precede the smoothed ones.
     found = [one for kind in zip_longest(*runs) for one in kind if one is not None]
     failed = {one.variant: one for one in found if isinstance(one, LostFilter)}
@@ -143,28 +146,19 @@ def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
     return ReplayError(f"no variant has a result: {'; '.join(map(str, failed))}")
 
 
-def _first_run(task: _Task, variants: Sequence[str]) -> Run:
-    """Run the variant for the alignment of a truth, or another if it fails."""
-    failed = []
-    for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
-        ((one,),) = _in_any_way(task, (name,), 1, None)
-        if isinstance(one, Run):
-            return one
-        failed.append(one)
-    raise _all_failed(failed)
-
-
-def _start_from_fixes(
-    log: Log, robot: Robot, settings: Settings | None, variants: Sequence[str]
-) -> Start:
-    """Estimate the initial pose with the alignment variant, or another if it fails."""
+def _first_found(variants: Sequence[str], attempt: Callable[[str], Found]) -> Found:
+    """Result for the alignment variant, or for another if its filter is lost."""
     failed = []
     for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
         try:
-            return start_from_fixes(log, robot, name, settings)
+            return attempt(name)
         except LostFilter as lost:
             failed.append(lost)
     raise _all_failed(failed)
+
+
+def _unreported(_: float) -> None:
+    """Progress that is not reported."""
 
 
 def _pose_at(truth: Truth, stamp: int) -> tuple[float, float, float]:
@@ -204,26 +198,32 @@ class _Task:
             return (LostFilter(variant, described(problem)),)
         return self.checked((found,) if isinstance(found, Run) else found)
 
+    def only_run(self, variant: str) -> Run:
+        """Run a variant that is not smoothed.
+
+        Raises:
+            LostFilter: it has no result.
+        """
+        ((found,),) = _in_any_way(self, (variant,), 1, _unreported)
+        if isinstance(found, LostFilter):
+            raise found
+        return found
+
     def checked(self, runs: Sequence[Run]) -> Outcome:
         """Replace a lost run by its failure."""
         return tuple(loss_of(one, self.log.start) or one for one in runs)
 
 
 def _in_any_way(
-    task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
+    task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
     """Run the variants: a batch of those that support it, then the others one by one."""
-
-    def report(done: float) -> None:
-        if progress is not None:
-            progress(done)
-
-    together = _side_by_side(task, variants, report)
+    together = _side_by_side(task, variants, progress)
     others = [name for name in variants if name not in together]
     if workers > 1 and len(others) > 1:
-        runs = _in_processes(task, others, workers, report)
+        runs = _in_processes(task, others, workers, progress)
     else:
-        runs = _here(task, others, report)
+        runs = _here(task, others, progress)
     found = {name: task.checked((one,)) for name, one in together.items()}
     found |= dict(zip(others, runs, strict=True))
     return [found[name] for name in variants]
@@ -256,30 +256,21 @@ def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> d
         return {}
 
 
-def _here(task: _Task, variants: Sequence[str], progress: Progress | None) -> list[Outcome]:
+def _here(task: _Task, variants: Sequence[str], progress: Progress) -> list[Outcome]:
     def share_of(index: int) -> Progress:
-        def report(done: float) -> None:
-            if progress is not None:
-                progress((index + done) / len(variants))
-
-        return report
+        return lambda done: progress((index + done) / len(variants))
 
     return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
 
 
-def _run_quietly(task: _Task, variant: str) -> Outcome:
-    return task.run(variant, lambda _: None)
-
-
 def _on_executor(
-    task: _Task, variants: Sequence[str], executor: Executor, progress: Progress | None
+    task: _Task, variants: Sequence[str], executor: Executor, progress: Progress
 ) -> list[Outcome]:
-    futures = [executor.submit(_run_quietly, task, variant) for variant in variants]
+    futures = [executor.submit(task.run, variant, _unreported) for variant in variants]
     runs = []
     for future in futures:
         runs.append(future.result())
-        if progress is not None:
-            progress(len(runs) / len(futures))
+        progress(len(runs) / len(futures))
     return runs
 
 
@@ -302,7 +293,7 @@ class _Worker:
 
 
 def _in_processes(
-    task: _Task, variants: Sequence[str], workers: int, progress: Progress | None
+    task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
     context = multiprocessing.get_context("spawn")
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
@@ -312,10 +303,9 @@ def _in_processes(
         waiting = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-            if progress is not None:
-                done = [
-                    1.0 if future.done() else float(slots[index])  # type: ignore[index]
-                    for index, future in enumerate(futures)
-                ]
-                progress(sum(done) / len(done))
+            done = [
+                1.0 if future.done() else float(slots[index])  # type: ignore[index]
+                for index, future in enumerate(futures)
+            ]
+            progress(sum(done) / len(done))
         return [future.result() for future in futures]

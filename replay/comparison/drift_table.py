@@ -6,9 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from icreckon.estimator.log.drift_by_distance import DISTANCES, drift_by_distance
-from icreckon.estimator.log.scores import HORIZONS, Drift, drift
-from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Unit, drift
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
@@ -23,9 +21,11 @@ Results = dict[str, Any]
 Stretches = list[tuple[int, int]]
 
 
-def horizon_labels() -> list[str]:
-    """Labels of the horizons, as in the keys of results."""
-    return [f"{one:g}s" for one in HORIZONS] + [f"{one:g}m" for one in DISTANCES]
+def horizon_labels() -> dict[str, tuple[float, Unit]]:
+    """Horizons with their units, by their labels in the keys of results."""
+    every: list[tuple[float, Unit]] = [(one, "s") for one in HORIZONS]
+    every += [(one, "m") for one in DISTANCES]
+    return {f"{horizon:g}{unit}": (horizon, unit) for horizon, unit in every}
 
 
 def paired_drifts(
@@ -40,20 +40,13 @@ def paired_drifts(
     """
     paths = {name: one.trajectory.pose_series for name, one in runs.items()}
     found = {}
-    for label in horizon_labels():
+    for label, (horizon, unit) in horizon_labels().items():
         drifts = {
-            name: _drift(path, truths[name].truth.poses, label, scored)
+            name: drift(path, truths[name].truth.poses, horizon, unit=unit, within=scored)
             for name, path in paths.items()
         }
         found[label] = paired_drift(drifts)
     return found
-
-
-def _drift(path: PoseSeries, truth: PoseSeries, label: str, scored: Stretches) -> Drift:
-    horizon = float(label[:-1])
-    if label.endswith("m"):
-        return drift_by_distance(path, truth, horizon, within=scored)
-    return drift(path, truth, horizon, within=scored)
 
 
 def baseline_of(names: list[str]) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import interpolate_poses
@@ -74,7 +74,7 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     start = _laid_over(reckoned, places, sigma)
     heading = _first_heading(log)
     if heading is not None and (start is None or heading[1] < start.sigma[2]):
-        first = places[0] - _turned(reckoned[0], heading[0])
+        first = places[0] - rotate(reckoned[0], heading[0])
         wide = sigma + heading[1] * float(np.hypot(*reckoned[0]))
         start = Start((float(first[0]), float(first[1]), heading[0]), (wide, wide, heading[1]))
     if start is None:
@@ -123,14 +123,9 @@ def _laid_over(path: Floats, places: Floats, sigma: float) -> Start | None:
     yaw_sigma = sigma / extent + DRIFT
     if yaw_sigma > KNOWN_HEADING:
         return None
-    x, y = (centre - _turned(middle, yaw)).tolist()
+    x, y = (centre - rotate(middle, yaw)).tolist()
     wide = sigma + yaw_sigma * float(np.hypot(*middle))
     return Start((x, y, yaw), (wide, wide, yaw_sigma))
-
-
-def _turned(place: Floats, yaw: float) -> Floats:
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([c * place[0] - s * place[1], s * place[0] + c * place[1]])
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:

@@ -101,7 +101,7 @@ def summarise(
         "truth": _truth_summary(comparison, scored),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
-        "horizons": horizon_labels(),
+        "horizons": list(horizon_labels()),
         "verdict": found,
         "failed": {
             name: {"reason": lost.reason, "since_s": lost.seconds}

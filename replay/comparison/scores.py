@@ -9,7 +9,6 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import relative, wrap_angle
-from icreckon.estimator.log.drift_by_distance import DISTANCES, drift_by_distance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import (
     HORIZONS,
@@ -22,6 +21,7 @@ from icreckon.estimator.log.scores import (
 )
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.drift_table import horizon_labels
 from icreckon.replay.comparison.plot_series import largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
 
@@ -102,12 +102,9 @@ def differences(one: Run, reference: Run) -> Results:
         "end_apart_m": float(np.hypot(apart[0], apart[1])),
         "end_yaw_apart_deg": float(np.degrees(end[2] - other.poses[-1, 2])),
     }
-    for horizon in HORIZONS:
-        segments = drift(estimate.pose_series, other.pose_series, horizon)
-        found[f"apart_percent_{horizon:g}s_mean"] = segments.percent_mean
-    for length in DISTANCES:
-        stretches = drift_by_distance(estimate.pose_series, other.pose_series, length)
-        found[f"apart_percent_{length:g}m_mean"] = stretches.percent_mean
+    for label, (horizon, unit) in horizon_labels().items():
+        segments = drift(estimate.pose_series, other.pose_series, horizon, unit=unit)
+        found[f"apart_percent_{label}_mean"] = segments.percent_mean
     return found | _consistency(one)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.frames import relative
+from icreckon.estimator.base.frames import relative, rotate
 from icreckon.estimator.log.scores import interpolate_poses, pieces
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
@@ -73,9 +73,7 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     """
     lever = _lever_arm(truth.poses, reckoned.pose_series)
     poses = truth.poses.poses.copy()
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    poses[:, 0] -= cos * lever[0] - sin * lever[1]
-    poses[:, 1] -= sin * lever[0] + cos * lever[1]
+    poses[:, :2] -= rotate(lever, poses[:, 2])
     moved = replace(truth, poses=PoseSeries(truth.poses.stamps, poses))
     return TruthAlignment(0.0, (float(lever[0]), float(lever[1])), moved)
 

@@ -5,13 +5,13 @@ It is the `[log.columns]` table of a robot file.
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import msgspec
 
+from icreckon.estimator.base.checks import Positive, check_bounds
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import TrackUnit, check_latency, check_unit
+from icreckon.replay.mapping.track_units import Latency, TrackUnit, check_unit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
@@ -33,13 +33,13 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     left: tuple[str, ...]
     right: tuple[str, ...]
     unit: TrackUnit = "m/s"
-    counts_per_turn: float | None = None
-    wrap: float | None = None
+    counts_per_turn: Positive | None = None
+    wrap: Positive | None = None
     time: str | None = None
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_latency(self.latency)
+        check_bounds(self)
         if not (self.left and self.right):
             raise ValueError("left and right must name columns")
         on_a_side = max(len(self.left), len(self.right))
@@ -63,10 +63,10 @@ class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
     acceleration_unit: Literal["m/s2", "g"] = "m/s2"
     time: str | None = None
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_latency(self.latency)
+        check_bounds(self)
         if len(self.angular_velocity) not in (1, 3):
             raise ValueError("angular_velocity must name three columns, or that of z alone")
         if len(self.linear_acceleration) not in (0, 3):
@@ -100,23 +100,19 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     longitude: str | None = None
     altitude: str | None = None
     sigma: str | None = None
-    position_sigma: float | None = None
-    heading_sigma: float | None = None
-    least_sigma: float | None = None
+    position_sigma: Positive | None = None
+    heading_sigma: Positive | None = None
+    least_sigma: Positive | None = None
     origin: tuple[float, float, float] | None = None
     source: str = ""
     time: str | None = None
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_latency(self.latency)
+        check_bounds(self)
         plane, globe = (self.x, self.y), (self.latitude, self.longitude)
         if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
             raise ValueError("x and y must name columns, or else latitude and longitude")
-        for name in ("position_sigma", "heading_sigma", "least_sigma"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive number, found {value!r}")
         check_origin(self.origin)
 
 

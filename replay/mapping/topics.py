@@ -6,25 +6,20 @@ own mapping, as JSON on `MAPPING_TOPIC`.
 
 from __future__ import annotations
 
-import math
-from typing import Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
+from icreckon.estimator.base.checks import Bound, Positive, check_bounds
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import TrackUnit, check_latency, check_unit
+from icreckon.replay.mapping.track_units import Latency, TrackUnit, check_unit
 
 Clock = Literal["auto", "header", "recording"]
 """Clock of a stream: header stamps, time of recording, or the choice of `replay.reading.clocks`."""
-
-
-def _require_positive(name: str, value: float | None) -> None:
-    if value is not None and not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be a positive number, found {value!r}")
 
 
 def _check_frames(frames: tuple[str, str] | None) -> None:
@@ -56,20 +51,19 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     topic: str
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
-    gauge: float | None = None
+    gauge: Positive | None = None
     unit: TrackUnit = "rad/s"
-    counts_per_turn: float | None = None
-    wrap: float | None = None
+    counts_per_turn: Positive | None = None
+    wrap: Positive | None = None
     time: Clock = "auto"
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         if bool(self.left) != bool(self.right):
             raise ValueError("left and right must both name joints, or both be left out")
-        _require_positive("gauge", self.gauge)
+        check_bounds(self)
         on_a_side = max(len(self.left), len(self.right))
         check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
-        check_latency(self.latency)
 
 
 class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -83,10 +77,10 @@ class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     topic: str
     time: Clock = "auto"
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_latency(self.latency)
+        check_bounds(self)
 
 
 class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -109,21 +103,18 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     topic: str
-    position_sigma: float | None = None
-    heading_sigma: float | None = None
-    least_sigma: float | None = None
+    position_sigma: Positive | None = None
+    heading_sigma: Positive | None = None
+    least_sigma: Positive | None = None
     frames: tuple[str, str] | None = None
     origin: tuple[float, float, float] | None = None
     time: Clock = "auto"
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        _require_positive("position_sigma", self.position_sigma)
-        _require_positive("heading_sigma", self.heading_sigma)
-        _require_positive("least_sigma", self.least_sigma)
+        check_bounds(self)
         _check_frames(self.frames)
         check_origin(self.origin)
-        check_latency(self.latency)
 
 
 class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -139,16 +130,13 @@ class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     topic: str
-    sigma: float | None = None
-    offset_deg: float = 0.0
+    sigma: Positive | None = None
+    offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: Clock = "auto"
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        _require_positive("sigma", self.sigma)
-        if not math.isfinite(self.offset_deg):
-            raise ValueError(f"offset_deg must be a number, found {self.offset_deg!r}")
-        check_latency(self.latency)
+        check_bounds(self)
 
 
 class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -173,11 +161,11 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     source_topic: str | None = None
     frames: tuple[str, str] | None = None
     time: Clock = "auto"
-    latency: float = 0.0
+    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         _check_frames(self.frames)
-        check_latency(self.latency)
+        check_bounds(self)
 
 
 class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

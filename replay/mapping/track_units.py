@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.checks import Bound
 
 TrackUnit = Literal[
     "rad/s", "deg/s", "rpm", "m/s", "mm/s", "km/h", "rad", "deg", "turns", "counts", "m", "mm"
@@ -45,11 +46,8 @@ def check_unit(
         on_a_side: highest number of values of a side.
 
     Raises:
-        ValueError: a setting is missing, contradictory or out of range.
+        ValueError: a setting is missing or contradictory.
     """
-    for name, value in (("counts_per_turn", counts_per_turn), ("wrap", wrap)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be a positive number, found {value!r}")
     if (unit == "counts") != (counts_per_turn is not None):
         raise ValueError('unit = "counts" and counts_per_turn need each other')
     if wrap is not None and unit not in ADDS_UP:
@@ -99,15 +97,4 @@ def differences(
 
 LONGEST = 10.0
 """Longest latency; later stamps come from another clock [s]."""
-
-
-def check_latency(latency: float) -> None:
-    """Refuse an invalid latency [s].
-
-    Raises:
-        ValueError: it is not a number, or its magnitude exceeds `LONGEST`.
-    """
-    if not (math.isfinite(latency) and abs(latency) <= LONGEST):
-        raise ValueError(
-            f"latency must be a number of seconds, {LONGEST:g} at most, found {latency!r}"
-        )
+Latency = Annotated[float, Bound(f"a number of seconds, {LONGEST:g} at most", -LONGEST, LONGEST)]

@@ -1,4 +1,4 @@
-"""Conversion of plain Python data to the declared types of its fields."""
+"""Conversion of plain Python data to the declared types of fields, and bounds."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from icreckon.estimator.base.checks import check_bounds
 from icreckon.simulation.base.errors import SimulationError
 
 
-def settle_types(data: msgspec.Struct) -> None:
+def settle_types(data: msgspec.Struct, field: str = "{}") -> None:
     """Convert every field of a new structure to its declared type, if lossless.
 
     Integers become floats, lists tuples, NumPy's scalars and arrays plain numbers, paths strings.
 
     Args:
         data: the structure, as in its `__post_init__`; changed in place.
+        field: format of the names of fields in messages about bounds.
 
     Raises:
-        SimulationError: a value of another type; the message names the field.
+        SimulationError: a value of another type or out of its bounds; the message names the field.
     """
     for name, kind in _fields(type(data)):
         try:
@@ -29,6 +31,7 @@ def settle_types(data: msgspec.Struct) -> None:
         except msgspec.ValidationError as problem:
             raise SimulationError(f"{name} of a {type(data).__name__}: {problem}") from None
         msgspec.structs.force_setattr(data, name, value)
+    check_bounds(data, field, SimulationError)
 
 
 @cache

@@ -46,11 +46,6 @@ class PublishedNumber:
         """Number of published digits after the point."""
         return max(0, -int(Decimal(self.printed).as_tuple().exponent))
 
-    @property
-    def significant_digits(self) -> int:
-        """Number of published digits from the first that is not zero."""
-        return len(Decimal(self.printed).as_tuple().digits)
-
     def rounds_from(self, reproduced: float) -> bool:
         """Return True if a reproduced value rounds to the published digits.
 

@@ -16,38 +16,16 @@ from msgspec import msgpack
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.batch.inputs import has_absurd_readings, measured_of
-from icreckon.estimator.batch.runs import Worked, work_through_runs
-from icreckon.estimator.batch.scoring import (
-    COUNT,
-    DISTANCE,
-    ERROR,
-    FINAL_NEES,
-    FINAL_POSITION,
-    FINAL_YAW,
-    LOST_KIND,
-    LOST_TICK,
-    POSE_COUNT,
-    POSE_NEES,
-    POSITION_SQUARE,
-    V_X_SQUARE,
-    V_Y_SQUARE,
-    VELOCITY_COUNT,
-    VELOCITY_NEES,
-    W_SQUARE,
-    YAW_ERROR,
-    YAW_SQUARE,
-    Segments,
-    TrueTicks,
-    segments_of,
-)
+from icreckon.estimator.batch.runs import Worked, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import path_length, without_fixes
+from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import find_variant
-from icreckon.estimator.streaming.lost import reason_of
+from icreckon.estimator.streaming.lost import loss_kinds, reason_of
 from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.running import streaming_engine as study_streaming
@@ -57,7 +35,15 @@ from icreckon.simulation.sensors.specs import FixSpec, encoder_errors, fix_error
 from icreckon.simulation.simulate import drive
 from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores
-from icreckon.simulation.study.statistics import SENSORS, YAW_HORIZON, score_times, statistics
+from icreckon.simulation.study.statistics import (
+    SENSORS,
+    Segments,
+    TrueTicks,
+    path_statistics,
+    score_times,
+    scored_segments,
+    statistics,
+)
 
 # Enough for the true motions of a few concurrent blocks; cells that share them are consecutive.
 KEPT_TRUTHS = 160
@@ -118,7 +104,8 @@ def block(
         here = min(width, count - begin)
         # A group that is not full runs its last run more than once.
         runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
-        logs = [_log(cell, run) for run in runs]
+        truths = [_truth(cell, run) for run in runs]
+        logs = [_log(cell, run, truth) for run, truth in zip(runs, truths, strict=True)]
         doubtful = [lane for lane in range(here) if has_absurd_readings(logs[lane], slowest)]
         worked = work_through_runs(
             made,
@@ -126,12 +113,14 @@ def block(
             schedule.steps,
             start=np.zeros(3),
             start_sigma=np.zeros(3),
-            against=(_true_ticks(cell, runs), schedule.segments),
         )
-        for one, side_by_side, result in zip(filters, made, worked, strict=True):
-            rows = _statistics(side_by_side, result)
+        truth = _true_ticks(truths)
+        for one, lanes, result in zip(filters, made, worked, strict=True):
+            path = side_by_side(schedule.truth_stamps, result)
+            of_path = path_statistics(path, truth, schedule.segments)
+            rows = np.stack([*of_path, *_consistency(lanes, result)], axis=-1)
             values[one.label][begin : begin + here] = rows[:here]
-            reasons[one.label][begin : begin + here] = _losses(result, times)[:here]
+            reasons[one.label][begin : begin + here] = _losses(path, times)[:here]
         for lane in doubtful:
             # A run that the streaming filter rejects must not take the other lanes with it.
             for label, scores in study_streaming.block(cell, filters, runs[lane], 1).items():
@@ -142,8 +131,9 @@ def block(
 
 class _Schedule(NamedTuple):
     track_stamps: Stamps
+    truth_stamps: Stamps
     steps: Steps
-    segments: Segments
+    segments: list[Segments]
 
 
 def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
@@ -163,12 +153,9 @@ def _schedule(cell: Cell) -> _Schedule:
     tracks, imu, fixes, truth = _stamps(cell.scenario)
     errors = fix_errors(cell.scenario.fixes, noise_preset(cell.scenario.noise))
     steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
-    horizons = (*cell.horizons, YAW_HORIZON)
-    within: list[list[tuple[int, int]] | None] = [None] * len(horizons)
-    if len(fixes):
-        begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1], truth[-1])
-        within = [without_fixes(fixes, int(begin), int(end), horizon) for horizon in horizons]
-    return _Schedule(tracks, steps, segments_of(truth, horizons, within))
+    begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1])
+    segments = scored_segments(truth, cell.horizons, fixes, int(begin), int(end))
+    return _Schedule(tracks, truth, steps, segments)
 
 
 class _Truth(NamedTuple):
@@ -215,20 +202,19 @@ def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
     )
 
 
-def _true_ticks(cell: Cell, runs: Sequence[int]) -> TrueTicks:
-    truths = [_truth(cell, run) for run in runs]
+def _true_ticks(truths: Sequence[_Truth]) -> TrueTicks:
     return TrueTicks(
-        np.stack([truth.poses for truth in truths], axis=-1),
-        np.stack([truth.twists for truth in truths], axis=-1),
+        np.stack([truth.poses for truth in truths], axis=1),
+        np.stack([truth.twists for truth in truths], axis=1),
         np.stack([truth.lengths for truth in truths], axis=-1),
     )
 
 
-def _log(cell: Cell, run: int) -> Log:
+def _log(cell: Cell, run: int, truth: _Truth) -> Log:
     """Log of `simulation.running.streaming_engine.study_log`, without its truth."""
     scenario = cell.scenario
     streams = random_streams(scenario.seed, run)
-    read = sensed(_truth(cell, run).perfect, scenario, cell.robot, streams)
+    read = sensed(truth.perfect, scenario, cell.robot, streams)
     return Log(name=f"run {run}", tracks=read.tracks, imu=read.imu.series, fixes=read.fixes)
 
 
@@ -246,43 +232,22 @@ def _measured(
     return found
 
 
-def _losses(worked: Worked, times: Floats) -> list[str]:
+def _losses(path: Trajectory, times: Floats) -> list[str]:
     """Reason why each lane failed, empty if it did not; `times` (ticks,) in seconds."""
-    if worked.scores is None:
-        raise ValueError("nothing was scored")
-    kinds, ticks = worked.scores.sums[[LOST_KIND, LOST_TICK]].astype(int)
+    kinds = loss_kinds(path)
+    ticks = np.argmax(kinds > 0, axis=0)
     return [
         reason_of(int(kind), float(times[tick])) if kind else ""
-        for kind, tick in zip(kinds, ticks, strict=True)
+        for kind, tick in zip(kinds[ticks, np.arange(len(ticks))], ticks, strict=True)
     ]
 
 
-def _statistics(filters: BatchFilter, worked: Worked) -> Floats:
-    """Statistics (width, n) in the order of `simulation.study.statistics.statistics`."""
-    scores, counts = worked.scores, filters.counts(worked.lanes)
-    if scores is None:
-        raise ValueError("nothing was scored")
-    sums, drifts = scores.sums, scores.drifts
-    with np.errstate(divide="ignore", invalid="ignore"):
-        percent = 100.0 * drifts[:-1, ERROR] / drifts[:-1, DISTANCE]
-        yaw_drift = np.degrees(drifts[-1, YAW_ERROR]) / drifts[-1, DISTANCE]
-        squares = (V_X_SQUARE, V_Y_SQUARE, W_SQUARE)
-        columns = [
-            *percent,
-            yaw_drift,
-            sums[FINAL_POSITION],
-            sums[FINAL_YAW],
-            np.sqrt(sums[POSITION_SQUARE] / sums[COUNT]),
-            np.sqrt(sums[YAW_SQUARE] / sums[COUNT]),
-            *(np.sqrt(sums[row] / sums[COUNT]) for row in squares),
-            sums[POSE_NEES] / sums[POSE_COUNT],
-            sums[FINAL_NEES],
-            sums[VELOCITY_NEES] / sums[VELOCITY_COUNT],
-            *(
-                counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_admitted"])
-                for name in SENSORS
-            ),
-            *(counts[f"{name}_rejected"] for name in SENSORS),
-            sum(counts[f"{name}_rejected"] for name in (*SENSORS, "heading")),
-        ]
-    return np.stack(columns, axis=-1)
+@np.errstate(divide="ignore", invalid="ignore")
+def _consistency(filters: BatchFilter, worked: Worked) -> list[Floats]:
+    """NIS and rejections (width,) of each sensor, and all rejections."""
+    counts = filters.counts(worked.lanes)
+    return [
+        *(counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_admitted"]) for name in SENSORS),
+        *(counts[f"{name}_rejected"] for name in SENSORS),
+        np.sum([counts[f"{name}_rejected"] for name in (*SENSORS, "heading")], axis=0),
+    ]

@@ -9,9 +9,9 @@ import time
 import zipfile
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,14 +103,10 @@ class BlockStore:
             SimulationError: the file cannot be written.
         """
         path = self.path(job)
-        beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
+        content = BytesIO()
+        np.savez(content, values=values, reasons=reasons, digest=np.array(self._digest))
         try:
-            with beside.open("wb") as file:
-                digest = np.array(self._digest)
-                np.savez(file, values=values, reasons=reasons, digest=digest)
-                file.flush()
-                os.fsync(file.fileno())
-            beside.replace(path)
+            write_whole(path, content.getvalue())
             _sync_folder(path.parent)
         except OSError as problem:
             raise SimulationError(f"{path}: cannot be written: {problem.strerror}") from None

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.simulation.base.sampling import to_stamps
-from icreckon.simulation.truth.true_motion import TrueMotion
 
 DROPOUT_READINGS = ("nothing", "last", "zero")
 
@@ -50,29 +49,17 @@ class EncoderErrors(msgspec.Struct, frozen=True, kw_only=True):
     dropout_reads: str = "nothing"
 
 
-def read_tracks(
-    motion: TrueMotion, times: Floats, rate: float, errors: EncoderErrors, rng: Generator
+def with_encoder_errors(
+    true: Floats, times: Floats, rate: float, errors: EncoderErrors, rng: Generator
 ) -> TrackSpeedSeries:
-    """Track speeds from encoders, averaged since the previous sample.
-
-    They are exactly zero on a standing track.
+    """Track speeds from encoders; exactly zero on a standing track.
 
     Args:
-        motion: the true motion.
+        true: (n, 2) true mean speeds since the previous sample [m/s].
         times: (n,) sample times [s].
         rate: samples per second [Hz]; converts the noise density to noise per sample.
         errors: errors of the track speeds.
         rng: draws the errors.
-    """
-    return with_encoder_errors(motion.mean_track_speeds(times), times, rate, errors, rng)
-
-
-def with_encoder_errors(
-    true: Floats, times: Floats, rate: float, errors: EncoderErrors, rng: Generator
-) -> TrackSpeedSeries:
-    """Add encoder errors to true mean speeds (n, 2) since the previous sample [m/s].
-
-    Other arguments as in `read_tracks`.
     """
     constants, events = rng.spawn(2)
     scale = 1.0 + errors.scale_sigma * rng.standard_normal()

@@ -12,7 +12,6 @@ from numpy.random import Generator
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.series import FixSeries
 from icreckon.simulation.base.sampling import to_stamps
-from icreckon.simulation.truth.true_motion import TrueMotion
 
 # A fix without error still states a sigma of a millimetre (a milliradian): a log allows no variance
 # of zero.
@@ -38,30 +37,11 @@ class FixErrors(msgspec.Struct, frozen=True, kw_only=True):
     latency: float = 0.0
 
 
-def read_fixes(
-    motion: TrueMotion,
-    times: Floats,
-    errors: FixErrors,
-    outages: tuple[tuple[float, float], ...],
-    rng: Generator,
-) -> FixSeries:
-    """Position fixes, with heading if its sigma is given, and none in an outage.
+def shown_times(times: Floats, errors: FixErrors) -> Floats:
+    """Times (n,) of the poses measured by fixes that arrive at `times` (n,) [s].
 
     A fix of a pose before the run measures the pose at its start, where the robot stood.
-
-    Args:
-        motion: the true motion.
-        times: (n,) arrival times of the fixes [s].
-        errors: errors of the fixes.
-        outages: start and end [s] of each span without fixes, both included.
-        rng: draws the errors, those of fixes lost in an outage included.
     """
-    poses = motion.poses_at(shown_times(times, errors))
-    return with_fix_errors(poses, times, errors, outages, rng)
-
-
-def shown_times(times: Floats, errors: FixErrors) -> Floats:
-    """Times (n,) of the poses measured by fixes that arrive at `times` (n,) [s]."""
     return np.maximum(times - errors.latency, 0.0)
 
 
@@ -72,7 +52,15 @@ def with_fix_errors(
     outages: tuple[tuple[float, float], ...],
     rng: Generator,
 ) -> FixSeries:
-    """Add fix errors to true poses (n, 3); other arguments as in `read_fixes`."""
+    """Position fixes, with heading if its sigma is given, and none in an outage.
+
+    Args:
+        poses: (n, 3) true poses at `shown_times`.
+        times: (n,) arrival times of the fixes [s].
+        errors: errors of the fixes.
+        outages: start and end [s] of each span without fixes, both included.
+        rng: draws the errors, those of fixes lost in an outage included.
+    """
     choices, sizes = rng.spawn(2)
     sigmas = np.array([errors.sigma, errors.sigma, errors.heading_sigma or 0.0])
     poses = poses + sigmas * rng.standard_normal(poses.shape)

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Robot
@@ -80,41 +81,19 @@ class Imu:
     accelerometer_bias: Floats
 
 
-def read_imu(
-    motion: TrueMotion,
-    times: Floats,
-    rate: float,
-    robot: Robot,
-    gyro: InertialErrors,
-    accelerometer: InertialErrors,
-    gyro_rng: Generator,
-    accelerometer_rng: Generator,
-) -> Imu:
-    """IMU samples in the IMU's axes, for its place and mounting in the robot file.
+def perfect_readings(
+    motion: TrueMotion, times: Floats, rate: float, robot: Robot
+) -> tuple[Floats, Floats]:
+    """IMU readings without errors, for its place and mounting in the robot file.
 
     The accelerometer reads specific force, averaged over one sample interval. The gyro reads
-    `gyro_scale` times the rate, and of "z" gyros x and y are zero.
+    `gyro_scale` times the rate.
 
     Args:
         motion: the true motion.
         times: (n,) sample times [s].
         rate: samples per second [Hz].
-        robot: place, mounting, axes and scale of the IMU.
-        gyro: errors of the gyro.
-        accelerometer: errors of the accelerometer.
-        gyro_rng: draws the errors of the gyro.
-        accelerometer_rng: draws the errors of the accelerometer.
-    """
-    true = perfect_readings(motion, times, rate, robot)
-    return with_inertial_errors(
-        true, times, rate, robot, gyro, accelerometer, gyro_rng, accelerometer_rng
-    )
-
-
-def perfect_readings(
-    motion: TrueMotion, times: Floats, rate: float, robot: Robot
-) -> tuple[Floats, Floats]:
-    """IMU readings without errors; arguments as in `read_imu`.
+        robot: place, mounting and scale of the IMU.
 
     Returns:
         Angular velocities (n, 3) times `gyro_scale` [rad/s], and specific forces (n, 3) [m/s²].
@@ -136,7 +115,7 @@ def with_inertial_errors(
     gyro_rng: Generator,
     accelerometer_rng: Generator,
 ) -> Imu:
-    """Add IMU errors to error-free readings.
+    """Add IMU errors to error-free readings; x and y of "z" gyros become zero.
 
     Args:
         perfect: the readings, as returned by `perfect_readings`.
@@ -179,7 +158,7 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
         start, _, end = _window(motion, times, window)
         change = (after - before)[:, :2] / (end - start)[:, None] / now[:, 2:]
         yaw = motion.poses_at(times)[:, 2]
-        rates[:, :2] = _turned(np.stack([change[:, 1], -change[:, 0]], axis=-1), -yaw)
+        rates[:, :2] = rotate(np.stack([change[:, 1], -change[:, 0]], axis=-1), -yaw)
     return rates
 
 
@@ -208,7 +187,7 @@ def specific_forces(
         before, after = (angular_velocities(motion, at, window) for at in (start, end))
         omega_rate[:, :2] = (after - before)[:, :2] / (end - start)[:, None]
         gravity = _unturned_gravity(motion, motion.gravity, times)
-        gravity[:, :2] = _turned(gravity[:, :2], -motion.poses_at(times)[:, 2])
+        gravity[:, :2] = rotate(gravity[:, :2], -motion.poses_at(times)[:, 2])
     r = np.array(position)
     # omega x (omega x r), by the rule for double cross products.
     inward = omega * (omega @ r)[:, None] - r * (omega**2).sum(axis=1)[:, None]
@@ -224,15 +203,8 @@ def _window(motion: TrueMotion, times: Floats, window: float) -> tuple[Floats, F
 def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Floats:
     """Gravity (n, 3) in axes that follow the body but not its yaw [m/s²]."""
     grid = np.arange(len(gravity)) / motion.rate
-    unturned = np.column_stack([_turned(gravity[:, :2], motion.poses[:, 2]), gravity[:, 2]])
+    unturned = np.column_stack([rotate(gravity[:, :2], motion.poses[:, 2]), gravity[:, 2]])
     return np.stack([np.interp(times, grid, column) for column in unturned.T], axis=-1)
-
-
-def _turned(vectors: Floats, yaw: Floats) -> Floats:
-    """Vectors (n, 2), each rotated counter-clockwise by its yaw (n,) [rad]."""
-    x, y = vectors.T
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 def _read(

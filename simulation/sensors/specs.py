@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 import msgspec
-import numpy as np
 
+from icreckon.estimator.base.checks import NotNegative, Positive
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
@@ -33,20 +33,6 @@ INERTIAL_SCALED = (
     "misalignment_sigma",
 )
 FIX_SCALED = ("sigma", "heading_sigma")
-# Parameters that cannot be zero.
-POSITIVE = ("dropout_duration", "bias_instability_time", "range")
-
-
-def _check(spec: msgspec.Struct) -> None:
-    """Reject wrong types, negative, infinite or NaN values, and zeros in `POSITIVE`."""
-    settle_types(spec)
-    for name in spec.__struct_fields__:
-        value = getattr(spec, name)
-        if value is None or isinstance(value, str):
-            continue
-        if not (np.isfinite(value) and value >= 0.0) or (value == 0.0 and name in POSITIVE):
-            wanted = "a positive number" if name in POSITIVE else "zero or a positive number"
-            raise SimulationError(f"{name} must be {wanted}, found {value!r}")
 
 
 class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -55,17 +41,17 @@ class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     `factor` multiplies noise, scales and resolution.
     """
 
-    speed_noise_density: float | None = None
-    scale_sigma: float | None = None
-    scale_difference_sigma: float | None = None
-    resolution: float | None = None
-    dropouts_per_hour: float | None = None
-    dropout_duration: float | None = None
+    speed_noise_density: NotNegative | None = None
+    scale_sigma: NotNegative | None = None
+    scale_difference_sigma: NotNegative | None = None
+    resolution: NotNegative | None = None
+    dropouts_per_hour: NotNegative | None = None
+    dropout_duration: Positive | None = None
     dropout_reads: str | None = None
-    factor: float | None = None
+    factor: NotNegative | None = None
 
     def __post_init__(self) -> None:
-        _check(self)
+        settle_types(self)
         reads, rate = self.dropout_reads, self.dropouts_per_hour
         if reads is not None and reads not in DROPOUT_READINGS:
             hint = nearest_hint(reads, list(DROPOUT_READINGS))
@@ -82,18 +68,18 @@ class InertialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     `factor` multiplies all but time and range.
     """
 
-    noise_density: float | None = None
-    bias_sigma: float | None = None
-    bias_instability: float | None = None
-    bias_instability_time: float | None = None
-    bias_walk: float | None = None
-    scale_sigma: float | None = None
-    misalignment_sigma: float | None = None
-    range: float | None = None
-    factor: float | None = None
+    noise_density: NotNegative | None = None
+    bias_sigma: NotNegative | None = None
+    bias_instability: NotNegative | None = None
+    bias_instability_time: Positive | None = None
+    bias_walk: NotNegative | None = None
+    scale_sigma: NotNegative | None = None
+    misalignment_sigma: NotNegative | None = None
+    range: Positive | None = None
+    factor: NotNegative | None = None
 
     def __post_init__(self) -> None:
-        _check(self)
+        settle_types(self)
 
 
 class FixSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -102,15 +88,15 @@ class FixSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     `factor` multiplies the sigmas of ordinary fixes.
     """
 
-    sigma: float | None = None
-    heading_sigma: float | None = None
-    outlier_share: float | None = None
-    outlier_sigma: float | None = None
-    latency: float | None = None
-    factor: float | None = None
+    sigma: NotNegative | None = None
+    heading_sigma: NotNegative | None = None
+    outlier_share: NotNegative | None = None
+    outlier_sigma: NotNegative | None = None
+    latency: NotNegative | None = None
+    factor: NotNegative | None = None
 
     def __post_init__(self) -> None:
-        _check(self)
+        settle_types(self)
         if self.outlier_share is not None and self.outlier_share > 1.0:
             raise SimulationError(f"outlier_share must be at most 1, found {self.outlier_share!r}")
 

@@ -12,18 +12,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import (
-    drift,
+    Places,
+    interpolate,
     interpolate_poses,
-    pose_nees,
-    velocity_errors,
+    mean_ratio,
+    nees,
+    path_length,
+    regular,
+    segment_errors,
+    segment_starts,
+    shared_stamps,
+    usable_segments,
     without_fixes,
 )
-from icreckon.estimator.log.series import Truth
+from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.simulation.base.sampling import sample_times
@@ -31,8 +38,6 @@ from icreckon.simulation.scenario import Scenario
 
 # Yaw drift is scored over segments of this length [s].
 YAW_HORIZON = 30.0
-# A covariance with a smaller eigenvalue counts as singular, as in `pose_nees`.
-LEAST_EIGENVALUE = 1e-12
 SENSORS = ("gyro", "accelerometer", "position")
 DRIFT = "drift_percent_{:g}s"
 
@@ -91,11 +96,61 @@ def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
     )
 
 
+class TrueTicks(NamedTuple):
+    """Truth of one run, or of several side by side, at the stamps of their estimates.
+
+    Attributes:
+        poses: (n, ..., 3) [m, m, rad].
+        twists: (n, ..., 3) [m/s, m/s, rad/s].
+        lengths: (n, ...) length of the path so far [m].
+    """
+
+    poses: Floats
+    twists: Floats
+    lengths: Floats
+
+
+class Segments(NamedTuple):
+    """Segments over which drift is scored.
+
+    Attributes:
+        horizon: their length [s].
+        first: (n,) indices of their starts.
+        last: (n,) indices of their ends.
+    """
+
+    horizon: float
+    first: Places
+    last: Places
+
+
+def scored_segments(
+    stamps: Stamps, horizons: Sequence[float], fixes: Stamps, start: int, end: int
+) -> list[Segments]:
+    """Segments of each horizon, and of the yaw drift.
+
+    They lie in the spans without fixes that are at least as long as a segment; in the whole run if it
+    has no fixes.
+
+    Args:
+        stamps: (n,) stamps at which the run is scored [ns].
+        horizons: lengths of the segments [s].
+        fixes: stamps of the fixes [ns].
+        start: start of the run [ns].
+        end: its end [ns].
+    """
+    first, found = segment_starts(stamps), []
+    for horizon in (*horizons, YAW_HORIZON):
+        last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
+        within = without_fixes(fixes, start, end, horizon) if len(fixes) else None
+        # The truth of a study has no gaps.
+        usable = usable_segments(stamps, first, last, within=within, largest_gap=math.inf)
+        found.append(Segments(horizon, *usable))
+    return found
+
+
 def run_statistics(one: Run, log: Log, horizons: Sequence[float]) -> Floats:
     """Statistics (n,) of a run, in the order of `statistics`.
-
-    Drift is scored in the spans without fixes that are at least as long as a segment; over the whole
-    run if it has no fixes.
 
     Args:
         one: the run; it starts at the true pose.
@@ -105,54 +160,72 @@ def run_statistics(one: Run, log: Log, horizons: Sequence[float]) -> Floats:
     Raises:
         ValueError: the log has no truth with twists.
     """
-    truth = log.truth
-    if truth is None or truth.twists is None:
+    if log.truth is None or log.truth.twists is None:
         raise ValueError("there is no truth to score against")
-    estimate = one.trajectory
-    drifts = [_drift(estimate, log, truth, horizon)[0] for horizon in horizons]
-    yaw_drift = _drift(estimate, log, truth, YAW_HORIZON)[1]
-    stamps = truth.poses.stamps
-    stamps = stamps[(stamps >= estimate.stamps[0]) & (stamps <= estimate.stamps[-1])]
-    poses = interpolate_poses(estimate.pose_series, stamps)
-    errors = poses - interpolate_poses(truth.poses, stamps)
-    errors[:, 2] = wrap_angle(errors[:, 2])
-    velocities = velocity_errors(estimate, truth)
-    nees = pose_nees(estimate, truth.poses)
-    values = [
-        *drifts,
-        yaw_drift,
-        math.hypot(*errors[-1, :2]),
-        abs(float(errors[-1, 2])),
-        _rms(errors[:, :2]) * math.sqrt(2.0),
-        _rms(errors[:, 2]),
-        *(_rms(velocities[:, axis]) for axis in range(3)),
-        _mean(nees),
-        float(nees[-1]) if len(nees) and np.isfinite(errors[-1]).all() else math.nan,
-        _mean(_velocity_nees(estimate, truth, velocities)),
-        *_consistency(one.health),
+    path, poses, twists = one.trajectory, log.truth.poses, log.truth.twists
+    stamps = shared_stamps(path, poses)
+    at, of_truth = np.searchsorted(path.stamps, stamps), np.searchsorted(twists.stamps, stamps)
+    estimate = Trajectory(
+        stamps,
+        interpolate_poses(path.pose_series, stamps),
+        path.pose_covariances[at],
+        interpolate(path.stamps, path.twists, stamps),
+        path.twist_covariances[at],
+    )
+    true = interpolate_poses(poses, stamps)
+    truth = TrueTicks(true, twists.twists[of_truth], path_length(PoseSeries(stamps, true)))
+    fixes = np.zeros(0, np.int64) if log.fixes is None else log.fixes.stamps
+    segments = scored_segments(stamps, horizons, fixes, log.start, log.end)
+    return np.array([*path_statistics(estimate, truth, segments), *_consistency(one.health)])
+
+
+@np.errstate(all="ignore")
+def path_statistics(
+    estimate: Trajectory, truth: TrueTicks, segments: Sequence[Segments]
+) -> list[Floats]:
+    """Statistics (...) of estimates, in their order, up to those of innovations.
+
+    Args:
+        estimate: estimates; its arrays may have an axis for runs side by side after the first.
+        truth: truth at their stamps.
+        segments: see `scored_segments`.
+    """
+    ratios = [_drift(estimate, truth, one) for one in segments]
+    errors = estimate.poses - truth.poses
+    errors[..., 2] = wrap_angle(errors[..., 2])
+    velocities = estimate.twists - truth.twists
+    nees_mean, nees_end = _nees(errors, estimate.pose_covariances)
+    return [
+        *(100.0 * position for position, _ in ratios[:-1]),
+        np.degrees(ratios[-1][1]),
+        np.hypot(errors[-1, ..., 0], errors[-1, ..., 1]),
+        np.abs(errors[-1, ..., 2]),
+        _rms(np.hypot(errors[..., 0], errors[..., 1])),
+        _rms(errors[..., 2]),
+        *(_rms(velocities[..., axis]) for axis in range(3)),
+        nees_mean,
+        nees_end,
+        _nees(velocities, estimate.twist_covariances)[0],
     ]
-    return np.array(values, dtype=float)
 
 
-def _drift(estimate: Trajectory, log: Log, truth: Truth, horizon: float) -> tuple[float, float]:
-    """Drift [%] and yaw drift [deg/m] of one horizon."""
-    within = None
-    if log.fixes is not None and len(log.fixes.stamps):
-        within = without_fixes(log.fixes.stamps, log.start, log.end, horizon)
-        if not within:
-            return math.nan, math.nan
-    segments = drift(estimate.pose_series, truth.poses, horizon, within=within)
-    return segments.percent_mean, segments.yaw_deg_per_m
+def _drift(estimate: Trajectory, truth: TrueTicks, over: Segments) -> tuple[Floats, Floats]:
+    """Drift (...) of position [-] and yaw [rad/m] of one horizon."""
+    position, yaw = segment_errors(estimate.poses, truth.poses, over.first, over.last)
+    distances = truth.lengths[over.last] - truth.lengths[over.first]
+    return (
+        mean_ratio(position, distances, over.horizon),
+        mean_ratio(np.abs(yaw), distances, over.horizon),
+    )
 
 
-def _velocity_nees(estimate: Trajectory, truth: Truth, errors: Floats) -> Floats:
-    """NEES (n,) of the twist at the truth's stamps with a regular covariance."""
-    stamps = truth.poses.stamps
-    stamps = stamps[(stamps >= estimate.stamps[0]) & (stamps <= estimate.stamps[-1])]
-    covariances = estimate.twist_covariances[np.searchsorted(estimate.stamps, stamps)]
-    regular = np.linalg.eigvalsh(covariances)[:, 0] > LEAST_EIGENVALUE
-    solved = np.linalg.solve(covariances[regular], errors[regular][..., None])[..., 0]
-    return np.asarray(np.einsum("ij,ij->i", errors[regular], solved))
+def _nees(errors: Floats, covariances: Floats) -> tuple[Floats, Floats]:
+    """Mean (...) and last (...) NEES of errors (n, ..., 3) with a regular covariance."""
+    counted, values = regular(covariances), nees(errors, covariances)
+    last = len(counted) - 1 - np.argmax(counted[::-1], axis=0)
+    end = np.take_along_axis(values, last[None], axis=0)[0]
+    mean = np.sum(values, axis=0, where=counted) / counted.sum(axis=0)
+    return mean, np.where(counted.any(axis=0), end, np.nan)
 
 
 def _consistency(health: Health) -> list[float]:
@@ -163,9 +236,5 @@ def _consistency(health: Health) -> list[float]:
     return [*nis, *gated, float(sum(health.rejections().values()))]
 
 
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
-
-
-def _mean(values: Floats) -> float:
-    return float(values.mean()) if len(values) else math.nan
+def _rms(values: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.mean(values * values, axis=0)))

@@ -17,7 +17,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.base.frames import paper_to_rep103, rotate
 from icreckon.estimator.motion.contact import Contact, ground
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import LOAD_LAG, Robot
@@ -275,9 +275,7 @@ def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
         slopes: (n, 2) its part along the plane in x and y of odom [m/s²].
         yaw: (n,) [rad].
     """
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    along = slopes[:, 0] * cos + slopes[:, 1] * sin
-    left = slopes[:, 1] * cos - slopes[:, 0] * sin
+    along, left = rotate(slopes, -yaw).T
     down = np.sqrt(np.maximum(GRAVITY**2 - along**2 - left**2, 0.0))
     return np.stack([along, left, -down], axis=-1)
 

@@ -7,10 +7,13 @@ planar, and gravity gets a part along the ground.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.checks import Bound, NotNegative, Positive
 from icreckon.estimator.base.frames import rep103_to_paper
 from icreckon.estimator.motion.contact import Body
 from icreckon.estimator.motion.icr import GRAVITY
@@ -44,15 +47,15 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     x: tuple[float, float] = EVERYWHERE
     y: tuple[float, float] = EVERYWHERE
     time: tuple[float, float] = EVERYWHERE
-    edge: float = 0.2
-    onset: float = 0.5
-    friction: float | None = None
-    rolling_resistance: float | None = None
+    edge: NotNegative = 0.2
+    onset: NotNegative = 0.5
+    friction: Positive | None = None
+    rolling_resistance: NotNegative | None = None
     slope_deg: float | None = None
-    uphill_deg: float | None = None
+    uphill_deg: Annotated[float, Bound("a finite number")] | None = None
 
     def __post_init__(self) -> None:
-        settle_types(self)
+        settle_types(self, "{} of a patch")
         for name in ("x", "y", "time"):
             low, high = getattr(self, name)
             if not low < high:
@@ -60,30 +63,15 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
                     f"{name} of a patch must rise from its first to its second value, "
                     f"found {low!r} to {high!r}"
                 )
-        for name in ("edge", "onset", "rolling_resistance"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0.0):
-                raise SimulationError(
-                    f"{name} of a patch must be zero or a positive number, found {value!r}"
-                )
-        if self.friction is not None and not (np.isfinite(self.friction) and self.friction > 0.0):
-            raise SimulationError(
-                f"friction of a patch must be a positive number, found {self.friction!r}"
-            )
         if self.slope_deg is not None and not 0.0 <= self.slope_deg <= STEEPEST:
             raise SimulationError(
                 f"slope_deg of a patch must lie between 0 and {STEEPEST:g} degrees, found "
                 f"{self.slope_deg!r}; uphill_deg is the direction in which it rises"
             )
-        if self.uphill_deg is not None:
-            if not np.isfinite(self.uphill_deg):
-                raise SimulationError(
-                    f"uphill_deg of a patch must be a finite number, found {self.uphill_deg!r}"
-                )
-            if self.slope_deg is None:
-                raise SimulationError(
-                    f"a patch has uphill_deg = {self.uphill_deg!r} but no slope_deg; give both"
-                )
+        if self.uphill_deg is not None and self.slope_deg is None:
+            raise SimulationError(
+                f"a patch has uphill_deg = {self.uphill_deg!r} but no slope_deg; give both"
+            )
         if self.friction is None and self.rolling_resistance is None and self.slope_deg is None:
             raise SimulationError(
                 "a patch changes nothing; give it friction, rolling_resistance or slope_deg"
@@ -103,19 +91,15 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """
 
     time: tuple[float, float]
-    mass: float
+    mass: Positive
     position: tuple[float, float, float] = (0.0, 0.0, 0.3)
 
     def __post_init__(self) -> None:
-        settle_types(self)
+        settle_types(self, "{} of a payload")
         if not self.time[0] < self.time[1]:
             raise SimulationError(
                 "time of a payload must rise from its first to its second value, "
                 f"found {self.time[0]!r} to {self.time[1]!r}"
-            )
-        if not (np.isfinite(self.mass) and self.mass > 0.0):
-            raise SimulationError(
-                f"mass of a payload must be a positive number, found {self.mass!r}"
             )
         if not (np.isfinite(self.position).all() and self.position[2] >= 0.0):
             raise SimulationError(

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import html
-import json
-from collections.abc import Iterable, Sequence
-from importlib.resources import files
-from itertools import zip_longest
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.results import Results
+from icreckon.report.pages import render
 from icreckon.report.replay.page_charts import page_data, switches
 from icreckon.report.replay.page_text import (
     failures,
@@ -45,8 +42,30 @@ DIFFERENCES = (
     ("end apart, m", "end_apart_m", 1.0),
     ("end yaw apart, deg", "end_yaw_apart_deg", 1.0),
 )
-Cell = tuple[str, str]
-"""HTML of a cell of a table, and its class."""
+
+
+class Cell(NamedTuple):
+    """Cell of a table: its text, its class, and smaller text beneath."""
+
+    text: str
+    kind: str = ""
+    beneath: str = ""
+
+
+class Table(NamedTuple):
+    """Table with its title; each row has a name, which stands in the first column."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[Cell]]]
+
+
+class Section(NamedTuple):
+    """Section of the page: its title, a note, tables."""
+
+    title: str
+    note: str
+    tables: Sequence[Table]
 
 
 def write_page(path: Path, results: Results, *, overwrite: bool = False) -> Path:
@@ -67,134 +86,52 @@ def write_page(path: Path, results: Results, *, overwrite: bool = False) -> Path
 
 def replay_page(results: Results) -> str:
     """Render the page as HTML; argument as for `write_page`."""
-    title = f"{results['robot']['name']} on {results['log']['name']}"
-    parts = [
-        "<!DOCTYPE html>",
-        '<html lang="en"><head><meta charset="utf-8">',
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{html.escape(title)}</title>",
-        f"<style>\n{_resource('page.css')}</style></head><body>",
-        f"<h1>{html.escape(title)}</h1>",
-        _paragraph(provenance(results), "meta"),
-        *(_paragraph(line, "failure") for line in failures(results)),
-        _paragraph(headline(results), "headline"),
-        *(_paragraph(line, "note") for line in remarks(results)),
-        "<noscript><p>The charts need JavaScript; the tables do not.</p></noscript>",
-        _toggles(results),
-        '<h2>Trajectories</h2><div class="charts wide" id="paths"></div>',
-        f'<h2>{_errors_title(results)}</h2><div class="charts" id="errors"></div>',
-        *_drift_tables(results),
-        "<h2>ICRs over time</h2>",
-        _paragraph(_icrs_note(results), "note"),
-        '<div class="charts small" id="icrs"></div>',
-        "<h2>Parameters over time</h2>",
-        _paragraph(_parameters_note(results), "note"),
-        '<div class="charts small" id="parameters"></div>',
-        "<h2>Innovations over time</h2>",
-        _paragraph(_innovations_note(results), "note"),
-        '<div class="charts" id="innovations"></div>',
-        _innovation_table(results),
-        "<h2>What was dropped, and why</h2>",
-        *_dropped(results),
-        "<h2>Notes</h2>",
-        _list(notes(results)) or _paragraph("None."),
-        "<h2>Configuration</h2>",
-        _details("Configuration", results["configuration"]),
-        _details("Robot", results["robot"]),
-        _details("Versions, seed and hashes of the inputs", _origin(results)),
-        '<svg id="pattern" width="0" height="0" aria-hidden="true"></svg>',
-        f'<script type="application/json" id="data">{_embedded(page_data(results))}</script>',
-        f"<script>\n{_resource('page.js')}</script>",
-        "</body></html>",
-    ]
-    return "\n".join(part for part in parts if part) + "\n"
-
-
-def _resource(name: str) -> str:
-    return files("icreckon.report.replay").joinpath(name).read_text(encoding="utf-8")
-
-
-def _embedded(data: Any) -> str:
-    """JSON that cannot close its enclosing element."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _paragraph(text: str, kind: str = "") -> str:
-    return f'<p class="{kind}">{html.escape(text)}</p>' if kind else f"<p>{html.escape(text)}</p>"
-
-
-def _list(lines: Iterable[str]) -> str:
-    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
-    return f"<ul>{items}</ul>" if items else ""
-
-
-def _details(summary: str, data: Any) -> str:
-    text = html.escape(json.dumps(data, indent=1, ensure_ascii=False))
-    return f"<details><summary>{html.escape(summary)}</summary><pre>{text}</pre></details>"
-
-
-def _toggles(results: Results) -> str:
-    boxes = []
-    for one in switches(results):
-        name, ticked = html.escape(one["name"]), " checked" if one["shown"] else ""
-        swatch = "swatch dotted" if one["dash"] else "swatch"
-        boxes.append(
-            f'<label><input type="checkbox" value="{name}"{ticked}>'
-            f'<span class="{swatch}" style="border-color:{one["colour"]}"></span>{name}</label>'
-        )
-    return f'<div class="toggles">{"".join(boxes)}</div>'
-
-
-def _errors_title(results: Results) -> str:
-    return "Error against distance" if results["truth"] else "Apart against distance"
+    dropped = results["log"]["dropped"]
+    return render(
+        "replay.html",
+        title=f"{results['robot']['name']} on {results['log']['name']}",
+        policy=POLICY,
+        provenance=provenance(results),
+        failures=failures(results),
+        headline=headline(results),
+        remarks=remarks(results),
+        switches=switches(results),
+        truth=results["truth"],
+        scored=_scored(results),
+        icrs_note=_icrs_note(results),
+        parameters_note=_parameters_note(results),
+        innovations_note=_innovations_note(results),
+        innovations=_innovation_table(results),
+        dropped=[f"{count} × {what}" for what, count in dropped.items()],
+        by_filter=_dropped_by_filter(results),
+        notes=notes(results),
+        configuration=results["configuration"],
+        robot=results["robot"],
+        origin={key: results[key] for key in ("versions", "seed", "inputs", "format")},
+        data=page_data(results),
+    )
 
 
 # --- tables ----------------------------------------------------------------------------------------
 
 
-def _table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[Cell]]]) -> str:
-    """Table with a first column of text; other cells have their own class."""
-    kinds = ["text", *(kind for _, kind in rows[0][1])] if rows else []
-    top = "".join(
-        f'<th class="{kind}">{html.escape(one)}</th>'
-        if kind in {"text", "wrap"}
-        else f"<th>{html.escape(one)}</th>"
-        for one, kind in zip_longest(head, kinds, fillvalue="")
-    )
-    body = []
-    for name, cells in rows:
-        cells_html = "".join(
-            f'<td class="{kind}">{content}</td>' if kind else f"<td>{content}</td>"
-            for content, kind in cells
-        )
-        body.append(f'<tr><td class="text">{html.escape(name)}</td>{cells_html}</tr>')
-    lines = "\n".join(body)
-    return (
-        f'<div class="scroll"><table><thead><tr>{top}</tr></thead>\n<tbody>\n{lines}\n</tbody></table>'
-        "</div>"
-    )
-
-
-def _drift_tables(results: Results) -> list[str]:
+def _scored(results: Results) -> list[Section]:
+    """Drift or differences, and other scores."""
     labels, variants = results["horizons"], results["variants"]
     head = ["variant", *(horizon_text(label) for label in labels)]
     if not results["truth"]:
         keys = [f"apart_percent_{label}_mean" for label in labels]
         rows = [
-            (name, [(number(one.get(key)), "") for key in keys]) for name, one in variants.items()
+            (name, [Cell(number(one.get(key))) for key in keys]) for name, one in variants.items()
         ]
         caption = f"Distance from {results['reference_variant']}, % of the distance driven"
+        note = f"{caption}, aligned at each segment's start."
         return [
-            "<h2>How far apart per horizon</h2>",
-            _paragraph(f"{caption}, aligned at each segment's start.", "note"),
-            _table(head, rows),
-            "<h2>Ends</h2>",
-            _score_table(results, DIFFERENCES),
+            Section("How far apart per horizon", note, [Table("", head, rows)]),
+            Section("Ends", "", [_score_table(results, DIFFERENCES)]),
         ]
     baseline = results["baseline_variant"]
-    parts = ["<h2>Drift per horizon</h2>", _paragraph(scored_text(results), "note")]
+    tables = []
     for title, key in (
         (
             "% of the distance, with 95 % intervals; bold: the lowest of the filters",
@@ -211,20 +148,15 @@ def _drift_tables(results: Results) -> list[str]:
                 interval = one.get(f"{place.removesuffix('_mean')}_95")
                 if name == baseline and "ratio" in key:
                     interval = None
-                value = number(one.get(place))
                 is_best = best.get(place) == name and "ratio" not in key
-                cells.append((f"{value}{_spread(interval)}", "best" if is_best else ""))
+                beneath = "" if interval is None else " to ".join(map(number, interval))
+                cells.append(Cell(number(one.get(place)), "best" if is_best else "", beneath))
             rows.append((name, cells))
-        parts += [_paragraph(title), _table(head, rows)]
-    parts += ["<h2>Other scores</h2>", _score_table(results, SCORES)]
-    return parts
-
-
-def _spread(interval: list[float] | None) -> str:
-    if interval is None:
-        return ""
-    low, high = map(number, interval)
-    return f'<span class="interval">{low} to {high}</span>'
+        tables.append(Table(title, head, rows))
+    return [
+        Section("Drift per horizon", scored_text(results), tables),
+        Section("Other scores", "", [_score_table(results, SCORES)]),
+    ]
 
 
 def _lowest(results: Results, keys: Sequence[str]) -> dict[str, str]:
@@ -238,12 +170,12 @@ def _lowest(results: Results, keys: Sequence[str]) -> dict[str, str]:
     return best
 
 
-def _score_table(results: Results, columns: Sequence[tuple[str, str, float]]) -> str:
+def _score_table(results: Results, columns: Sequence[tuple[str, str, float]]) -> Table:
     rows = [
-        (name, [(number(_scaled(one.get(key), factor)), "") for _, key, factor in columns])
+        (name, [Cell(number(_scaled(one.get(key), factor))) for _, key, factor in columns])
         for name, one in results["variants"].items()
     ]
-    return _table(["variant", *(heading for heading, _, _ in columns)], rows)
+    return Table("", ["variant", *(heading for heading, _, _ in columns)], rows)
 
 
 def _scaled(value: float | None, factor: float) -> float | None:
@@ -284,7 +216,7 @@ def _innovations_note(results: Results) -> str:
     )
 
 
-def _innovation_table(results: Results) -> str:
+def _innovation_table(results: Results) -> Table | None:
     names = list(
         dict.fromkeys(
             component
@@ -293,7 +225,7 @@ def _innovation_table(results: Results) -> str:
         )
     )
     if not names:
-        return ""
+        return None
     rows = []
     for name, one in results["series"]["variants"].items():
         if not one["innovations"]:
@@ -303,23 +235,16 @@ def _innovation_table(results: Results) -> str:
             values = one["innovations"].get(component, {}).get("normalised", [])
             known = [abs(value) for value in values if value is not None]
             if not known:
-                cells.append(("–", ""))
+                cells.append(Cell("–"))
                 continue
             beyond = [100.0 * sum(size > edge for size in known) / len(known) for edge in (2, 3)]
-            cells.append((f"{beyond[0]:.1f} %<span class=interval>{beyond[1]:.1f} %</span>", ""))
+            cells.append(Cell(f"{beyond[0]:.1f} %", beneath=f"{beyond[1]:.1f} %"))
         rows.append((name, cells))
     title = "Share beyond ±2, and beneath it beyond ±3, of the innovations shown (ideal: 4.6 % and 0.3 %)"
-    return _paragraph(title) + _table(["variant", *(one.replace("_", " ") for one in names)], rows)
+    return Table(title, ["variant", *(one.replace("_", " ") for one in names)], rows)
 
 
-def _dropped(results: Results) -> list[str]:
-    dropped = results["log"]["dropped"]
-    lines = [f"{count} × {what}" for what, count in dropped.items()]
-    parts = [
-        _paragraph("When the log was read:" if lines else "Nothing when the log was read."),
-        _list(lines),
-        _paragraph("By each filter:"),
-    ]
+def _dropped_by_filter(results: Results) -> Table:
     rows = []
     for name, one in filtered(results).items():
         used = ", ".join(f"{count} × {what}" for what, count in one["used"].items() if count)
@@ -327,8 +252,8 @@ def _dropped(results: Results) -> list[str]:
             ", ".join(f"{count} × {what}" for what, count in one["rejected"].items()) or "none"
         )
         nis = ", ".join(f"{what} {number(value)}" for what, value in one["nis"].items() if value)
-        cells = [(html.escape(text), "wrap") for text in (used, rejected, nis)]
-        cells.append((str(one["standstill_updates"]), ""))
+        cells = [Cell(text, "wrap") for text in (used, rejected, nis)]
+        cells.append(Cell(str(one["standstill_updates"])))
         rows.append((name, cells))
     head = [
         "variant",
@@ -337,8 +262,4 @@ def _dropped(results: Results) -> list[str]:
         "mean NIS per degree of freedom, ideal 1",
         "standstill updates",
     ]
-    return [*parts, _table(head, rows)]
-
-
-def _origin(results: Results) -> Results:
-    return {key: results[key] for key in ("versions", "seed", "inputs", "format")}
+    return Table("By each filter:", head, rows)

@@ -1,6 +1,6 @@
 """Data of the charts on a comparison's page, made from its results only.
 
-Each chart is a plain object that `page.js` draws: `place` (its HTML element), `title`, labels of the
+Each chart is a plain object that `replay.js` draws: `place` (its HTML element), `title`, labels of the
 axes, `lines`, `points`, `bands` with `x` and `y` (numbers, or the name of one of the page's `columns`),
 horizontal `levels`, grey `spans` of x. `series` names the switch that shows and hides an object. For the
 y axis, `least` is the least margin, `trim` the share of values at both ends that may be cut, `limit` and
@@ -41,7 +41,7 @@ Numbers = list[float | None]
 
 
 def page_data(results: Results) -> Results:
-    """Input of `page.js`: series with their styles, shared columns, charts."""
+    """Input of `replay.js`: series with their styles, shared columns, charts."""
     series = results["series"]
     charts = [_paths(results), *_errors(results), *_icrs(results)]
     charts += [*_parameters(results), *_innovations(results)]

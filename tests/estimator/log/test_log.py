@@ -64,22 +64,18 @@ def test_variance_that_is_not_positive_is_dropped(bad):
     assert reasons == {"fixes: variance not positive": 1}
 
 
-def test_only_the_first_of_equal_stamps_is_kept():
-    keep, reasons = screen("tracks", [1, 2, 2, 2, 3], np.zeros(5))
-    assert keep.tolist() == [True, True, False, False, True]
-    assert reasons == {"tracks: duplicate stamp": 2}
-
-
-def test_one_stamp_behind_costs_one_sample():
-    keep, reasons = screen("tracks", [10, 11, 12, 9, 13, 14], np.zeros(6))
-    assert keep.tolist() == [True, True, True, False, True, True]
-    assert reasons == {"tracks: stamp goes backward": 1}
-
-
-def test_one_stamp_ahead_costs_one_sample():
-    keep, reasons = screen("tracks", [10, 11, 3600, 12, 13], np.zeros(5))
-    assert keep.tolist() == [True, True, False, True, True]
-    assert reasons == {"tracks: stamp jumps ahead": 1}
+@pytest.mark.parametrize(
+    ("stamps", "kept", "reason"),
+    [
+        ([1, 2, 2, 2, 3], [True, True, False, False, True], {"duplicate stamp": 2}),
+        ([10, 11, 12, 9, 13, 14], [True] * 3 + [False] + [True] * 2, {"stamp goes backward": 1}),
+        ([10, 11, 3600, 12, 13], [True, True, False, True, True], {"stamp jumps ahead": 1}),
+    ],
+)
+def test_one_bad_stamp_costs_its_sample_and_no_other(stamps, kept, reason):
+    keep, reasons = screen("tracks", stamps, np.zeros(len(stamps)))
+    assert keep.tolist() == kept
+    assert reasons == {f"tracks: {words}": count for words, count in reason.items()}
 
 
 def test_as_many_samples_as_can_be_are_kept():

@@ -46,6 +46,7 @@ BEYOND_FLOATS = 10**400
         ("Settings", "longest_gap", 1e300, "no more than 1e+09 s, found 1e+300"),
         ("Settings", "longest_gap", BEYOND_FLOATS, "no more than 1e+09 s, found 1000"),
         ("Settings", "gap_acceleration", -0.1, "zero or a positive number, found -0.1"),
+        ("Settings", "gap_acceleration", (0.1,), "zero or a positive number, found (0.1,)"),
         ("Settings", "history", "1", "from 0 to 60 s, found '1'"),
         ("Settings", "history", None, "from 0 to 60 s, found None"),
         ("Settings", "history", math.nan, "from 0 to 60 s, found nan"),

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.errors import ReplayError
@@ -123,7 +124,7 @@ def test_hostile_names_stay_text(results: dict[str, Any]) -> None:
     assert text.count("<script") == 2
     assert text.count("</script>") == 2
     assert "<img" not in text
-    assert html.escape(HOSTILE) in text
+    assert escape(HOSTILE) in text
     data = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
     assert HOSTILE in [one["name"] for one in json.loads(data[1])["series"]]
 
@@ -199,7 +200,7 @@ def test_the_verdict_stands_first_and_names_horizon_and_interval(
     assert f"after {horizon[:-1]} {horizon[-1]}" in told
     assert "95 % interval" in told
     assert f"{number(found['ratio'])} times what constant-online drifts" in told
-    assert page.index(html.escape(told)) < page.index("<h2>")
+    assert page.index(escape(told)) < page.index("<h2>")
 
 
 def test_a_lead_that_may_be_chance_is_called_so(results: dict[str, Any]) -> None:

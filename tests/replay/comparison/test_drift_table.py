@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.drift_by_distance import drift_by_distance
 from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.replay.comparison.bootstrap import (
@@ -40,18 +39,18 @@ def straight(seconds: float, speed: float, bend: float = 0.0, rate: float = 10.0
 def test_drift_by_distance_of_a_wrong_scale() -> None:
     truth = straight(100.0, 0.5)
     estimate = PoseSeries(truth.stamps, truth.poses * [1.02, 1.0, 1.0])
-    found = drift_by_distance(estimate, truth, 10.0)
+    found = drift(estimate, truth, 10.0, unit="m")
     assert found.percent_mean == pytest.approx(2.0, rel=1e-9)
     assert found.distances == pytest.approx(10.0, abs=0.06)
     assert found.durations == pytest.approx(20.0, abs=0.11)
     # They begin once a second, as long as 10 m are left.
     assert len(found.starts) == pytest.approx(80, abs=1)
-    assert len(drift_by_distance(estimate, truth, 51.0).starts) == 0
+    assert len(drift(estimate, truth, 51.0, unit="m").starts) == 0
 
 
 def test_drift_by_distance_agrees_with_that_by_time_at_constant_speed() -> None:
     truth, estimate = straight(100.0, 0.5), straight(100.0, 0.5, bend=0.01)
-    by_time, by_distance = drift(estimate, truth, 20.0), drift_by_distance(estimate, truth, 10.0)
+    by_time, by_distance = drift(estimate, truth, 20.0), drift(estimate, truth, 10.0, unit="m")
     assert by_distance.percent_mean == pytest.approx(by_time.percent_mean, rel=0.01)
     assert by_distance.yaw_deg_per_m == pytest.approx(math.degrees(0.2) / 10.0, rel=0.01)
 
@@ -59,18 +58,18 @@ def test_drift_by_distance_agrees_with_that_by_time_at_constant_speed() -> None:
 def test_segments_stay_within_and_do_not_cross_holes() -> None:
     truth = straight(100.0, 0.5)
     within = [(10 * SECOND, 40 * SECOND), (60 * SECOND, 75 * SECOND)]
-    found = drift_by_distance(truth, truth, 10.0, within=within)
+    found = drift(truth, truth, 10.0, within=within, unit="m")
     assert (found.starts >= 10 * SECOND).all()
     assert (found.starts <= 20 * SECOND).all()
-    assert len(drift_by_distance(truth, truth, 10.0, within=[]).starts) == 0
+    assert len(drift(truth, truth, 10.0, within=[], unit="m").starts) == 0
     holed = (truth.stamps < 50 * SECOND) | (truth.stamps > 53 * SECOND)
     series = PoseSeries(truth.stamps[holed], truth.poses[holed])
-    found = drift_by_distance(truth, series, 10.0)
+    found = drift(truth, series, 10.0, unit="m")
     ends = found.starts + (found.durations * SECOND).astype(np.int64)
     assert not ((found.starts < 51 * SECOND) & (ends > 52 * SECOND)).any()
     assert len(found.starts) > 40
     single = PoseSeries(truth.stamps[:1], truth.poses[:1])
-    assert math.isnan(drift_by_distance(truth, single, 10.0).percent_mean)
+    assert math.isnan(drift(truth, single, 10.0, unit="m").percent_mean)
 
 
 def wandering(rng: np.random.Generator, count: int, horizon: int) -> np.ndarray:

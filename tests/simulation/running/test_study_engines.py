@@ -129,7 +129,7 @@ def test_a_group_whose_runs_all_miss_a_sample_is_told_so() -> None:
 def test_measurements_of_other_stamps_are_refused() -> None:
     cell = plan_of().cells[0]
     schedule = study_batch._schedule(cell)
-    log = study_batch._log(cell, 0)
+    log = study_batch._log(cell, 0, study_batch._truth(cell, 0))
     short = study_batch._measured([log] * 8, cell.filters[:1], schedule.track_stamps)[0]
     tracks = short.tracks[:, :-5]
     with pytest.raises(BatchError, match="other stamps"):

@@ -11,7 +11,6 @@ from icreckon.simulation.sensors.imu import (
     MARKOV_PEAK,
     MARKOV_PEAK_AT,
     InertialErrors,
-    read_imu,
 )
 from icreckon.simulation.sensors.specs import (
     InertialSpec,
@@ -20,6 +19,7 @@ from icreckon.simulation.sensors.specs import (
     noise_preset,
 )
 from icreckon.simulation.truth.true_motion import TrueMotion
+from sensor_readings import read_imu
 
 ALPHA = load_robot("auriga-alpha")
 SILENT = InertialErrors()

@@ -13,10 +13,9 @@ from icreckon.simulation.sensors.encoders import (
     DROPOUT_READINGS,
     STANDING,
     EncoderErrors,
-    read_tracks,
 )
-from icreckon.simulation.sensors.fixes import FixErrors, read_fixes
-from icreckon.simulation.sensors.imu import InertialErrors, read_imu, specific_forces
+from icreckon.simulation.sensors.fixes import FixErrors
+from icreckon.simulation.sensors.imu import InertialErrors, specific_forces
 from icreckon.simulation.sensors.specs import (
     NOISE_PRESETS,
     EncoderSpec,
@@ -30,6 +29,7 @@ from icreckon.simulation.sensors.specs import (
 )
 from icreckon.simulation.truth.kinematic import KinematicTruth
 from icreckon.simulation.truth.true_motion import TrueMotion
+from sensor_readings import read_fixes, read_imu, read_tracks
 
 ALPHA = load_robot("auriga-alpha")
 IDEAL = msgspec.structs.replace(ALPHA, indices=Indices())

@@ -14,7 +14,7 @@ from pyarrow import parquet
 import study_stub
 from icreckon.cli.study import run_study_command
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.batch.scoring import Scores
+from icreckon.estimator.batch.runs import Worked
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.streaming.lost import LostFilter
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
@@ -22,6 +22,9 @@ from icreckon.estimator.streaming.run import run
 from icreckon.report.study.folder import run_study
 from icreckon.report.study.text import failures, headline, summary_tables
 from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.running import (
+    batch_engine as study_batch,
+)
 from icreckon.simulation.running import (
     engines as study_engines,
 )
@@ -96,22 +99,14 @@ def lose_in_streaming(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def lose_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     """NaN in the pose of the first filter from 7 s on, in the lane of run 1."""
-    honest, lanes_of = Scores.add, Scores.__init__
-    made: list[Scores] = []
+    honest = study_batch.work_through_runs
 
-    def begin(self: Scores, *arguments: Any) -> None:
-        made.append(self)
-        lanes_of(self, *arguments)
+    def losing(*given: Any, **named: Any) -> list[Worked]:
+        worked = honest(*given, **named)
+        worked[0].estimates[0, round(LOST * 50.0) :, 1] = np.nan
+        return worked
 
-    def add(self: Scores, tick: int, estimates: Floats) -> None:
-        late = np.arange(tick, tick + len(estimates)) >= round(LOST * 50.0)
-        if made.index(self) % 2 == 0:
-            estimates = estimates.copy()
-            estimates[late, 0, 1] = np.nan
-        honest(self, tick, estimates)
-
-    monkeypatch.setattr(Scores, "__init__", begin)
-    monkeypatch.setattr(Scores, "add", add)
+    monkeypatch.setattr(study_batch, "work_through_runs", losing)
 
 
 @pytest.mark.parametrize("engine", ["streaming", "batch"])

@@ -12,10 +12,10 @@ from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.sensors.imu import (
     InertialErrors,
     angular_velocities,
-    read_imu,
     specific_forces,
 )
 from icreckon.simulation.truth.true_motion import TrueMotion, integrate_twists
+from sensor_readings import read_imu
 
 ALPHA = load_robot("auriga-alpha")
 SILENT = InertialErrors()

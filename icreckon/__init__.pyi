@@ -1,0 +1,74 @@
+"""Public names of icreckon and their homes: for type checkers, and for `__init__.py`."""
+
+from icreckon.estimator.base.errors import EstimatorError as EstimatorError
+from icreckon.estimator.base.errors import IcreckonError as IcreckonError
+from icreckon.estimator.base.state import STATE_NAMES as STATE_NAMES
+from icreckon.estimator.batch.feed_arrays import feed_arrays as feed_arrays
+from icreckon.estimator.batch.many import run_many as run_many
+from icreckon.estimator.calibration import Calibration as Calibration
+from icreckon.estimator.calibration import calibrate as calibrate
+from icreckon.estimator.filter.clones import RelativeMotion as RelativeMotion
+from icreckon.estimator.filter.health import Health as Health
+from icreckon.estimator.filter.health import JudgedInnovation as JudgedInnovation
+from icreckon.estimator.filter.health import ParameterHealth as ParameterHealth
+from icreckon.estimator.filter.health import SensorHealth as SensorHealth
+from icreckon.estimator.log.log import Log as Log
+from icreckon.estimator.log.measurements import BodyVelocity as BodyVelocity
+from icreckon.estimator.log.measurements import HeadingFix as HeadingFix
+from icreckon.estimator.log.measurements import ImuSample as ImuSample
+from icreckon.estimator.log.measurements import PoseFix as PoseFix
+from icreckon.estimator.log.measurements import PositionFix as PositionFix
+from icreckon.estimator.log.measurements import TrackSpeeds as TrackSpeeds
+from icreckon.estimator.log.measurements import ZeroVelocity as ZeroVelocity
+from icreckon.estimator.log.scores import drift as drift
+from icreckon.estimator.log.scores import pose_nees as pose_nees
+from icreckon.estimator.log.scores import velocity_errors as velocity_errors
+from icreckon.estimator.log.series import FixSeries as FixSeries
+from icreckon.estimator.log.series import ImuSeries as ImuSeries
+from icreckon.estimator.log.series import PoseSeries as PoseSeries
+from icreckon.estimator.log.series import TrackSpeedSeries as TrackSpeedSeries
+from icreckon.estimator.log.series import Truth as Truth
+from icreckon.estimator.log.series import TwistSeries as TwistSeries
+from icreckon.estimator.log.trajectory import Trajectory as Trajectory
+from icreckon.estimator.motion import icr as kinematics  # noqa: F401
+from icreckon.estimator.motion import index_model as motion  # noqa: F401
+from icreckon.estimator.robot.robot_file import Robot as Robot
+from icreckon.estimator.robot.robot_file import Slip as Slip
+from icreckon.estimator.robot.robot_file import load_robot as load_robot
+from icreckon.estimator.robot.robot_file import robot_names as robot_names
+from icreckon.estimator.robot.settings import GateSettings as GateSettings
+from icreckon.estimator.robot.settings import Settings as Settings
+from icreckon.estimator.robot.settings import StandstillSettings as StandstillSettings
+from icreckon.estimator.robot.variants import VARIANTS as VARIANTS
+from icreckon.estimator.robot.variants import Adaptation as Adaptation
+from icreckon.estimator.robot.variants import default_adaptation as default_adaptation
+from icreckon.estimator.robot.variants import state_names as state_names
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator as PoseEstimator
+from icreckon.estimator.streaming.pose_estimator import Snapshot as Snapshot
+from icreckon.estimator.streaming.recorded_run import Run as Run
+from icreckon.estimator.streaming.run import run as run
+from icreckon.estimator.streaming.smoother import Smoothing as Smoothing
+from icreckon.estimator.streaming.smoother import smooth as smooth
+from icreckon.replay.base.errors import ReplayError as ReplayError
+from icreckon.replay.comparison.compare import compare as compare
+from icreckon.replay.comparison.fixes import parse_part as parse_part
+from icreckon.replay.comparison.results import summarise as summarise
+from icreckon.replay.export.log_bag import write_log as write_log
+from icreckon.replay.inspection.inspect import inspect as inspect
+from icreckon.replay.reading.read_log import read_log as read_log
+from icreckon.report.replay.folder import write_report as write_report
+from icreckon.report.study.folder import run_study as run_study
+from icreckon.simulation.base.errors import SimulationError as SimulationError
+from icreckon.simulation.scenario import Scenario as Scenario
+from icreckon.simulation.scenario import load_scenario as load_scenario
+from icreckon.simulation.sensors.specs import EncoderSpec as EncoderSpec
+from icreckon.simulation.sensors.specs import FixSpec as FixSpec
+from icreckon.simulation.sensors.specs import InertialSpec as InertialSpec
+from icreckon.simulation.simulate import simulate as simulate
+from icreckon.simulation.study.plan import Study as Study
+from icreckon.simulation.study.plan import load_study as load_study
+from icreckon.simulation.study.plan import study_names as study_names
+from icreckon.simulation.truth.terrain import Patch as Patch
+from icreckon.simulation.truth.terrain import Payload as Payload
+
+__version__: str
