@@ -1,4 +1,7 @@
-"""Step of the motion model in the workspace of lanes; only the friction model has one."""
+"""Step of the friction motion model in the workspace of lanes.
+
+Other motion models have no memory that a step could advance.
+"""
 
 from __future__ import annotations
 

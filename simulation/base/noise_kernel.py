@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.tracing.jit_kernel import entry
@@ -25,16 +27,26 @@ def gauss_markov_of(noise: Floats, decay: float, drive: float) -> None:
             noise[k, axis] = decay * noise[k - 1, axis] + drive * noise[k, axis]
 
 
+class TriadErrors(NamedTuple):
+    """Errors of the three axes of an inertial sensor.
+
+    Attributes:
+        triad: (3, 3) matrix of scale and alignment.
+        start: (3,) bias at turn-on [unit].
+        white: standard deviation of a sample's white noise [unit].
+        walk: standard deviation of the bias walk per sample [unit].
+        largest: range of the sensor [unit].
+    """
+
+    triad: Floats
+    start: Floats
+    white: float
+    walk: float
+    largest: float
+
+
 def add_inertial_errors(
-    true: Floats,
-    draws: Floats,
-    triad: Floats,
-    start: Floats,
-    white: float,
-    walk: float,
-    reading: Floats,
-    bias: Floats,
-    largest: float,
+    true: Floats, draws: Floats, errors: TriadErrors, reading: Floats, bias: Floats
 ) -> None:
     """Compute the readings of an inertial sensor, and its bias, from the true values.
 
@@ -43,18 +55,14 @@ def add_inertial_errors(
     Args:
         true: (n, 3) true values in the sensor's axes [unit].
         draws: (n, 2, 3) unit normal, for the white noise and for the random walk of the bias.
-        triad: (3, 3) matrix of scale and alignment.
-        start: (3,) bias at turn-on [unit].
-        white: standard deviation of a sample's white noise [unit].
-        walk: standard deviation of the bias walk per sample [unit].
+        errors: errors of the sensor.
         reading: (n, 3) overwritten with the readings [unit].
         bias: (n, 3) other parts of the bias; turn-on bias and walk are added in place [unit].
-        largest: range of the sensor [unit].
 
     Raises:
         ValueError: an array has the wrong size.
     """
-    n = len(true)
+    n, (triad, start, white, walk, largest) = len(true), errors
     sizes_fit = true.shape == reading.shape == bias.shape == (n, 3) and draws.shape == (n, 2, 3)
     if not sizes_fit or triad.shape != (3, 3) or start.shape != (3,):
         raise ValueError(WRONG_SIZE)

@@ -211,7 +211,7 @@ def _read(
     true: Floats, rate: float, errors: InertialErrors, rng: Generator
 ) -> tuple[Floats, Floats]:
     """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit]."""
-    from icreckon.simulation.base.noise_kernel import add_inertial_errors_entry
+    from icreckon.simulation.base.noise_kernel import TriadErrors, add_inertial_errors_entry
 
     constants, instabilities = rng.spawn(2)
     count = len(true)
@@ -226,7 +226,6 @@ def _read(
     triad = np.where(np.eye(3, dtype=bool), np.diag(scale), lean)
     reading = np.empty((count, 3))
     white, walk = errors.noise_density * np.sqrt(rate), errors.bias_walk / np.sqrt(rate)
-    add_inertial_errors_entry(
-        true, draws, triad, start, white, walk, reading, bias, float(errors.range)
-    )
+    of_axes = TriadErrors(triad, start, white, walk, float(errors.range))
+    add_inertial_errors_entry(true, draws, of_axes, reading, bias)
     return reading, bias

@@ -163,7 +163,13 @@ def drive(
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
     """
     from icreckon.estimator.motion.contact_forces import mass_matrix
-    from icreckon.simulation.truth.friction_ode import Tolerance, Vehicle, integrate
+    from icreckon.simulation.truth.friction_ode import (
+        DrivenTracks,
+        GridMotion,
+        Tolerance,
+        Vehicle,
+        integrate,
+    )
 
     count = len(speeds)
     states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
@@ -193,15 +199,14 @@ def drive(
                 load_lag,
             ),
             rows,
-            first * step,
-            step,
-            np.ascontiguousarray(speeds[part]),
-            np.ascontiguousarray(speed_rates[part]),
+            DrivenTracks(
+                first * step,
+                step,
+                np.ascontiguousarray(speeds[part]),
+                np.ascontiguousarray(speed_rates[part]),
+            ),
             Tolerance(tolerance, tolerance * absolute),
-            position,
-            states[part],
-            slopes[part],
-            tipping[part],
+            GridMotion(position, states[part], slopes[part], tipping[part]),
         )
         if taken < 0:
             raise SimulationError(

@@ -36,7 +36,7 @@ from icreckon.estimator.motion.contact_forces import (
     point_loads,
 )
 from icreckon.estimator.tracing.jit_kernel import compiled
-from icreckon.simulation.truth.terrain_kernel import WIDTH, look_up
+from icreckon.simulation.truth.terrain_kernel import WIDTH, TrackGround, look_up
 
 SIZE = 6
 STAGES = 6
@@ -103,6 +103,38 @@ class Forces(NamedTuple):
     jacobian: Floats
 
 
+class DrivenTracks(NamedTuple):
+    """Track speeds on an even grid of time; cubic between the grid points.
+
+    Attributes:
+        start: time of the first grid point [s].
+        step: time between grid points [s].
+        speeds: (n, 2) speeds of the left and the right track [m/s].
+        rates: (n, 2) their derivatives [m/s²].
+    """
+
+    start: float
+    step: float
+    speeds: Floats
+    rates: Floats
+
+
+class GridMotion(NamedTuple):
+    """Motion at the grid points.
+
+    Attributes:
+        position: (2,) x, y in odom at the newest grid point [m].
+        states: (n, 6) states.
+        slopes: (n, 2) acceleration of gravity along the slope in odom [m/s²].
+        tipping: (n,) True if the vehicle tips there.
+    """
+
+    position: Floats
+    states: Floats
+    slopes: Floats
+    tipping: NDArray[np.bool_]
+
+
 class Tolerance(NamedTuple):
     """Tolerance per step: relative, and (6,) absolute in the units of the state."""
 
@@ -132,30 +164,19 @@ def lag(commands: Floats, step: float, time_constant: float, speeds: Floats) -> 
 def integrate(
     vehicle: Vehicle,
     patches: Floats,
-    start: float,
-    step: float,
-    speeds: Floats,
-    speed_rates: Floats,
+    tracks: DrivenTracks,
     tolerance: Tolerance,
-    position: Floats,
-    states: Floats,
-    slopes: Floats,
-    tipping: NDArray[np.bool_],
+    motion: GridMotion,
 ) -> int:
     """Integrate from grid point to grid point; the ground is looked up at each one.
 
     Args:
         vehicle: constants of the vehicle.
         patches: (k, width) terrain, see `simulation.truth.terrain_kernel`.
-        start: time of the first grid point [s].
-        step: time between grid points [s].
-        speeds: (n, 2) track speeds at the grid points [m/s]; cubic between them.
-        speed_rates: (n, 2) their derivatives [m/s²].
+        tracks: track speeds.
         tolerance: error allowed per step.
-        position: (2,) x, y in odom at the first grid point [m], for looking up the ground; overwritten.
-        states: (n, 6), the first row given, the others overwritten.
-        slopes: (n, 2) overwritten with the acceleration of gravity along the slope in odom [m/s²].
-        tipping: (n,) overwritten, except the last, with True if the vehicle tips there.
+        motion: position and first state given, for the first grid point; else overwritten, except the
+            last value of `tipping`.
 
     Returns:
         Number of steps, rejected ones included; or, if the step became too small, minus the index of
@@ -164,6 +185,8 @@ def integrate(
     Raises:
         ValueError: an array has the wrong size.
     """
+    start, step, speeds, speed_rates = tracks
+    position, states, slopes, tipping = motion
     n = len(speeds)
     sizes_fit = speeds.shape == speed_rates.shape == slopes.shape == (n, 2)
     sizes_fit &= states.shape == (n, SIZE) and tipping.shape == (n,) and position.shape == (2,)
@@ -179,21 +202,12 @@ def integrate(
     matrix, pivots = np.empty((SIZE, SIZE)), np.empty(SIZE, dtype=np.int64)
     stages, rate, at = np.empty((STAGES, SIZE)), np.empty(SIZE), np.empty(SIZE)
     ground = vehicle.ground
-    base_friction, base_rolling = ground.friction.copy(), ground.rolling_resistance.copy()
+    under = TrackGround(ground.friction, ground.rolling_resistance)
+    outside = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
     h, taken = step, 0
     for k in range(len(speeds)):
-        look_up(
-            patches,
-            start + k * step,
-            position,
-            states[k, 5],
-            ground.half_gauge,
-            base_friction,
-            base_rolling,
-            ground.friction,
-            ground.rolling_resistance,
-            slopes[k],
-        )
+        time, pose = start + k * step, (position[0], position[1], states[k, 5])
+        look_up(patches, time, pose, ground.half_gauge, outside, under, slopes[k])
         if k + 1 == len(speeds):
             break
         pressing = _pressing(ground, slopes[k])

@@ -7,6 +7,8 @@ acceleration of gravity along the slope in x and y of odom [m/s²]. NaN leaves a
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
@@ -16,17 +18,26 @@ WIDTH = 13
 X, Y, TIME, EDGE, ONSET, ACROSS, ALONG, ROLLING, SLOPE = 0, 2, 4, 6, 7, 8, 9, 10, 11
 
 
+class TrackGround(NamedTuple):
+    """Ground under the middle of the left and of the right track.
+
+    Attributes:
+        friction: (2, 2) coefficients of each track, across and along it [-].
+        rolling: (2,) rolling resistance of each track [-].
+    """
+
+    friction: Floats
+    rolling: Floats
+
+
 @compiled
 def look_up(
     patches: Floats,
     time: float,
-    position: Floats,
-    yaw: float,
+    pose: tuple[float, float, float],
     half_gauge: float,
-    base_friction: Floats,
-    base_rolling: Floats,
-    friction: Floats,
-    rolling: Floats,
+    outside: TrackGround,
+    under: TrackGround,
     slope: Floats,
 ) -> None:
     """Look up friction, rolling resistance under each track, and slope at the origin.
@@ -34,31 +45,25 @@ def look_up(
     Args:
         patches: (k, WIDTH), later ones lie on top of earlier ones.
         time: time since the start of the run [s].
-        position: (2,) of the origin in odom [m].
-        yaw: yaw of the vehicle [rad].
+        pose: x, y [m], yaw [rad] of the vehicle in odom.
         half_gauge: L / 2 [m].
-        base_friction: (2, 2) outside all patches.
-        base_rolling: (2,) outside all patches.
-        friction: (2, 2) overwritten, under each track's middle.
-        rolling: (2,) overwritten, under each track's middle.
+        outside: ground outside all patches.
+        under: ground under the tracks, overwritten.
         slope: (2,) overwritten, at the origin [m/s²].
     """
-    friction[:] = base_friction
-    rolling[:] = base_rolling
+    x, y, yaw = pose
+    friction, rolling = under
+    friction[:] = outside.friction
+    rolling[:] = outside.rolling
     slope[:] = 0.0
     for patch in patches:
         for track in range(2):
             side = half_gauge if track else -half_gauge
-            share = _cover(
-                patch,
-                time,
-                position[0] + side * np.sin(yaw),
-                position[1] - side * np.cos(yaw),
-            )
+            share = _cover(patch, time, x + side * np.sin(yaw), y - side * np.cos(yaw))
             friction[track, 0] = _blend(friction[track, 0], patch[ACROSS], share)
             friction[track, 1] = _blend(friction[track, 1], patch[ALONG], share)
             rolling[track] = _blend(rolling[track], patch[ROLLING], share)
-        share = _cover(patch, time, position[0], position[1])
+        share = _cover(patch, time, x, y)
         slope[0] = _blend(slope[0], patch[SLOPE], share)
         slope[1] = _blend(slope[1], patch[SLOPE + 1], share)
 
