@@ -168,7 +168,14 @@ def built_up(
 
 
 class RollingLoads(NamedTuple):
-    """Loads of both tracks [N], left first, and derivatives as in `Pressing`."""
+    """Loads of both tracks [N], left first.
+
+    Attributes:
+        loads: the loads.
+        by_right: derivatives by the force at the centre of mass to the right [-].
+        by_forward: derivatives by that force forward [-].
+        by_stretch: derivatives by the length of the contact, as a share of the nominal one [N].
+    """
 
     loads: tuple[Any, Any]
     by_right: tuple[Any, Any]

@@ -71,7 +71,10 @@ def friction_steps(
     started, load_lag, place_of_h, keep, is_first, turn_share = places
 
     def integrate_friction(lanes: Floats, inputs: Floats, constants: Floats, dt: float) -> None:
-        """Integrate a step at constant track speeds; the first one settles from rest."""
+        """Integrate a step of all lanes at constant track speeds.
+
+        The first step begins at rest and takes `SETTLING` seconds; all lanes make it together.
+        """
         if lanes[started, 0] == 0.0 or dt > SETTLING:
             dt = SETTLING
         substeps = int(max(1.0, np.ceil(dt / LONGEST_SUBSTEP)))

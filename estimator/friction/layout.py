@@ -46,8 +46,8 @@ MEMORY = STARTED + 1
 # Derivatives of the force that transfers load by the track speeds, which a substep hands to the next.
 CARRIED = ("right_by_left", "right_by_right", "forward_by_left", "forward_by_right")
 
-# Constants of a substep: its length h [s], k, 1 in the first of a step, and the share of a step in the
-# averaged indices of turns, 0 before the last substep.
+# Constants of a substep: its length h [s], the factor exp(-h / T) on the force that transfers load, 1 in
+# the first of a step, and the share of a step in the averaged indices of turns, 0 before the last.
 SUBSTEP_CONSTANTS = ("h", "keep", "is_first", "turn_share")
 
 # Constants of a vehicle on its ground, see `estimator.motion.contact_forces.Ground`: `even` is the upper

@@ -68,7 +68,7 @@ class Pressing(NamedTuple):
 
 
 class PointLoad(NamedTuple):
-    """Load of a point, as a share of the weight, and its derivatives as in `Pressing`."""
+    """Load of a point as a share of the weight, and derivatives as in `Pressing`."""
 
     load: Any
     by_right: Any
@@ -135,8 +135,9 @@ def _times(matrix: Symmetric, vector: Plane) -> Plane:
 def _inverse_of_touching(area: ContactArea, point: Plane, plane: Plane, lifts: Traced) -> Symmetric:
     """Inverse of the moments of the points that touch; of all points where none lifts.
 
-    Newton's iteration on the dual function, whose rounds are also those of its line search, from the
-    plane of loads of either sign.
+    The plane (a, b, c) of the points that touch minimises the dual function, half the sum of share
+    times max(0, a + b x + c y)² less the plane at the centre of pressure. Newton's iteration finds it
+    from the plane of loads of either sign; a round tests one point of its line search.
 
     Args:
         area: the contact.
@@ -176,7 +177,9 @@ def _inverse_of_touching(area: ContactArea, point: Plane, plane: Plane, lifts: T
         steepest = _times(_inverse(area, moments), gradient)
         next_descent = -sum(d * g for d, g in zip(steepest, gradient, strict=True))
         largest = maximum(maximum(abs(gradient[0]), abs(gradient[1])), abs(gradient[2]))
-        steepness = abs(trial[0]) + abs(trial[1]) * area.half_width + abs(trial[2]) * area.front
+        reach = maximum(area.front, -area.rear)
+        # Planes that press on an edge are steep, and their sums round accordingly.
+        steepness = abs(trial[0]) + abs(trial[1]) * area.half_width + abs(trial[2]) * reach
         settled = (largest <= NO_LOAD * (1.0 + steepness)) | (tries >= LINE_SEARCH_HALVINGS)
         unsettled = (goes_on > 0.5) & ~(accepted & settled)
         moves = accepted & (goes_on > 0.5)

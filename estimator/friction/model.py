@@ -16,7 +16,7 @@ Friction is that of `estimator.motion.contact`, but it fades at slip below `REGU
 speeds are not accurate enough to resolve the kink in Coulomb's law.
 
 Symbols and axes are the paper's (see `estimator.motion.icr`). `linearise` accepts floats, and complex
-numbers for complex-step differentiation, and numba compiles it, see `estimator.motion.motion_model`.
+numbers for complex-step differentiation, and lanes trace it, see `estimator.motion.motion_model`.
 """
 
 from __future__ import annotations

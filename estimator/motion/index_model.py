@@ -19,7 +19,7 @@ u is found by Newton's iteration from u = 0, or by bisection in the rare case th
 (parameters far from any real vehicle's). The derivatives follow from the implicit-function theorem.
 
 Symbols and axes are the paper's (see `estimator.motion.icr`). Arguments broadcast; floats give floats,
-complex numbers pass through, for complex-step differentiation, and numba compiles the same functions, see
+complex numbers pass through, for complex-step differentiation, and lanes trace the same functions, see
 `estimator.motion.motion_model`.
 """
 

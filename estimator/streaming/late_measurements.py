@@ -153,10 +153,12 @@ class History:
         place = bisect_left(self._keys, key)
         if place < len(self._keys) and self._keys[place] == key:
             del self._keys[place], self._events[place]
+        # A checkpoint after the mark is one after the measurement before it.
+        before = self._keys[place - 1] if place else self._checkpoints[0].after
         for index, (after, memory) in enumerate(self._checkpoints):
             if memory.clones is not None:
                 without = memory._replace(clones=memory.clones.without(mark.stamp))
-                self._checkpoints[index] = KeyedMemory(after, without)
+                self._checkpoints[index] = KeyedMemory(before if after == key else after, without)
 
     def insert(self, key: Key, event: Event) -> bool:
         """Update the filter with a late measurement; return True if it was used."""

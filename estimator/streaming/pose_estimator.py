@@ -72,9 +72,9 @@ class PoseEstimator:
     is re-run over all later ones. The estimate is the same as if all had come in time. It changes as soon
     as a late measurement is fed.
 
-    The constructor compiles all functions that `feed` calls: 15 to 30 s with an empty cache, less than a
-    second in later processes (`icreckon prepare` compiles ahead, for an image). `feed` never waits for
-    the compiler.
+    The constructor compiles all functions that `feed` calls: some seconds with an empty cache, less
+    than a second in later processes (`icreckon prepare` compiles ahead, for an image). `feed` never waits
+    for the compiler.
 
     Args:
         robot: the robot, see `load_robot`.
@@ -112,11 +112,13 @@ class PoseEstimator:
         self._reckoning = Reckoning(
             robot, self.variant, self.settings, start, start_sigma, engine_of(self.settings.engine)
         )
-        warm_up(type(self._reckoning.ekf.model), robot, self.variant, self.settings)
+        warm_up(self._reckoning.ekf.model, robot, self.variant, self.settings)
         self._history = History(self._reckoning, self.settings.history)
         self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
         # Counts of measurements that do not reach the filter; no checkpoint of the filter resets them.
         self._arrivals = Health()
+        # There are no gates for kinds of measurements that are registered later.
+        self._streams = dict(STREAMS)
 
     # --- outputs -----------------------------------------------------------------------------
 
@@ -247,10 +249,15 @@ class PoseEstimator:
             True if the measurement was used.
 
         Raises:
-            EstimatorError: the object is no measurement.
+            EstimatorError: the object is no measurement, or of a kind that was registered later.
         """
         measurement = as_plain(measurement)
-        stream, key = STREAMS[type(measurement)], key_of(measurement)
+        stream, key = self._streams.get(type(measurement)), key_of(measurement)
+        if stream is None:
+            kind = type(measurement).__name__
+            raise EstimatorError(
+                f"{kind} was registered after this estimator was made; make a new one"
+            )
         admission, history = self._admission, self._history
         in_order = history.is_newest(key)
         reason = (

@@ -20,6 +20,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
+from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
@@ -28,23 +29,27 @@ from icreckon.estimator.streaming.engines import engine_of
 # Time between IMU samples [ns]; track speeds come at every second one.
 INTERVAL = 10_000_000
 AT_ORIGIN = (0.0, 0.0, 0.0)
-# Class of motion model and settings whose kernels are compiled in this process.
+# Shapes of filters whose kernels are compiled in this process.
 READY: set[tuple[object, ...]] = set()
 
 
-def warm_up(model: type, robot: Robot, variant: Variant, settings: Settings) -> None:
+def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settings) -> None:
     """Compile all kernels of a filter, once in a process for each shape of filter.
 
-    This takes 15 to 30 s with an empty cache, and less than a second with a full one.
+    This takes some seconds with an empty cache, and less than a second with a full one.
 
     Args:
-        model: class of the filter's motion model.
+        model: the filter's motion model.
         robot: the robot.
         variant: the filter variant.
         settings: settings of the filter; nothing is done if its engine is plain.
     """
-    shape = (model, settings.form, settings.inertia, settings.considered)
-    if settings.engine == "plain" or shape in READY:
+    if settings.engine == "plain":
+        return
+    from icreckon.estimator.engine.model import traced_model
+
+    shape = (type(model), traced_model(model), settings.considered)
+    if shape in READY:
         return
     filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN, engine_of(settings.engine))
     for measurement in _one_of_each_kind(settings):

@@ -259,3 +259,15 @@ def test_a_sensor_with_too_many_components_is_refused() -> None:
 
     with pytest.raises(EstimatorError, match="wide: a sensor has 1 to 3 components, found 4"):
         register(Speeds, Wide())
+
+
+def test_an_estimator_refuses_sensors_that_were_registered_after_it_was_made() -> None:
+    unregister(GroundSpeed)
+    estimator = PoseEstimator(ALPHA, settings=Settings(engine="plain"))
+    register(GroundSpeed, Radar())
+    for measurement in drive(1.0):
+        if isinstance(measurement, GroundSpeed):
+            with pytest.raises(EstimatorError, match="GroundSpeed was registered after"):
+                estimator.feed(measurement)
+        else:
+            assert estimator.feed(measurement) in (True, False)

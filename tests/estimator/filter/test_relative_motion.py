@@ -344,6 +344,31 @@ def test_forgotten_marks_are_gone_and_stay_gone():
             use(FIRST)
 
 
+def test_a_fix_at_a_forgotten_mark_is_kept_when_later_ones_are_late():
+    """The history has a checkpoint right behind the mark."""
+    plain, unsure = Settings(engine="plain"), (1.0, 1.0, 0.1)
+    with_mark, without = (
+        PoseEstimator(ALPHA, "inertia-online", settings=plain, start_sigma=unsure) for _ in range(2)
+    )
+    stamp = EPOCH
+    for estimator in (with_mark, without):
+        # 15 measurements; the mark is the 16th.
+        for k in range(15):
+            stamp = EPOCH + seconds(0.01 * (k // 2))
+            if k % 2 == 0:
+                estimator.feed(TrackSpeeds(stamp, 0.4, 0.5))
+            else:
+                estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.1), (0.0, 0.0, 9.81)))
+        if estimator is with_mark:
+            estimator.forget(estimator.mark(stamp))
+        assert estimator.feed(PositionFix(stamp, 0.5, 1.0, 1e-2))
+        for later in (0.01, 0.03, 0.02):
+            sample = ImuSample(stamp + seconds(later), (0.0, 0.0, 0.1), (0.0, 0.0, 9.81))
+            assert estimator.feed(sample)
+    assert with_mark.health.sensor("position").used == 1
+    np.testing.assert_allclose(with_mark.state, without.state, rtol=0.0, atol=1e-12)
+
+
 def test_marks_are_saved_and_restored(tmp_path):
     before = fed_in_order(until=len(MEASUREMENTS) - 30)
     before.save(tmp_path / "saved.json")
