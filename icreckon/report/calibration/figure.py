@@ -74,7 +74,7 @@ def _draw_errors_by_turning(axes: Axes, results: Results) -> None:
     for key, colour in (("before", BEFORE), ("after", AFTER)):
         axes.plot(turned, UNITS[2] * np.array(series[key])[:, 2], ".", ms=4, color=colour)
     axes.set_xlabel("turned in a segment, by the gyro [deg]")
-    axes.set_ylabel("by gyro less by tracks [deg]")
+    axes.set_ylabel("by gyro minus by tracks [deg]")
 
 
 def _draw_scores(axes: Axes, results: Results) -> None:
@@ -116,4 +116,4 @@ def _draw_certainty(axes: Axes, results: Results) -> None:
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_xlim(-1.5 * max(largest, TICKS[1]), 1.5 * max(largest, TICKS[1]))
-    axes.set_xlabel("found less robot file, in standard errors")
+    axes.set_xlabel("found minus robot file, in standard errors")

@@ -198,7 +198,7 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
         axes.set_xlabel(", ".join(keys))
     elif len(cells) == 1:
         places = [_offset(number, len(variants)) for number in range(len(variants))]
-        axes.set_xticks(places, list(variants))
+        axes.set_xticks(places, [name.replace("-", "-\n") for name in variants])
     else:
         axes.set_xlabel("cell")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
