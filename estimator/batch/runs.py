@@ -11,7 +11,7 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.schedule import TICK, Steps
+from icreckon.estimator.engine.schedule import Steps
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
@@ -26,7 +26,7 @@ class Worked(NamedTuple):
 
     Attributes:
         lanes: the filters.
-        estimates: (rows, ticks, width) see `estimator.engine.work.ESTIMATE`.
+        estimates: (ticks, rows, width) see `estimator.engine.work.ESTIMATE`.
     """
 
     lanes: Lanes
@@ -68,21 +68,16 @@ def work_through_runs(
         for one, data in zip(filters, measured, strict=True)
     ]
     tables = [one.prepare(steps) for one in filters]
-    estimates = [np.zeros((len(ESTIMATE), ticks, width)) for _ in filters]
-    room = np.zeros((PART + 1, len(ESTIMATE), width))
+    estimates = [np.zeros((ticks, len(ESTIMATE), width)) for _ in filters]
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
         for key, front in fronts.items():
             front.fill(begin, end, inputs[key][: end - begin])
-        at_ticks = np.flatnonzero(part.extras & TICK)
         for number, one in enumerate(filters):
+            inputs_of_one, room = inputs[keys[number]], estimates[number][int(part.ticks[0]) :]
             table = tables[number][begin:end]
-            one.work_through(begun[number], inputs[keys[number]][: end - begin], part, table, room)
-            if len(at_ticks):
-                first = int(part.ticks[at_ticks[0]])
-                newest = room[first - int(part.ticks[0]) :][: len(at_ticks)]
-                estimates[number][:, first : first + len(at_ticks)] = newest.swapaxes(0, 1)
+            one.work_through(begun[number], inputs_of_one[: end - begin], part, table, room)
     return [Worked(*of_one) for of_one in zip(begun, estimates, strict=True)]
 
 
@@ -93,17 +88,17 @@ def side_by_side(stamps: Stamps, worked: Worked) -> Trajectory:
         stamps: (n,) stamps of the ticks [ns].
         worked: the filters.
     """
-    rows = worked.estimates[:, : len(stamps)]
+    rows = worked.estimates[: len(stamps)]
     return Trajectory(
         stamps,
-        np.moveaxis(rows[:3], 0, -1),
-        _symmetric(rows[3:9]),
-        np.moveaxis(rows[9:12], 0, -1),
-        _symmetric(rows[12:18]),
+        np.moveaxis(rows[:, :3], 1, -1),
+        _symmetric(rows[:, 3:9]),
+        np.moveaxis(rows[:, 9:12], 1, -1),
+        _symmetric(rows[:, 12:18]),
     )
 
 
 def _symmetric(upper: Floats) -> Floats:
-    """Matrices (n, width, 3, 3) of their upper entries (6, n, width), row by row."""
-    entries = upper[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3, *upper.shape[1:])
-    return np.moveaxis(entries, (0, 1), (-2, -1))
+    """Matrices (n, width, 3, 3) of their upper entries (n, 6, width), row by row."""
+    entries = upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]]
+    return np.moveaxis(entries.reshape(-1, 3, 3, upper.shape[2]), -1, 1)

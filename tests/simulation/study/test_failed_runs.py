@@ -103,7 +103,7 @@ def lose_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def losing(*given: Any, **named: Any) -> list[Worked]:
         worked = honest(*given, **named)
-        worked[0].estimates[0, round(LOST * 50.0) :, 1] = np.nan
+        worked[0].estimates[round(LOST * 50.0) :, 0, 1] = np.nan
         return worked
 
     monkeypatch.setattr(study_batch, "work_through_runs", losing)
