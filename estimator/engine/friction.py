@@ -71,4 +71,5 @@ def substep_places(layout: Layout) -> SubstepPlaces:
     """Places that the loop over substeps reads and writes itself."""
     places = layout.constants
     of_substep = (places[name] for name in SUBSTEP_CONSTANTS)
-    return SubstepPlaces(layout.rows[f"memory{STARTED}"], places["load_lag"], *of_substep)
+    started, pairs = layout.rows[f"memory{STARTED}"], places["pairs"]
+    return SubstepPlaces(started, places["load_lag"], pairs, len(places), *of_substep)

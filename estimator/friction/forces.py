@@ -221,12 +221,14 @@ class Rolling(NamedTuple):
 
     Attributes:
         force: force forward [-].
-        by_speed: derivative by the speed that it opposes [s/m].
+        by_travel: derivative by the speed of its centreline over the ground [s/m].
+        by_track: derivative by the speed of the track [s/m].
         lever: the track's centreline, right of the origin [m].
     """
 
     force: Any
-    by_speed: Any
+    by_travel: Any
+    by_track: Any
     lever: Any
 
 
@@ -234,9 +236,12 @@ def rolling(body: Body, twist: Three, V: Any, side: float) -> Rolling:
     """Rolling resistance of one track; `side` is 1 of the right one, -1 of the left."""
     c, (_, v_y, w) = body.constants, twist
     lever, small = side * c["half_gauge"], c["small"]
-    speed = select(c["opposes_travel"] > 0.5, v_y + lever * w, V)
+    of_travel = c["opposes_travel"] > 0.5
+    speed = select(of_travel, v_y + lever * w, V)
     scale = reciprocal_root(speed * speed + small * small)
-    return Rolling(-speed * scale, -scale * scale * scale * small * small, lever)
+    slope = -scale * scale * scale * small * small
+    by_travel, by_track = select(of_travel, slope, 0.0), select(of_travel, 0.0, slope)
+    return Rolling(-speed * scale, by_travel, by_track, lever)
 
 
 def _over_points(step: Substep, v: Three, terms: Callable[..., Sequence[Any]]) -> list[Any]:
@@ -270,11 +275,10 @@ def forces(step: Substep, v: Three) -> tuple[Three, Matrix]:
     c = step.body.constants
     found = [-c["weight"] * one for one in _over_points(step, v, terms)]
     values, rows = found[:3], [found[3:6], found[6:9], found[9:12]]
-    opposes = select(c["opposes_travel"] > 0.5, 1.0, 0.0)
     for track, side in enumerate((-1.0, 1.0)):
         at = rolling(step.body, v, step.V[track], side)
         load = step.body.parameters[ROLLING] * step.on_tracks.loads[track]
-        slope = opposes * load * at.by_speed
+        slope = load * at.by_travel
         for row, lever in ((1, 1.0), (2, at.lever)):
             values[row] = values[row] + lever * load * at.force
             rows[row][1] = rows[row][1] + lever * slope
@@ -334,17 +338,16 @@ def all_forces(step: Substep, v: Three, q: tuple[Any, Any]) -> TrackForces:
     friction = [row[0] for row in rows]
     coefficient = body.parameters[ROLLING]
     unit_rolling = [0.0, 0.0, 0.0]
-    opposes = select(c["opposes_travel"] > 0.5, 1.0, 0.0)
     on = step.on_tracks
     for track, side in enumerate((-1.0, 1.0)):
         at = rolling(body, v, step.V[track], side)
-        slope = coefficient * on.loads[track] * at.by_speed
+        load = coefficient * on.loads[track]
         for row, lever in ((1, 1.0), (2, at.lever)):
-            unit, by_travel = lever * at.force, lever * opposes * slope
+            unit, by_travel = lever * at.force, lever * load * at.by_travel
             unit_rolling[row] = unit_rolling[row] + unit * on.loads[track]
             more = [0.0] * 9
             more[2], more[3] = by_travel, at.lever * by_travel
-            more[4 + track] = lever * (1.0 - opposes) * slope
+            more[4 + track] = lever * load * at.by_track
             more[6] = coefficient * unit * on.by_right[track]
             more[7] = coefficient * unit * on.by_forward[track]
             more[8] = coefficient * unit * on.by_stretch[track]

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.friction.layout import (
     BODY_CONSTANTS,
     CARRIED,
@@ -44,6 +45,8 @@ class SubstepPlaces(NamedTuple):
     Attributes:
         started: row of the flag for the first step.
         load_lag: place of the load lag T among the constants.
+        pairs: place of the number of pairs of contact points, which follow behind all constants.
+        constant_count: number of constants, without these points.
         h: places of `layout.SUBSTEP_CONSTANTS`, as are the others.
         keep: as `h`.
         is_first: as `h`.
@@ -52,6 +55,8 @@ class SubstepPlaces(NamedTuple):
 
     started: int
     load_lag: int
+    pairs: int
+    constant_count: int
     h: int
     keep: int
     is_first: int
@@ -68,13 +73,18 @@ def friction_steps(
         places: places in its arrays.
         compiler: one of `estimator.tracing.jit_kernel`, with a digest of the kernel.
     """
-    started, load_lag, place_of_h, keep, is_first, turn_share = places
+    started, load_lag, pairs, constant_count, place_of_h, keep, is_first, turn_share = places
 
     def integrate_friction(lanes: Floats, inputs: Floats, constants: Floats, dt: float) -> None:
         """Integrate a step of all lanes at constant track speeds.
 
         The first step begins at rest and takes `SETTLING` seconds; all lanes make it together.
+
+        Raises:
+            ValueError: there are not as many contact points as the constants say.
         """
+        if len(constants) != constant_count + PAIR_COLUMNS * constants[pairs]:
+            raise ValueError(WRONG_SIZE)
         if lanes[started, 0] == 0.0 or dt > SETTLING:
             dt = SETTLING
         substeps = int(max(1.0, np.ceil(dt / LONGEST_SUBSTEP)))
@@ -133,7 +143,10 @@ def _one_step(sheared: bool) -> Any:
     def compiler(function: Callable[..., Any]) -> Any:
         return entry(function, name)
 
-    return friction_steps(kernel, SubstepPlaces(STARTED, places["load_lag"], *substeps), compiler)
+    of_loop = SubstepPlaces(
+        STARTED, places["load_lag"], places["pairs"], len(ONE_CONSTANTS), *substeps
+    )
+    return friction_steps(kernel, of_loop, compiler)
 
 
 def _one_kernel(name: str, *, sheared: bool) -> Kernel:

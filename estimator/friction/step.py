@@ -94,7 +94,8 @@ def substep(
         constants: `layout.SUBSTEP_CONSTANTS` and `layout.BODY_CONSTANTS` by name.
         pairs: pairs of contact points, see `estimator.friction.loads`.
         sheared: friction builds up with the shear displacement.
-        estimated: places of the parameters by which derivatives are wanted.
+        estimated: places of the parameters by which derivatives are computed. Those whose constant
+            `estimated` is 0 stay zero, so that variants share code.
     """
     memory, c = before.memory, constants
     h, keep = c["h"], c["keep"]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.friction import layout as f
+from icreckon.estimator.friction.kernel import OneModel
 from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.contact import Contact, ContactGeometry, ground
 from icreckon.estimator.motion.contact_forces import (
@@ -138,3 +139,10 @@ def test_its_derivatives_are_slopes(name: str) -> None:
             for part in (slice(0, 3), slice(3, 5)):
                 tolerance = 3e-5 * (np.abs(slopes[part]).max(initial=0.0) + 1e-3)
                 np.testing.assert_allclose(found[part], slopes[part], rtol=0.0, atol=tolerance)
+
+
+def test_contact_points_that_are_missing_are_not_read() -> None:
+    model = model_of(CONTACTS["plain"])
+    one = OneModel(model.constants, model.pairs[1:], sheared=False)
+    with pytest.raises(ValueError, match="size"):
+        one.step(model.memory, model.nominal, (0.1, 0.2), H)
