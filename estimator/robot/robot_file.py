@@ -25,6 +25,8 @@ ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
 # Least share of the vertical along the z axis of a gyro that reads z alone.
 LEAST_UPRIGHT = 0.1
+# Radii that differ by more are an error of units, not of tyres [-].
+LARGEST_DIFFERENCE = 0.5
 # Default lag of the load transfer [s].
 LOAD_LAG = 0.2
 
@@ -124,6 +126,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             is that reading over the cosine of the tilt).
         gyro_scale: reading over true rate, 1 for an ideal gyro [-].
         gyro_scale_sigma: standard deviation of the gyro's scale [-].
+        gyro_bias: initial bias of the yaw rate in base_link, reading less rate [rad/s].
         gyro_noise_density: white noise of the rate [rad/s/√Hz].
         gyro_bias_sigma: standard deviation of the initial bias [rad/s].
         gyro_bias_walk: random walk of the bias [rad/s/√s].
@@ -138,6 +141,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gyro_axes: Literal["xyz", "z"] = "xyz"
     gyro_scale: Positive = 1.0
     gyro_scale_sigma: NotNegative = 0.0
+    gyro_bias: Finite = 0.0
     gyro_noise_density: Positive = 1e-3
     gyro_bias_sigma: NotNegative = 0.01
     gyro_bias_walk: NotNegative = 1e-5
@@ -156,15 +160,40 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Noise of the track-speed sensors.
+    """Scale and noise of the track-speed sensors.
 
     Attributes:
         speed_noise_density: white noise of each track's speed [m/s/√Hz].
         scale_sigma: standard deviation of the relative error of the effective sprocket radius [-].
+        difference: effective radius of the right sprocket less that of the left, as a share of
+            `sprocket_radius` [-].
+        difference_sigma: standard deviation of this difference [-].
     """
 
     speed_noise_density: NotNegative = 1e-3
     scale_sigma: NotNegative = 0.0
+    difference: Finite = 0.0
+    difference_sigma: NotNegative = 0.01
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if abs(self.difference) >= LARGEST_DIFFERENCE:
+            raise SettingError(
+                f"difference is relative (0.02 is 2 %) and must be less than {LARGEST_DIFFERENCE:g} "
+                f"in size, found {self.difference!r}"
+            )
+
+
+class Slope(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Slope of the ground: gravity's acceleration along it, in each direction.
+
+    Attributes:
+        sigma: standard deviation at the start [m/s²]; 0.17 is a slope of one degree.
+        walk: random walk while the tracks move [m/s²/√s].
+    """
+
+    sigma: NotNegative = 0.5
+    walk: NotNegative = 0.03
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -223,7 +252,8 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         indices: the eight parameters of the inertia-based model.
         constant_icr: the best constant ICRs; by default those of `indices` at no inertia.
         imu: mounting and noise of the IMU.
-        tracks: noise of the track speeds.
+        tracks: scale and noise of the track speeds.
+        slope: slope of the ground.
         soil: friction and rolling resistance of the robot's usual ground, None if unknown.
         slip: overrides of the slip residual, variant name -> Slip; see `estimator.robot.variants`.
         log: topic mapping of this robot's logs, checked by the readers of logs.
@@ -237,6 +267,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     constant_icr: ConstantIcr | None = None
     imu: Imu = Imu()
     tracks: Tracks = Tracks()
+    slope: Slope = Slope()
     soil: Soil | None = None
     slip: dict[str, Slip] = {}
     log: dict[str, Any] = {}
