@@ -22,10 +22,15 @@ STATE_NAMES: Final[tuple[str, ...]] = (
     "eta0",
     "eta1",
     "eta2",
+    "epsilon_F",  # a ninth, for the force along the tracks
     "gyro_bias",  # reading less rate [rad/s]
-    "accelerometer_bias",  # reading less specific force to the left, in base_link [m/s²]
+    "accelerometer_bias_x",  # reading less specific force, in base_link [m/s²]
+    "accelerometer_bias_y",
     "track_scale",  # true over measured track speed, less 1 [-]
+    "track_difference",  # that of the right track less that of the left [-]
     "gyro_scale",  # measured over true rate, less 1 [-]
+    "gravity_x",  # acceleration of gravity along the ground, in base_link [m/s²]
+    "gravity_y",
     "fast_slip_x",  # slip and track-speed error that are new with each step [m/s, m/s, rad/s]
     "fast_slip_y",
     "fast_slip_w",
@@ -39,13 +44,17 @@ POSE: Final = slice(0, 3)
 POSITION: Final = slice(0, 2)
 SLIP: Final = slice(3, 6)
 SLIP_X, SLIP_Y, SLIP_W = range(3, 6)
-PARAMETERS: Final = slice(6, 14)
+PARAMETERS: Final = slice(6, 15)
+PARAMETER_COUNT: Final = 9
 PARAMETER_NAMES: Final[tuple[str, ...]] = STATE_NAMES[PARAMETERS]
-ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2 = range(7, 14)
-GYRO_BIAS: Final = 14
-ACCELEROMETER_BIAS: Final = 15
-TRACK_SCALE: Final = 16
-GYRO_SCALE: Final = 17
+ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2, EPSILON_F = range(7, 15)
+GYRO_BIAS: Final = 15
+ACCELEROMETER_BIAS_X, ACCELEROMETER_BIAS_Y = range(16, 18)
+TRACK_SCALE: Final = 18
+TRACK_DIFFERENCE: Final = 19
+GYRO_SCALE: Final = 20
 BIASES: Final = slice(GYRO_BIAS, GYRO_SCALE + 1)
 LEARNT: Final = slice(PARAMETERS.start, BIASES.stop)
-FAST_SLIP: Final = slice(18, 21)
+GRAVITY: Final = slice(21, 23)
+GRAVITY_X, GRAVITY_Y = range(21, 23)
+FAST_SLIP: Final = slice(23, 26)

@@ -14,6 +14,7 @@ from icreckon.estimator.batch.inputs import NO_STAMPS
 from icreckon.estimator.batch.replay import measured_alone, work_through_log
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.engine.filters import BatchFilter
+from icreckon.estimator.engine.layout import IMU_GATES
 from icreckon.estimator.engine.schedule import steps_after
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.log.log import Log
@@ -125,7 +126,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     health.track_gaps += steps.gaps
     health.stuck_tracks += int(front.stuck_tracks[0])
     tracks, standstill = front.records(0)
-    rejected = {gate: int(counts[f"{gate}_in_a_row"][0]) for gate in ("gyro", "accelerometer")}
+    rejected = {gate: int(counts[f"{gate}_in_a_row"][0]) for gate in IMU_GATES}
     x, P = one.state(lanes, 0, with_fast_slip=True)
     after = msgspec.structs.replace(
         before,

@@ -37,7 +37,8 @@ from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
 ROW_SLOW, ROW_QUIET_MEAN = INPUTS["slow"], INPUTS["quiet_mean"]
-ROW_RATE, ROW_FORCE = INPUTS["rate"], INPUTS["force"]
+ROW_RATE = INPUTS["rate"]
+ROW_FORCE_X, ROW_FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 ROW_NOW_LEFT, ROW_NOW_RIGHT = INPUTS["now_left"], INPUTS["now_right"]
 ROW_FIX = INPUTS[FIX_INPUTS[0]]
 ROWS, FIX_VALUES, TRACK_ROWS = len(INPUTS), len(FIX_INPUTS) - 1, len(StepInputs._fields)
@@ -51,7 +52,7 @@ class Measured(NamedTuple):
         tracks: (runs, n, 2) speeds of the left and the right track [m/s]; NaN if a sample is missing.
         imu_stamps: (m,) [ns].
         rates: (runs, m) yaw rates of the gyros, see `SensorModels.yaw_rate` [rad/s].
-        forces: (runs, m) specific force to the left [m/s²].
+        forces: (runs, m, 2) specific force forward and to the left [m/s²].
         fix_stamps: (k,) [ns].
         fixes: (runs, k, 5) x, y [m], yaw [rad], variance of position [m²] and of yaw [rad²].
     """
@@ -236,7 +237,8 @@ def fill_lane(
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
             rate = measured.rates[lane, steps.samples[k]]
             inputs[k, ROW_RATE, lane] = rate
-            inputs[k, ROW_FORCE, lane] = measured.forces[lane, steps.samples[k]]
+            force = measured.forces[lane, steps.samples[k]]
+            inputs[k, ROW_FORCE_X, lane], inputs[k, ROW_FORCE_Y, lane] = force[0], force[1]
             mean = quiet_mean(still, stamps, rates, end, rate, settings)
             inputs[k, ROW_QUIET_MEAN, lane] = mean
         if steps.extras[k] & POSITION:
@@ -254,7 +256,8 @@ def check_sizes(
     sizes_fit &= len(lanes.still) == len(lanes.stuck) == len(lanes.quiet_stamps) == count
     sizes_fit &= lanes.quiet_stamps.shape == lanes.quiet_rates.shape
     sizes_fit &= measured.tracks.shape == (count, tracks, 2) and 0 <= added <= tracks
-    sizes_fit &= len(measured.rates) == count and measured.rates.shape == measured.forces.shape
+    sizes_fit &= len(measured.rates) == count == len(measured.forces)
+    sizes_fit &= measured.forces.shape[1:] == (measured.rates.shape[1], 2)
     sizes_fit &= measured.fixes.shape[0] == count and measured.fixes.shape[2] == FIX_VALUES
     sizes_fit &= n == len(steps.ends) == len(steps.kinds) == len(steps.extras) == len(steps.tracks)
     if not (sizes_fit and n == len(steps.samples) == len(steps.fixes) == len(steps.output_tracks)):

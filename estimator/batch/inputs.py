@@ -61,7 +61,7 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
             raise BatchError(f"track speeds of {log.name!r} have stamps that no track speeds have")
     sensors = SensorModels(robot)
     rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])
-    forces = np.stack([sensors.to_the_left_of(_forces(imu)) for imu in imus])
+    forces = np.stack([sensors.along_ground_of(_forces(imu)) for imu in imus])
     fixes = np.zeros((len(logs), len(fix_stamps), 5))
     for row, log in enumerate(logs):
         if log.fixes is not None and len(fix_stamps):

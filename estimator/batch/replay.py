@@ -210,7 +210,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         raise BatchError(f"the log {log.name!r} holds fixes that are no numbers")
     sensors, force = SensorModels(robot), imu.linear_acceleration
     rates = sensors.yaw_rates(imu.angular_velocity)
-    forces = np.zeros(len(rates)) if force is None else sensors.to_the_left_of(force)
+    forces = np.zeros((len(rates), 2)) if force is None else sensors.along_ground_of(force)
     measured = Measured(
         log.tracks.stamps,
         np.ascontiguousarray(log.tracks.speeds)[None],

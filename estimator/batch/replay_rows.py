@@ -14,6 +14,8 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
+from icreckon.estimator.engine.layout import GATES, IMU_GATES
+from icreckon.estimator.engine.model import gravity, track_factors
 from icreckon.estimator.engine.schedule import (
     HEADING,
     POSITION,
@@ -26,7 +28,8 @@ from icreckon.estimator.engine.schedule import (
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, RECENT
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED, Health
-from icreckon.estimator.motion.index_model import solve
+from icreckon.estimator.motion import lagged_index_model, linear_model
+from icreckon.estimator.motion.motion_model import NO_SLIP
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.sensors.measurement_models import innovation_components
@@ -37,11 +40,8 @@ from icreckon.estimator.streaming.run import Rows
 # Number of steps at the end whose innovations are output, rows or not. The mean NIS over recent ones
 # fades by a hundredth with each, so less than 1e-13 of it is older.
 OUTPUT_AT_END = 3000
-# Number of rows whose indices are computed at once.
-AT_ONCE = 8192
-IMU_GATES = ("gyro", "accelerometer")
 # Degrees of freedom of each gate.
-DEGREES = {"gyro": 1, "accelerometer": 1, "position": 2, "heading": 1}
+DEGREES = {gate: 2 if gate == "position" else 1 for gate in GATES}
 FIRST_OF_TWIST = ESTIMATE.index("v_x")
 # Entries (i, j) on the diagonal and above it, row by row, in their places in a matrix.
 SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
@@ -91,9 +91,8 @@ class ReplayRows:
         self._places = {
             name: len(ESTIMATE) + place for place, name in enumerate(one.layout.more_outputs)
         }
-        # Friction models report the indices of the newest turns, index models those of the motion.
-        of_turn = [place for name, place in self._places.items() if name.startswith("memory")]
-        self._of_turn = of_turn
+        self._kind = one.layout.model.kind
+        self._output_memory = [self._places[f"memory{k}"] for k in one.layout.output_memory]
         self._output_tracks = np.zeros(count, np.int32)
         self._newest: dict[str, Gated] = {}
         self._nis: dict[str, deque[float]] = {}
@@ -138,8 +137,8 @@ class ReplayRows:
         self._rows.twists[row_range] = values[:, twist : twist + 3]
         covariance = values[:, twist + 3 : twist + 9]
         self._rows.twist_covariances[row_range] = covariance[:, SYMMETRIC].reshape(-1, 3, 3)
-        if self._of_turn:
-            self._rows.indices[row_range] = values[:, self._of_turn]
+        memory = values[:, self._output_memory]
+        self._rows.indices[row_range] = self._indices(row_range, memory)
         self._write_innovations(row_range, values)
 
     def _column(self, values: Floats, name: str) -> Floats:
@@ -217,8 +216,6 @@ class ReplayRows:
             lanes: the filter's lanes at the end.
             health: counts of the measurements without gates; those of the gates are added.
         """
-        if not self._of_turn:
-            self._write_indices(one)
         self._write_first_innovations(health)
         self.count(one, lanes, health)
         return self._rows.finish(len(self._output_tracks), variant, state_names(variant), health)
@@ -235,26 +232,25 @@ class ReplayRows:
                 if np.isnan(column[0]):
                     column[0] = residual[axis] / math.sqrt(covariance[axis][axis])
 
-    def _write_indices(self, one: BatchFilter) -> None:
-        """Compute the indices at the newest track speeds of each row."""
-        vehicle, settings = self._robot.constants, one.settings
-        for begin in range(0, len(self._output_tracks), AT_ONCE):
-            row_range = slice(begin, begin + AT_ONCE)
-            x = self._rows.states[row_range].T
-            speeds = self._measured.tracks[0, self._output_tracks[row_range] - 1]
-            left, right = (speeds * (1.0 + x[s.TRACK_SCALE, :, None])).T
-            slip = x[s.SLIP] + x[s.FAST_SLIP]
-            motion = solve(
-                left,
-                right,
-                tuple(x[s.PARAMETERS]),
-                vehicle,
-                form=settings.form,
-                slip=(-slip[1], slip[0], slip[2]),
-                slip_in_inertia=settings.inertia == "imu",
-            )
-            for column, values in enumerate(motion.indices):
-                self._rows.indices[row_range, column] = values
+    def _indices(self, row_range: slice, memory: Floats) -> Floats:
+        """Indices (n, 3) of rows, at their newest track speeds.
+
+        Args:
+            row_range: the rows; their states are filled.
+            memory: (n, k) output memory of the motion model in these rows.
+        """
+        kind, constants = self._kind, self._robot.constants
+        if kind == "friction":
+            return memory
+        x = self._rows.states[row_range].T
+        left, right = self._measured.tracks[0, self._output_tracks[row_range] - 1].T
+        speeds = (left * track_factors(x)[0], right * track_factors(x)[1])
+        parameters, on_ground = tuple(x[s.PARAMETERS]), gravity(x)
+        if kind == "index":
+            at = lagged_index_model.evaluate(*speeds, parameters, on_ground, constants, memory.T)
+            return np.stack(np.broadcast_arrays(*at.indices), axis=-1)
+        motion, _ = linear_model.linearise(*speeds, parameters, NO_SLIP, on_ground, constants)
+        return np.stack(np.broadcast_arrays(*motion.indices), axis=-1)
 
     def count(self, one: BatchFilter, lanes: Lanes, health: Health) -> None:
         """Add the counts of the gates and the newest innovations to `health`."""

@@ -142,7 +142,7 @@ class IndexModel:
 
     name: str
     parameters: tuple[Parameter, ...]
-    vehicle: tuple[float, float, float, float]
+    vehicle: tuple[float, ...]
     places: tuple[int, ...]
     H: float
 

@@ -120,12 +120,12 @@ class BatchFilter:
         self._disturbances = assumed.disturbances
         self.robot, self.settings = robot, settings
         self.width, self.number = width or lanes_of_machine(bits), PRECISIONS[bits]
-        self._walks = self._disturbances.bias_walk + self._disturbances.parameter_walk
+        self._walks = all_walks(self._disturbances)
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
         uncertain[s.POSE] = uncertain[s.SLIP] = True
         uncertain[s.FAST_SLIP] = False
-        # Standstill uses the variance of the gyro's, and re-acquisition inflates the other.
-        uncertain[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS]] = True
+        # Standstill uses the variance of the gyro's bias, and re-acquisition inflates gravity.
+        uncertain[[s.GYRO_BIAS, s.GRAVITY_X, s.GRAVITY_Y]] = True
         parameters = np.zeros(s.SIZE, dtype=bool)
         parameters[s.PARAMETERS] = True
         absent = parameters & ~uncertain & (self._state == 0.0)
@@ -178,7 +178,7 @@ class BatchFilter:
         Args:
             lanes: lanes from `begin`.
             checkpoint: checkpoint of the filter, at its first track speeds or later.
-            regressors: (3, 8) its smoothed derivatives by the parameters.
+            regressors: (3, 9) its smoothed derivatives by the parameters.
 
         Raises:
             BatchError: there is no room for so many rejected fixes.
@@ -273,7 +273,7 @@ class BatchFilter:
         return np.asarray(lanes.workspace[np.array(rows, dtype=int), lane])
 
     def regressors(self, lanes: Lanes, lane: int, before: Floats) -> Floats:
-        """Regressors (3, 8) of a filter; those of certain parameters are as before."""
+        """Regressors (3, 9) of a filter; those of certain parameters are as before."""
         found = before.copy()
         for axis in range(3):
             for i in self.layout.parameters:
@@ -295,8 +295,7 @@ class BatchFilter:
             (n, k) constants of each step, for `work_through`.
 
         Raises:
-            BatchError: there are fixes between IMU samples, and inertia is that with the slip; or the IMU
-                has a gap longer than `Settings.hold`.
+            BatchError: the IMU has a gap longer than `Settings.hold`.
         """
         longest = float(steps.intervals.max(initial=0.0))
         if longest > self.settings.hold:
@@ -314,9 +313,6 @@ class BatchFilter:
 
         Args:
             steps: all steps of the run.
-
-        Raises:
-            BatchError: there are fixes between IMU samples, and inertia is that with the slip.
         """
         ahead, fixes = steps.kinds == AHEAD, (steps.extras & POSITION) > 0
         moves, at_steps, between = (
@@ -333,11 +329,6 @@ class BatchFilter:
             # Kernels for moves and fixes anywhere, so that the next log needs no other machine code.
             needs = needs._replace(moves=True, ahead=False, fixes=False)
             needs = needs._replace(move_ticks=True, fix_ticks=at_steps or between)
-        if self.shape.model.slip_in_inertia and between:
-            raise BatchError(
-                "with inertia = 'imu', filters side by side support fixes at the stamps of IMU samples "
-                "only"
-            )
         self._work = _worker(self.shape, self.width, needs)
 
     @property
@@ -384,7 +375,7 @@ def shared_constants(
     values: Floats = aligned(len(names) + pairs.size, PRECISIONS[shape.bits])
     values[len(names) :] = pairs.ravel()
     slip, sensors = disturbances.slip, SensorModels(robot).constants
-    walks = disturbances.bias_walk + disturbances.parameter_walk
+    walks = all_walks(disturbances)
     named = {
         **model.vehicle._asdict(),
         "eta": model.steering_efficiency(state[s.PARAMETERS]),
@@ -407,6 +398,11 @@ def shared_constants(
     for name, value in named.items():
         values[names[name]] = value
     return values
+
+
+def all_walks(disturbances: Disturbances) -> Floats:
+    """Random walks (SIZE,) of all states, see `Disturbances`."""
+    return disturbances.bias_walk + disturbances.parameter_walk + disturbances.slope_walk
 
 
 def aligned(count: int, number: Any = np.float64) -> Any:

@@ -117,6 +117,6 @@ def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
 def _finished(lane: Lane, name: str, flags: Sequence[Traced], kind: FixKind) -> Kernel:
     if kind.twist:
         speeds = lane.input("now_left"), lane.input("now_right")
-        now = lane.twist_model(1.0, *speeds, lane.row("u"))
+        now = lane.twist_model(1.0, *speeds)
         lane.store_twist(lane.with_smoothed_derivatives(now))
     return lane.kernel(name, flags, with_fast_slip=kind.twist)

@@ -10,12 +10,14 @@ from typing import Any
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.engine import model
 from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import Layout
 from icreckon.estimator.friction.kernel import SubstepPlaces, friction_steps
 from icreckon.estimator.friction.layout import (
     BODY_CONSTANTS,
     CARRIED,
+    INPUTS,
     PARAMETERS,
     STARTED,
     SUBSTEP_CONSTANTS,
@@ -33,15 +35,16 @@ def motion_kernel(name: str, shape: FilterShape) -> Kernel:
     constants = {one: lane.constant(one) for one in (*SUBSTEP_CONSTANTS, *BODY_CONSTANTS)}
     memory = [lane.row(f"memory{k}") for k in range(shape.model.memory)]
     before = FrictionRows(memory, [lane.row(one) for one in CARRIED])
-    scale, first = 1.0 + lane.x[s.TRACK_SCALE], s.PARAMETERS.start
+    (of_left, of_right), first = model.track_factors(lane.x), s.PARAMETERS.start
+    of_gravity = range(PARAMETERS, INPUTS) if s.GRAVITY_X in lane.layout.states else ()
     after = substep(
         before,
-        [lane.x[first + k] for k in range(PARAMETERS)],
-        (scale * lane.input("mean_left"), scale * lane.input("mean_right")),
+        [*(lane.x[first + k] for k in range(PARAMETERS)), *model.gravity(lane.x)],
+        (of_left * lane.input("mean_left"), of_right * lane.input("mean_right")),
         constants,
         trace.Table("constants", len(lane.layout.constants), PAIR_COLUMNS, constants["pairs"]),
         sheared=shape.model.sheared,
-        estimated=[i - first for i in lane.layout.parameters],
+        estimated=[*(i - first for i in lane.layout.parameters), *of_gravity],
     )
     lane.stores.update({f"memory{k}": value for k, value in enumerate(after.memory)})
     lane.stores.update(zip(CARRIED, after.carried, strict=True))

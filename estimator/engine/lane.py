@@ -13,9 +13,10 @@ from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
+from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
 from icreckon.estimator.motion.motion_model import VehicleConstants
-from icreckon.estimator.sensors.measurement_models import IMU_FIXED
+from icreckon.estimator.sensors.measurement_models import POSE_FIXED, imu_fixed
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel, Store
 from icreckon.estimator.tracing.trace import Traced, minimum, select
@@ -71,7 +72,7 @@ class Lane:
         vehicle = VehicleConstants(*(cast(Any, self.constant(name)) for name in names))
         memory = [self.row(f"memory{k}") for k in range(shape.model.memory)]
         self.model_inputs = ModelInputs(shape.model, vehicle, memory)
-        self.fixed_for_imu = (*IMU_FIXED, *shape.considered)
+        self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered)
         self.x = np.array([self._start(i) for i in range(s.SIZE)], dtype=object)
         pairs = [(i, j) for n, i in enumerate(states) for j in states[n:]]
         self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
@@ -100,12 +101,24 @@ class Lane:
     @property
     def eta(self) -> Any:
         """Typical steering efficiency index, see `MotionModel.steering_efficiency`."""
-        return self.constant("eta") if self.shape.model.kind == "friction" else self.x[s.ETA0]
+        match self.shape.model.kind:
+            case "friction":
+                return self.constant("eta")
+            case "linear":
+                vehicle = self.model_inputs.vehicle
+                return linear_model.steering_efficiency(tuple(self.x[s.PARAMETERS]), vehicle)
+        return self.x[s.ETA0]
 
-    def twist_model(self, slip_share: Any, left: Any, right: Any, guess: Any) -> TracedTwist:
+    def advance_model(self, dt: Any, left: Any, right: Any) -> None:
+        """Advance the memory of an index model by a step, at mean track speeds [m/s]."""
+        after = model.advanced_memory(self.x, self.model_inputs, left, right, dt)
+        self.stores.update({f"memory{k}": value for k, value in enumerate(after)})
+        self.model_inputs = self.model_inputs._replace(memory=after)
+
+    def twist_model(self, slip_share: Any, left: Any, right: Any) -> TracedTwist:
         """Evaluate the body velocity at track speeds [m/s], see `model.twist_model`."""
         states = self.shape.states
-        return model.twist_model(self.x, self.model_inputs, left, right, slip_share, states, guess)
+        return model.twist_model(self.x, self.model_inputs, left, right, slip_share, states)
 
     def store_twist(self, now: TracedTwist) -> None:
         """Store a body velocity and its covariance."""
@@ -240,14 +253,14 @@ class Lane:
         ):
             self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
 
-    def keep_inside_bounds(self) -> None:
+    def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `IcrEkf.keep_inside_bounds`, if a lane is outside."""
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
-        considered = self.shape.considered
-        bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*considered}]
+        fixed = self.fixed_for_imu if by_imu else (*POSE_FIXED, *self.shape.considered)
+        bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*fixed}]
         if not bounds:
             return
-        x, moving = self.x, [i for i in states if i not in self.fixed_for_imu]
+        x, moving = self.x, [i for i in states if i not in fixed]
         outside = trace.lift_truth(False)
         for direction, rest, least in bounds:
             outside = outside | (least - rest - dot(x_of(x, direction), direction) > least_short)
@@ -255,7 +268,7 @@ class Lane:
         def a_round(*values: Any) -> Any:
             now, moved = dict(zip(states, values, strict=True)), trace.lift_truth(False)
             for direction, rest, least in bounds:
-                free = {i: by for i, by in direction.items() if i not in considered}
+                free = {i: by for i, by in direction.items() if i not in fixed}
                 cross = self.P.times(free)
                 variance = dot(cross, free)
                 short = least - rest - dot(now, direction)
@@ -275,7 +288,7 @@ class Lane:
             of = {s.PARAMETERS.start + k: self.constant(f"bound{number}_{k}") for k in places}
             certain = {i: self.x[i] for i in of if i not in self.shape.states}
             uncertain = {i: by for i, by in of.items() if i in self.shape.states}
-            least = self.constant(f"bound{number}_8")
+            least = self.constant(f"bound{number}_{s.PARAMETER_COUNT}")
             yield uncertain, dot(certain, {i: of[i] for i in certain}), least
 
 

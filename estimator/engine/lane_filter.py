@@ -137,10 +137,11 @@ class LaneStep:
         """Add track speeds, see `WholeStep`."""
         return cast(int, add_track_speeds(self._records, stamp, left, right))
 
-    def take_imu(self, stamp: int, rate: float, force: float) -> bool:
+    def take_imu(self, stamp: int, rate: float, force_x: float, force_y: float) -> bool:
         """Add an IMU sample, and take the step that it ends, see `WholeStep`."""
         readings, records, inputs = self._readings, self._records, self._inputs
-        while not add_sample(records, readings.stamps, readings.rates, inputs, stamp, rate, force):
+        sample = stamp, rate, force_x, force_y
+        while not add_sample(records, readings.stamps, readings.rates, inputs, *sample):
             readings.make_room()
         return cast(bool, self._compiled.imu_step(*self._begin(stamp)))
 
@@ -159,7 +160,7 @@ class LaneStep:
             ekf.model.recall(memory)
         is_first = ekf.regressors is None
         if ekf.regressors is None:
-            ekf.regressors = np.zeros((3, 8))
+            ekf.regressors = np.zeros((3, s.PARAMETER_COUNT))
         return (
             self._records,
             ekf.x,

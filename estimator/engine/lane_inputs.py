@@ -15,7 +15,8 @@ from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
 ROWS, TRACK_ROWS, SLOW = len(INPUTS), len(StepInputs._fields), INPUTS["slow"]
-QUIET_MEAN, RATE, FORCE = INPUTS["quiet_mean"], INPUTS["rate"], INPUTS["force"]
+QUIET_MEAN, RATE = INPUTS["quiet_mean"], INPUTS["rate"]
+FORCE_X, FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 
 
 def take_tracks_of(records: Any, stamp: int, left: float, right: float) -> int:
@@ -30,7 +31,8 @@ def sample_inputs(
     inputs: Floats,
     stamp: int,
     rate: float,
-    force: float,
+    force_x: float,
+    force_y: float,
 ) -> bool:
     """Add an IMU sample, and fill the inputs of the step that it ends.
 
@@ -41,7 +43,8 @@ def sample_inputs(
         inputs: (n, 1) inputs of the step, written to.
         stamp: stamp of the sample [ns].
         rate: yaw rate [rad/s].
-        force: specific force to the left [m/s²], NaN if it is not used.
+        force_x: specific force forward [m/s²], NaN if it is not used.
+        force_y: specific force to the left [m/s²], likewise.
 
     Returns:
         False if the buffers are full; nothing was done then.
@@ -56,7 +59,7 @@ def sample_inputs(
     take_stamp(record.imu, stamp, record.settings.hold)
     inputs[SLOW, 0] = 1.0 if may_be_pushed(record) else 0.0
     inputs[QUIET_MEAN, 0] = quiet_mean(record.still, stamps, rates, stamp, rate, record.settings)
-    inputs[RATE, 0], inputs[FORCE, 0] = rate, force
+    inputs[RATE, 0], inputs[FORCE_X, 0], inputs[FORCE_Y, 0] = rate, force_x, force_y
     return True
 
 
@@ -65,7 +68,8 @@ def move_inputs(records: Any, inputs: Floats, stamp: int) -> None:
     record = records[0]
     fill_tracks(record, inputs, stamp)
     inputs[SLOW, 0] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
-    inputs[QUIET_MEAN, 0], inputs[RATE, 0], inputs[FORCE, 0] = math.nan, 0.0, math.nan
+    inputs[QUIET_MEAN, 0], inputs[RATE, 0] = math.nan, 0.0
+    inputs[FORCE_X, 0] = inputs[FORCE_Y, 0] = math.nan
 
 
 def fill_tracks(record: Any, inputs: Floats, stamp: int) -> None:

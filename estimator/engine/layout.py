@@ -16,7 +16,15 @@ from icreckon.estimator.friction.layout import (
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Inputs of a step: those of each lane, and those that all lanes share.
-STEP_INPUTS = (*StepInputs._fields, "quiet_mean", "rate", "force", "now_left", "now_right")
+STEP_INPUTS = (
+    *StepInputs._fields,
+    "quiet_mean",
+    "rate",
+    "force_x",
+    "force_y",
+    "now_left",
+    "now_right",
+)
 FIX_INPUTS = ("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "fix_mode")
 STEP_CONSTANTS = ("dt", "smoothing", "decay", "mean", "integral", "cross", "final")
 CONSTANTS = (
@@ -24,6 +32,8 @@ CONSTANTS = (
     "mass",
     "x_CM",
     "y_CM",
+    "rolling_resistance",
+    "load_lag",
     "eta",
     "turning_x",
     "turning_y",
@@ -43,8 +53,11 @@ CONSTANTS = (
     "bias_margin",
     "position_threshold",
 )
+# Columns of a bound.
+BOUND = range(s.PARAMETER_COUNT + 1)
 # Counts of each gate, rejections in a row first.
-GATES = ("gyro", "accelerometer", "position", "heading")
+IMU_GATES = ("gyro", "accelerometer_x", "accelerometer_y")
+GATES = (*IMU_GATES, "position", "heading")
 COUNTS = (
     *(
         f"{gate}_{count}"
@@ -53,15 +66,14 @@ COUNTS = (
     ),
     "standstill",
 )
-# Values from the step before: track speeds and force of inertia at its end, 1 if the robot stood; and the
-# predicted position at the newest fix.
-BEFORE = ("V_l", "V_r", "u", "stood", "predicted_x", "predicted_y")
+# Values from the step before: 1 if the robot stood, and the predicted position at the newest fix.
+BEFORE = ("stood", "predicted_x", "predicted_y")
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had
 # no measurement.
 INNOVATIONS = (
-    *(f"{gate}_{part}" for gate in ("gyro", "accelerometer", "heading") for part in ("z", "S")),
+    *(f"{gate}_{part}" for gate in (*IMU_GATES, "heading") for part in ("z", "S")),
     *(f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")),
 )
 
@@ -140,7 +152,7 @@ class Layout:
                 *CONSTANTS,
                 *(f"fixed{i}" for i in range(s.SIZE)),
                 *(f"walk{i}" for i in range(s.SIZE)),
-                *(f"bound{row}_{k}" for row in range(len(self.model.bounds)) for k in range(9)),
+                *(f"bound{row}_{k}" for row in range(len(self.model.bounds)) for k in BOUND),
                 *(of_friction if self.model.kind == "friction" else ()),
             )
         )
@@ -151,8 +163,14 @@ class Layout:
         fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
         states = [i for i in (*self.states, *fast) if i >= s.POSE.stop]
         values = (*(f"x{i}" for i in states), *(covariance_name(i, i) for i in states))
-        turn = range(TURN.start, TURN.stop) if self.model.kind == "friction" else ()
-        return (*values, *INNOVATIONS, *(f"memory{k}" for k in turn))
+        return (*values, *INNOVATIONS, *(f"memory{k}" for k in self.output_memory))
+
+    @property
+    def output_memory(self) -> range:
+        """Places in the model's memory that determine the indices of an estimate."""
+        if self.model.kind == "friction":
+            return range(TURN.start, TURN.stop)
+        return range(self.model.memory)
 
 
 def covariance_name(a: int, b: int) -> str:

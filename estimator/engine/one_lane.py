@@ -24,9 +24,11 @@ from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.filter.gate import count_verdict
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
 from icreckon.estimator.tracing.jit_kernel import entry
 
+COUNT = s.PARAMETER_COUNT
 SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
 # Places of constants of a step, and of inputs of a kernel.
@@ -61,11 +63,9 @@ class LanePlaces(NamedTuple):
         regressors: row of the first regressor.
         memory: row of the first number of the model's memory.
         memory_size: number of numbers of the memory.
-        V_l: row of the left track's speed at the end of the step before.
-        u: row of the force of inertia there.
         stood: row that is 1 if the robot was found standing.
         gyro: rows of the gyro: rejections in a row, number admitted, innovation, its variance.
-        accelerometer: the same rows of the accelerometer.
+        accelerometers: the same rows of the accelerometers, forward and left.
         twist: row of the twist's first component.
         motion: row of the first value of `MOTION`.
         by_state: (3, n) rows of the twist's derivatives by the states.
@@ -83,11 +83,9 @@ class LanePlaces(NamedTuple):
     regressors: int
     memory: int
     memory_size: int
-    V_l: int
-    u: int
     stood: int
     gyro: tuple[int, int, int, int]
-    accelerometer: tuple[int, int, int, int]
+    accelerometers: tuple[tuple[int, int, int, int], tuple[int, int, int, int]]
     twist: int
     motion: int
     by_state: Any
@@ -137,9 +135,7 @@ def _one_lane(model: TracedModel, considered: tuple[int, ...]) -> OneLane:
 def _twist_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel that evaluates a body velocity with its derivatives."""
     lane = Lane(shape, with_fast_slip=True)
-    now = lane.twist_model(
-        lane.constant("mean"), lane.input("left"), lane.input("right"), lane.row("u")
-    )
+    now = lane.twist_model(lane.constant("mean"), lane.input("left"), lane.input("right"))
     lane.store_motion(now)
     return lane.kernel(name, with_fast_slip=True)
 
@@ -164,11 +160,9 @@ def _places(shape: FilterShape) -> LanePlaces:
         rows[f"r0_{layout.parameters[0]}"],
         rows["memory0"] if memory else 0,
         memory,
-        rows["V_l"],
-        rows["u"],
         rows["stood"],
         of_gate("gyro"),
-        of_gate("accelerometer"),
+        (of_gate(ACCELEROMETERS[0]), of_gate(ACCELEROMETERS[1])),
         rows[TWIST[0]],
         rows[MOTION[0]],
         np.array([[rows[f"{axis}_by_{i}"] for i in states] for axis in TWIST[:3]]),
@@ -196,7 +190,7 @@ def fill_state(
         raise ValueError(WRONG_SIZE)
     for a in range(len(places.states)):
         lane[places.x[a], 0] = x[places.states[a]]
-    for k in range(8):
+    for k in range(COUNT):
         constants[places.fixed + k] = x[PARAMETERS + k]
     for k in range(len(memory)):
         lane[places.memory + k, 0] = memory[k]
@@ -208,7 +202,7 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePla
     Raises:
         ValueError: an array has the wrong size.
     """
-    if P.shape != (SIZE, SIZE) or regressors.shape != (3, 8):
+    if P.shape != (SIZE, SIZE) or regressors.shape != (3, COUNT):
         raise ValueError(WRONG_SIZE)
     n = len(places.states)
     for a in range(n):
@@ -220,8 +214,6 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePla
         for i in places.parameters:
             lane[row, 0] = regressors[axis, i - PARAMETERS]
             row += 1
-    # The search for the force of inertia starts anew, without a guess from the step before.
-    lane[places.V_l, 0] = np.nan
 
 
 def empty_lane(
@@ -300,7 +292,7 @@ def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest
             records: (1,) record of the filter, see `FilterRecord`, changed in place.
             x: (SIZE,) the state, changed in place.
             P: (SIZE, SIZE) its covariance, changed in place.
-            regressors: (3, 8) smoothed derivatives by the parameters, changed in place.
+            regressors: (3, 9) smoothed derivatives by the parameters, changed in place.
             memory: memory of the motion model, changed in place.
             lane: workspace.
             inputs: (n, 1) inputs of the kernel.
@@ -321,12 +313,14 @@ def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest
         fill_covariance(lane, P, regressors, places)
         fill_constants(record, constants, stamp, is_first, places)
         set_gate(record.gyro, lane, places.gyro)
-        set_gate(record.accelerometer, lane, places.accelerometer)
+        set_gate(record.accelerometer_x, lane, places.accelerometers[0])
+        set_gate(record.accelerometer_y, lane, places.accelerometers[1])
         advance(lane, inputs, constants, constants[DT])
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
         record.stamp, record.stands = stamp, int(lane[places.stood, 0])
-        count_sample(record.accelerometer, stamp, lane, places.accelerometer)
+        count_sample(record.accelerometer_x, stamp, lane, places.accelerometers[0])
+        count_sample(record.accelerometer_y, stamp, lane, places.accelerometers[1])
         return count_sample(record.gyro, stamp, lane, places.gyro)
 
     return entry(step_with_imu, shape_digest)
@@ -406,7 +400,6 @@ def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         fill_state(lane, constants, x, memory, places)
         inputs[LEFT, 0], inputs[RIGHT, 0] = left, right
         constants[MEAN] = slip_share
-        lane[places.u, 0] = 0.0
         kernel(lane, inputs, constants)
         jacobian[:] = 0.0
         for axis in range(3):

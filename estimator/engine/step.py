@@ -10,14 +10,19 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, x_of
+from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel
 from icreckon.estimator.tracing.trace import select
 
-# Parameters and biases.
-WALKING = range(s.PARAMETERS.start, s.TRACK_SCALE)
+# Parameters, biases and gravity along the ground.
+WALKING = (*range(s.PARAMETERS.start, s.TRACK_SCALE), s.GRAVITY_X, s.GRAVITY_Y)
+
+
+GRAVITY = (s.GRAVITY_X, s.GRAVITY_Y)
+INPUT_FORCES = ("force_x", "force_y")
 
 
 class StepKind(NamedTuple):
@@ -79,8 +84,9 @@ def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
             step.update_standstill()
         step.update_gyro()
         if kind.accelerometer:
-            step.update_accelerometer()
-        lane.keep_inside_bounds()
+            for axis in range(2):
+                step.update_accelerometer(axis)
+        lane.keep_inside_bounds(by_imu=True)
     if kind.moves:
         step.propagate()
     if kind.twist:
@@ -120,9 +126,9 @@ class Step:
             lane.stores["stood"] = 0.0
         self.pushed = slow
         left, right = step_input("left"), step_input("right")
-        scale = 1.0 + lane.x[s.TRACK_SCALE]
-        same = (left * scale == lane.row("V_l")) & (right * scale == lane.row("V_r"))
-        self.model = self.lane.twist_model(1.0, left, right, select(same, lane.row("u"), 0.0))
+        if kind.moves and lane.shape.model.kind == "index":
+            lane.advance_model(constant("dt"), step_input("mean_left"), step_input("mean_right"))
+        self.model = lane.twist_model(1.0, left, right)
 
     def _sigma(self) -> Any:
         lane = self.lane
@@ -206,7 +212,7 @@ class Step:
         lane.stores["standstill"] = lane.row("standstill") + more
         lane.stores["stood"] = more
         speeds = lane.input("left"), lane.input("right")
-        now = self.lane.twist_model(1.0, *speeds, now.u)
+        now = self.lane.twist_model(1.0, *speeds)
         self.model = self._with_regressors(now)
 
     def update_gyro(self) -> None:
@@ -224,35 +230,36 @@ class Step:
         part = (scale, self.regressors[2])
         lane.gated("gyro", z, row, variance, part, inflated=s.SLIP_W, fixed=lane.fixed_for_imu)
 
-    def update_accelerometer(self) -> None:
-        """Update with the specific force to the left."""
-        lane, now = self.lane, self.model
-        rough = model.sideways_density(self._sigma()[1], self.slip.time_constant)
+    def update_accelerometer(self, axis: int) -> None:
+        """Update with the specific force forward (axis 0) or to the left (axis 1)."""
+        lane, now, across = self.lane, self.model, 1 - axis
+        rough = model.change_density(self._sigma()[axis], self.slip.time_constant)
         forecast = model.accelerometer_forecast(
-            self.imu, lane.constant("interval"), now.twist, now.by_speeds, self.change, rough
+            self.imu, axis, lane.constant("interval"), now.twist, now.by_speeds, self.change, rough
         )
         row: Vector = {}
-        for factor, part in ((forecast.by_w, now.rows[2]), (forecast.by_v_x, now.rows[0])):
+        for factor, part in ((forecast.by_w, now.rows[2]), (forecast.by_across, now.rows[across])):
             for i, value in part.items():
                 row[i] = row.get(i, 0.0) + factor * value
-        bias = s.ACCELEROMETER_BIAS
-        if bias in lane.P.states:
-            row[bias] = row.get(bias, 0.0) + 1.0
-        predicted = forecast.predicted + self.linearised_at[bias]
-        force = lane.input("force")
-        used: Any = ~self.stands if self.kind.stands else True
+        gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
+        for state, more in ((gravity, -1.0), (bias, 1.0)):
+            if state in lane.P.states:
+                row[state] = row.get(state, 0.0) + more
+        at = self.linearised_at
+        predicted = forecast.predicted + at[bias] - at[gravity]
+        force, used = lane.input(INPUT_FORCES[axis]), trace.lift_truth(True)
         if self.kind.may_lack_force:
-            is_number = force == force
-            force, used = select(is_number, force, 0.0), trace.lift_truth(used) & is_number
-        z = force - predicted - shift_of(row, lane.x, self.linearised_at)
+            used = force == force
+            force = select(used, force, 0.0)
+        z = force - predicted - shift_of(row, lane.x, at)
         lane.gated(
-            "accelerometer",
+            ACCELEROMETERS[axis],
             z,
             row,
             forecast.variance,
             (forecast.by_w, self.regressors[2]),
-            (forecast.by_v_x, self.regressors[0]),
-            inflated=bias,
+            (forecast.by_across, self.regressors[across]),
+            inflated=gravity,
             fixed=lane.fixed_for_imu,
             only=used,
         )
@@ -263,16 +270,13 @@ class Step:
         x, P, constant = lane.x, lane.P, lane.constant
         dt, decay = constant("dt"), constant("decay")
         sigma = self._sigma()
-        turning = model.share_of_walk(*self.smooth)
+        turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         left, right = lane.input("mean_left"), lane.input("mean_right")
-        now = self.lane.twist_model(constant("mean"), left, right, self.model.u)
-        scale = 1.0 + x[s.TRACK_SCALE]
-        if now.u is not None:
-            lane.stores.update(V_l=left * scale, V_r=right * scale, u=now.u)
+        now = self.lane.twist_model(constant("mean"), left, right)
         now = self._with_regressors(now)
         step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])
         states = lane.shape.states
-        walk = self._walks(turning)
+        walk = self._walks(turning, travel)
         # With J the derivatives of the twist and F the transition: with_rows = P J', of_twist = J P J',
         # carried = (F P) in the rows of the pose, after = F P F' + Q.
         with_rows = [
@@ -291,6 +295,7 @@ class Step:
                 moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(3)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
         with_pose = _noise_of_pose(now.rows, M, walk, sigma, lane)
+        faded = _transition(lane.P.states, decay, *model.turn(step[2]))
         after: dict[tuple[int, int], Any] = {}
         for i in range(3):
             # The carried row times the derivatives of the twist.
@@ -306,13 +311,12 @@ class Step:
                 after[i, k] = after[i, k] + with_pose[i, k]
             for j in states:
                 if j >= s.POSE.stop:
-                    fading = decay if _is_slip(j) else 1.0
-                    after[i, j] = carried[i, j] * fading + with_pose.get((i, j), 0.0)
+                    moved = sum((by * carried[i, b] for b, by in faded[j].items()), start=0.0)
+                    after[i, j] = moved + with_pose.get((i, j), 0.0)
         for n, i in enumerate(states):
             for j in states[n:]:
                 if i >= s.POSE.stop:
-                    fading = (decay if _is_slip(i) else 1.0) * (decay if _is_slip(j) else 1.0)
-                    after[i, j] = P.entry(i, j) * fading
+                    after[i, j] = _between(P, faded[i], faded[j])
             after[i, i] = after[i, i] + walk.get(i, 0.0) * dt
             if _is_slip(i):
                 axis = i - s.SLIP.start
@@ -323,14 +327,17 @@ class Step:
                     if i < s.POSE.stop:
                         after[i, j] = carried[i, j]
                     elif i <= j:
-                        after[i, j] = P.entry(i, j) * (decay if _is_slip(i) else 1.0)
+                        after[i, j] = _between(P, faded[i], {j: 1.0})
         lane.P = Covariance(after)
+        before = x.copy()
+        for i in GRAVITY:
+            x[i] = dot(x_of(before, faded[i]), faded[i])
         for i in range(3):
             x[i] = x[i] + step[i]
             x[s.SLIP.start + i] = x[s.SLIP.start + i] * decay
         self.model = now
 
-    def _walks(self, turning: Any) -> Vector:
+    def _walks(self, turning: Any, travel: Any) -> Vector:
         """Squared random-walk densities of the states that have one."""
         lane = self.lane
         walks: Vector = {}
@@ -340,13 +347,15 @@ class Step:
                 if i in lane.layout.parameters:
                     rate = rate * turning
                 walks[i] = rate * rate
+                if i in GRAVITY:
+                    walks[i] = walks[i] * travel
         return walks
 
     def store_twist(self) -> None:
         """Store the body velocity at the end of the step, and its covariance."""
         lane = self.lane
         speeds = lane.input("now_left"), lane.input("now_right")
-        now = self._with_regressors(lane.twist_model(1.0, *speeds, self.model.u))
+        now = self._with_regressors(lane.twist_model(1.0, *speeds))
         if not self.kind.moves:
             # Without a step there is nothing to smooth: the regressors are the present derivatives.
             for axis, row in enumerate(now.rows):
@@ -379,6 +388,23 @@ def _noise_of_pose(
             slipped = sum((M[i][a] * M[k][a] * squares[a] for a in range(3)), start=0.0)
             found[i, k] = walked * third + slipped * lane.constant("integral")
     return found
+
+
+def _transition(states: Sequence[int], decay: Any, cos: Any, sin: Any) -> dict[int, Vector]:
+    """Rows of the transition of all states but the pose: slip fades, gravity turns back."""
+    rows: dict[int, Vector] = {i: {i: decay if _is_slip(i) else trace.lift(1.0)} for i in states}
+    rows[s.GRAVITY_X] = {s.GRAVITY_X: cos, s.GRAVITY_Y: sin}
+    rows[s.GRAVITY_Y] = {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos}
+    return rows
+
+
+def _between(P: Covariance, a: Vector, b: Vector) -> Any:
+    """Covariance of two linear combinations of states."""
+    total: Any = 0.0
+    for i, by_i in a.items():
+        for j, by_j in b.items():
+            total = total + P.entry(i, j) * (by_i * by_j)
+    return total
 
 
 def _is_slip(state: int) -> bool:

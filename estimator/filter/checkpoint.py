@@ -28,7 +28,7 @@ class FilterMemory(NamedTuple):
     Attributes:
         state: (SIZE,) see `estimator.base.state`.
         covariance: (SIZE, SIZE).
-        regressors: (3, 8) of the filter, None before its first step.
+        regressors: (3, 9) of the filter, None before its first step.
         model: (m,) memory of the motion model.
         clones: stochastic clones, None if there are none.
         record: the record of its inputs.
@@ -70,7 +70,7 @@ class FilterCheckpoint(
         model: (m,) memory of the motion model, see `estimator.motion.motion_model.MotionModel`.
         rejected_fixes: position fixes that were rejected since one was used.
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
-        regressors: (3, 8) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
+        regressors: (3, 9) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
     """
 
     stamp: int | None
@@ -92,7 +92,7 @@ class FilterCheckpoint(
     def __post_init__(self) -> None:
         if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):
             raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")
-        if self.regressors is not None and self.regressors.shape != (3, 8):
+        if self.regressors is not None and self.regressors.shape != (3, 9):
             raise ValueError("three rows of eight derivatives by the parameters are needed")
 
     def fill(self, record: FilterRecord) -> None:

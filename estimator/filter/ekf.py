@@ -2,6 +2,7 @@
 
     pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip
     slip' = slip exp(-dt / tau) + noise   a Gauss-Markov process for each component
+    gravity' = R(w dt)' gravity + noise   its part along the ground, which is fixed in odom
 
 Parameters, biases and scales are constants or random walks. The fast slip is white from one step to the
 next, and contains the error of the track speeds. It is part of the state because one error both moves the
@@ -22,10 +23,16 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
-from icreckon.estimator.motion.motion_model import MotionModel, TwistModel, Unremembering
-from icreckon.estimator.motion.propagation import Triple, fading, gauss_markov_noise, step_on_se2
+from icreckon.estimator.motion.motion_model import Gravity, MotionModel, TwistModel, Unremembering
+from icreckon.estimator.motion.propagation import (
+    Triple,
+    fading,
+    gauss_markov_noise,
+    step_on_se2,
+    turn,
+)
 from icreckon.estimator.sensors.held_tracks import smoothing_share
-from icreckon.estimator.sensors.measurement_models import IMU_FIXED
+from icreckon.estimator.sensors.measurement_models import POSE_FIXED, imu_fixed
 
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
 # so much that they are those of another motion.
@@ -34,6 +41,8 @@ IDENTITY = np.eye(s.SIZE)
 # Diagonal of a flattened covariance, and the slip's part of it.
 DIAGONAL = slice(None, None, s.SIZE + 1)
 SLIP_DIAGONAL = slice(s.SLIP_X * (s.SIZE + 1), s.SLIP_W * (s.SIZE + 1) + 1, s.SIZE + 1)
+# Ends of the derivatives by slip, parameters and track speeds among those of a twist.
+PARTS = (3, 3 + s.PARAMETER_COUNT, 5 + s.PARAMETER_COUNT)
 # Paper's axes to REP-103: forward is the paper's second, left is minus its first.
 TO_REP103 = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -85,7 +94,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         model: the motion model.
 
     Attributes:
-        regressors: (3, 8) smoothed derivatives of the twist by the parameters; None before the first
+        regressors: (3, 9) smoothed derivatives of the twist by the parameters; None before the first
             step.
         clones: stochastic clones, None if there are none; they change nothing else.
         observer: observer of all changes, or None.
@@ -99,6 +108,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.clones: Clones | None = None
         self.observer: Observer | None = None
         self.considered: tuple[int, ...] = ()
+        self.fixed_for_imu = imu_fixed(model.taught_by_imu)
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
         self.model = model
@@ -131,23 +141,40 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def _evaluate(self, left: float, right: float, slip_share: float) -> TwistModel:
         x = self.x.tolist()
-        scale = 1.0 + x[s.TRACK_SCALE]
+        of_left, of_right = self._track_factors()
         forward, sideways, turning = (
             slip_share * slow + fast for slow, fast in zip(x[s.SLIP], x[s.FAST_SLIP], strict=True)
         )
         # REP-103 slip in the paper's axes: right is minus left.
         slip = (-sideways, forward, turning)
-        motion, by = self.model.linearise(left * scale, right * scale, x[s.PARAMETERS], slip)
-        rows = zip(by.by_slip, by.by_parameters, by.by_speeds, strict=True)
-        by_all = TO_REP103.dot(np.array([[*one, *two, *three] for one, two, three in rows]))
-        by_slip, by_speeds = by_all[:, :3].dot(TO_REP103.T), by_all[:, 11:]
+        motion, by = self.model.linearise(
+            left * of_left, right * of_right, x[s.PARAMETERS], slip, self._gravity()
+        )
+        parts = zip(by.by_slip, by.by_parameters, by.by_speeds, by.by_gravity, strict=True)
+        by_all = TO_REP103.dot(
+            np.array([[value for part in row for value in part] for row in parts])
+        )
+        by_slip, by_parameters, by_speeds, by_gravity = np.split(by_all, PARTS, axis=1)
+        by_slip = by_slip.dot(TO_REP103.T)
         jacobian = np.zeros((3, s.SIZE))
         jacobian[:, s.SLIP] = slip_share * by_slip
         jacobian[:, s.FAST_SLIP] = by_slip
-        jacobian[:, s.PARAMETERS] = by_all[:, 3:11]
+        jacobian[:, s.PARAMETERS] = by_parameters
         jacobian[:, s.TRACK_SCALE] = by_speeds.dot((left, right))
+        jacobian[:, s.TRACK_DIFFERENCE] = by_speeds.dot((-0.5 * left, 0.5 * right))
+        jacobian[:, s.GRAVITY_X], jacobian[:, s.GRAVITY_Y] = by_gravity[:, 1], -by_gravity[:, 0]
         v_x, v_y, w = motion.twist
-        return TwistModel(np.array([v_y, -v_x, w]), jacobian, scale * by_speeds, motion)
+        by_speeds = by_speeds * (of_left, of_right)
+        return TwistModel(np.array([v_y, -v_x, w]), jacobian, by_speeds, motion)
+
+    def _track_factors(self) -> tuple[float, float]:
+        """True over measured speed of the left and of the right track."""
+        scale, difference = 1.0 + self.x.item(s.TRACK_SCALE), self.x.item(s.TRACK_DIFFERENCE)
+        return scale - 0.5 * difference, scale + 0.5 * difference
+
+    def _gravity(self) -> Gravity:
+        """Gravity along the ground in the paper's axes: right and forward [m/s²]."""
+        return -self.x.item(s.GRAVITY_Y), self.x.item(s.GRAVITY_X)
 
     def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
         """Propagate over `dt` seconds with constant track speeds [m/s]."""
@@ -168,8 +195,10 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """Begin a step of `dt` seconds at mean track speeds [m/s] in the motion model."""
         if not isinstance(self.model, Unremembering):
             x = self.x.tolist()
-            scale = 1.0 + x[s.TRACK_SCALE]
-            self.model.begin_step(dt, left * scale, right * scale, x[s.PARAMETERS])
+            of_left, of_right = self._track_factors()
+            self.model.begin_step(
+                dt, left * of_left, right * of_right, x[s.PARAMETERS], self._gravity()
+            )
 
     def smooth_regressors(self, dt: float, left: float, right: float) -> TwistModel:
         """Smooth the derivatives by the parameters, at the start of a step.
@@ -203,6 +232,9 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         F[s.POSE] += by_state * dt
         F[s.POSITION, s.YAW] += by_yaw
         F.ravel()[SLIP_DIAGONAL] = decay
+        cos, sin = turn(step[2])
+        back = np.array([[cos, sin], [-sin, cos]])
+        F[s.GRAVITY, s.GRAVITY] = back
 
         # Random walks and slip, and their effect on the pose within the step.
         walk, slip = noise.walk**2, noise.slip_sigma**2
@@ -221,6 +253,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self._next_x = self.x.copy()
         self._next_x[s.POSE] += step
         self._next_x[s.SLIP] *= decay
+        self._next_x[s.GRAVITY] = back.dot(self.x[s.GRAVITY])
         self.predict()
         self.P = 0.5 * (self.P + self.P.T)
         return step
@@ -310,26 +343,28 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P = self.P - (half + half.T)
         return c, K, S
 
-    def keep_inside_bounds(self) -> None:
+    def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project the parameters to the bounds of the motion model.
 
-        The state moves along the covariance to the nearest point of the violated bound, except the states
-        that only fixes move. The covariance stays, which is conservative (Simon, Optimal State
-        Estimation, section 7.5).
+        The state moves along the covariance to the nearest point of the violated bound. The pose stays,
+        and so do the states that the last measurement does not move. The covariance stays, which is
+        conservative (Simon, Optimal State Estimation, section 7.5).
+
+        Args:
+            by_imu: the last measurement is the IMU's.
         """
         before, P = self.x, self.P
-        considered = list(self.considered)
-        fixed = [*IMU_FIXED, *considered]
+        fixed = [*(self.fixed_for_imu if by_imu else POSE_FIXED), *self.considered]
         for _ in range(BOUND_ROUNDS):
             moved = False
             for bound in range(len(self._bounds)):
-                direction, least = self._bounds[bound, :8], self._bounds[bound, 8]
+                direction, least = self._bounds[bound, :-1], self._bounds[bound, -1]
                 short = float(least - direction.dot(self.x[s.PARAMETERS]))
                 if short <= ROUNDING:
                     continue
                 of_state = np.zeros(s.SIZE)
                 of_state[s.PARAMETERS] = direction
-                of_state[considered] = 0.0
+                of_state[fixed] = 0.0
                 cross = of_state[s.PARAMETERS].dot(P[s.PARAMETERS])
                 cross[fixed] = 0.0
                 variance = float(of_state[s.PARAMETERS].dot(cross[s.PARAMETERS]))

@@ -48,7 +48,7 @@ from icreckon.estimator.sensors.imu_clock import (
 )
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
-    IMU_FIXED,
+    ACCELEROMETERS,
     MODELS,
     Accelerometer,
     Gyro,
@@ -115,13 +115,16 @@ class Reckoning:
         self._counts = Health()
         self._settings = settings
         self._sensors = SensorModels(robot)
-        self._gyro, self._accelerometer = Gyro(self._sensors), Accelerometer(self._sensors)
+        fixed = self.ekf.fixed_for_imu
+        self._gyro = Gyro(self._sensors, fixed)
+        self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
         self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
-        counts = {"gyro": self._record.gyro, "accelerometer": self._record.accelerometer}
+        of_imu = (self._gyro.name, *ACCELEROMETERS)
+        counts = {name: getattr(self._record, name) for name in of_imu}
         self._gates: dict[str, Gate] = {}
         for name, components in innovation_components().items():
             of_gate = counts.get(name) or engine.make_record(GateRecord())
@@ -321,15 +324,15 @@ class Reckoning:
             self._counts.sensor("imu").reject("before the first track speeds")
             return False
         rate, force = self._sensors.yaw_rate(m), m.linear_acceleration
-        leftward = math.nan
+        along = (math.nan, math.nan)
         if force is not None and self._settings.use_accelerometer:
-            leftward = self._sensors.to_the_left(force)
+            along = self._sensors.along_ground(force)
         if (m.stamp - record.stamp) * NANOSECOND > hold:
             # The sample measures the present yaw rate, not that in the gap.
             take_stamp(imu, m.stamp, hold)
             self._advance(interval_start(imu, m.stamp))
         if step is not None and self._can_step_at_once(m.stamp):
-            used = step.take_imu(m.stamp, rate, leftward)
+            used = step.take_imu(m.stamp, rate, *along)
             self._counts.standstill_updates += record.stands
             return used
         take_stamp(imu, m.stamp, hold)
@@ -346,11 +349,13 @@ class Reckoning:
         )
         # Gate, update and record.
         used = self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
-        if leftward == leftward and not record.stands:
-            density = self._disturbances.sideways_density(self.slip_sigma())
-            found = self._accelerometer.linearise(leftward, at, ekf.x, density)
-            self._update(self._accelerometer, found, m.stamp)
-        ekf.keep_inside_bounds()
+        if along[0] == along[0]:
+            sigma = self.slip_sigma()
+            for axis, model in enumerate(self._accelerometers):
+                density = self._disturbances.change_density(sigma[axis])
+                found = model.linearise(along[axis], at, ekf.x, density)
+                self._update(model, found, m.stamp)
+        ekf.keep_inside_bounds(by_imu=True)
         # Propagate the pose by the updated twist.
         self._advance(m.stamp)
         return used
@@ -370,7 +375,8 @@ class Reckoning:
         """Update with the zero twist of a standing robot."""
         self._counts.standstill_updates += 1
         model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
-        correct(self.ekf, -model.twist, model.jacobian, R, fixed=IMU_FIXED, correlated=False)
+        fixed = self.ekf.fixed_for_imu
+        correct(self.ekf, -model.twist, model.jacobian, R, fixed=fixed, correlated=False)
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""

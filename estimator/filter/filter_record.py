@@ -28,7 +28,8 @@ class FilterRecord(msgspec.Struct):
         imu: clock of the IMU.
         still: the standstill.
         gyro: counts of the gate of the gyro.
-        accelerometer: counts of the gate of the accelerometer.
+        accelerometer_x: counts of the gate of the forward accelerometer.
+        accelerometer_y: counts of the gate of the accelerometer to the left.
     """
 
     settings: InputSettings
@@ -40,7 +41,8 @@ class FilterRecord(msgspec.Struct):
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
     still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
     gyro: GateRecord = msgspec.field(default_factory=GateRecord)
-    accelerometer: GateRecord = msgspec.field(default_factory=GateRecord)
+    accelerometer_x: GateRecord = msgspec.field(default_factory=GateRecord)
+    accelerometer_y: GateRecord = msgspec.field(default_factory=GateRecord)
 
 
 def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> int:

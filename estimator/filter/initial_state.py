@@ -49,19 +49,17 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
             `Settings.considered` has a name that the variant has not.
     """
     adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
-    model = motion_model(
-        robot,
-        variant,
-        settings.form,
-        slip_in_inertia=settings.inertia == "imu",
-        adaptation=adaptation,
-    )
+    model = motion_model(robot, variant, adaptation=adaptation)
     state, sigmas = np.zeros(s.SIZE), np.zeros(s.SIZE)
     state[s.PARAMETERS] = initial_parameters(robot, variant)
     sigmas[s.PARAMETERS] = parameter_sigmas(robot, variant, adaptation)
+    state[s.GYRO_BIAS], state[s.TRACK_DIFFERENCE] = robot.imu.gyro_bias, robot.tracks.difference
     sigmas[s.GYRO_BIAS] = robot.imu.gyro_bias_sigma
-    sigmas[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_sigma
+    sigmas[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_sigma
+    sigmas[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_sigma
+    sigmas[s.GRAVITY] = robot.slope.sigma
     sigmas[s.TRACK_SCALE] = robot.tracks.scale_sigma
+    sigmas[s.TRACK_DIFFERENCE] = robot.tracks.difference_sigma
     sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
     slip = settings.slip or slip_of(robot, variant)
     walks = parameter_walks(robot, variant, adaptation)

@@ -5,6 +5,7 @@ The functions are written for plain Python and for numba (`estimator.tracing.jit
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ class Disturbances:
     Args:
         robot: the robot.
         slip: of the variant.
-        parameter_walk: (8,) random walk of the parameters at its full rate, per √s.
+        parameter_walk: (9,) random walk of the parameters at its full rate, per √s.
     """
 
     def __init__(self, robot: Robot, slip: Slip, parameter_walk: Floats) -> None:
@@ -41,7 +42,10 @@ class Disturbances:
         self._track_gauge = robot.vehicle.track_gauge
         self._bias_walk = np.zeros(s.SIZE)
         self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
-        self._bias_walk[s.ACCELEROMETER_BIAS] = robot.imu.accelerometer_bias_walk
+        self._bias_walk[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_walk
+        self._bias_walk[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_walk
+        self._slope_walk = np.zeros(s.SIZE)
+        self._slope_walk[s.GRAVITY] = robot.slope.walk
         self._parameter_walk = np.zeros(s.SIZE)
         self._parameter_walk[s.PARAMETERS] = parameter_walk
 
@@ -60,6 +64,11 @@ class Disturbances:
         """(SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s."""
         return self._parameter_walk
 
+    @property
+    def slope_walk(self) -> Floats:
+        """(SIZE,) random walk of gravity along the ground, zero elsewhere, per √m of travel."""
+        return self._slope_walk
+
     def slip_sigma(self, tracks: TrackRecord, eta: float, *, pushed: bool) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
 
@@ -77,9 +86,9 @@ class Disturbances:
         """Standard deviation of the slip at given track speeds [m/s]."""
         return slip_at(left, right, self._slip, self._track_gauge, eta, pushed)
 
-    def sideways_density(self, sigma: Vector3) -> float:
-        """Density of the change of the sideways slip [m²/s³] at a `slip_sigma`."""
-        return sideways_density(sigma[1], self._slip.time_constant)
+    def change_density(self, sigma: float) -> float:
+        """Density of the change of a slip of a standard deviation [m²/s³]."""
+        return change_density(sigma, self._slip.time_constant)
 
     def fast_slip_density(self, inputs: StepInputs, by_speeds: Floats, sigma: Vector3) -> Floats:
         """(3, 3) density of the fast slip over a step.
@@ -106,11 +115,11 @@ class Disturbances:
         """Process noise of a step at a `slip_sigma`.
 
         The random walk of the parameters has its full rate in turns, where they are observable, and none
-        when driving straight or standing.
+        when driving straight or standing. The slope changes with the distance that the tracks travel.
         """
-        walk = self._bias_walk + self._parameter_walk * share_of_walk(
-            tracks.smooth_left, tracks.smooth_right
-        )
+        left, right = tracks.smooth_left, tracks.smooth_right
+        walk = self._bias_walk + self._parameter_walk * share_of_walk(left, right)
+        walk += self._slope_walk * math.sqrt(travel_speed(left, right))
         return ProcessNoise(np.array(sigma), self._slip.time_constant, walk)
 
 
@@ -131,9 +140,9 @@ def slip_at(
     return forward, sideways, select(pushed, PUSHED_W, turning)
 
 
-def sideways_density(sigma_y: float, time_constant: float) -> float:
+def change_density(sigma: float, time_constant: float) -> float:
     """Density of the change of a slip of this standard deviation [m²/s³]."""
-    return 2.0 * (sigma_y * sigma_y) / time_constant
+    return 2.0 * (sigma * sigma) / time_constant
 
 
 def fast_slip_density(
@@ -170,3 +179,8 @@ def fast_slip_density(
 def share_of_walk(left: float, right: float) -> float:
     """Factor on the random walk of the parameters at these track speeds [m/s]."""
     return min(1.0, abs(right - left) / FULL_TURNING)
+
+
+def travel_speed(left: float, right: float) -> float:
+    """Mean distance per second that the tracks travel [m/s]."""
+    return 0.5 * (abs(left) + abs(right))

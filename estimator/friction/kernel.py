@@ -16,8 +16,8 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.friction.layout import (
     BODY_CONSTANTS,
     CARRIED,
+    INPUTS,
     MEMORY,
-    PARAMETERS,
     STARTED,
     SUBSTEP_CONSTANTS,
 )
@@ -35,7 +35,7 @@ SETTLING = 2.0
 # Indices of turns are averaged over this time [s].
 AVERAGING = 0.5
 # Rows, inputs and constants of one model alone.
-ONE_ROWS = MEMORY + len(CARRIED) + PARAMETERS
+ONE_ROWS = MEMORY + len(CARRIED) + INPUTS
 ONE_CONSTANTS = (*SUBSTEP_CONSTANTS, *BODY_CONSTANTS)
 
 
@@ -115,20 +115,20 @@ class OneModel:
         self._constants = np.array([0.0] * len(SUBSTEP_CONSTANTS) + of_body + list(pairs.ravel()))
 
     def step(
-        self, memory: Floats, parameters: Sequence[float], speeds: tuple[float, float], dt: float
+        self, memory: Floats, inputs: Sequence[float], speeds: tuple[float, float], dt: float
     ) -> Floats:
         """Return the memory (MEMORY,) after a step.
 
         Args:
             memory: the memory before.
-            parameters: (PARAMETERS,) present estimate.
+            inputs: (INPUTS,) present estimate of parameters and gravity.
             speeds: speeds of the left and the right track [m/s].
             dt: length of the step [s].
         """
-        lane, inputs = self._lane, self._inputs
-        lane[:MEMORY, 0], lane[-PARAMETERS:, 0] = memory, parameters
-        inputs[0, 0], inputs[1, 0] = speeds
-        _one_step(self._sheared)(lane, inputs, self._constants, dt)
+        lane, of_speeds = self._lane, self._inputs
+        lane[:MEMORY, 0], lane[-INPUTS:, 0] = memory, inputs
+        of_speeds[0, 0], of_speeds[1, 0] = speeds
+        _one_step(self._sheared)(lane, of_speeds, self._constants, dt)
         return lane[:MEMORY, 0].copy()
 
 
@@ -156,9 +156,9 @@ def _one_kernel(name: str, *, sheared: bool) -> Kernel:
         name: trace.uniform_input("constants", place) for place, name in enumerate(ONE_CONSTANTS)
     }
     pairs = trace.Table("constants", len(ONE_CONSTANTS), PAIR_COLUMNS, constants["pairs"])
-    before = FrictionRows(rows[:MEMORY], rows[MEMORY:-PARAMETERS])
+    before = FrictionRows(rows[:MEMORY], rows[MEMORY:-INPUTS])
     speeds = trace.lane_input("inputs", 0), trace.lane_input("inputs", 1)
-    after = substep(before, rows[-PARAMETERS:], speeds, constants, pairs, sheared=sheared)
+    after = substep(before, rows[-INPUTS:], speeds, constants, pairs, sheared=sheared)
     changed = zip(rows, (*after.memory, *after.carried), strict=False)
     stores = [
         Store("lanes", row, trace.lift(value))

@@ -12,6 +12,10 @@ FRICTION, ROLLING, LENGTH, X_CM, Y_CM, Z_CM = range(6)
 
 PARAMETERS = 6
 
+# Gravity along the ground, right and forward, behind the parameters in the derivatives and in what
+# these are at.
+INPUTS = PARAMETERS + 2
+
 PARAMETER_NAMES: Final[tuple[str, ...]] = (
     "friction",
     "rolling_resistance",
@@ -24,18 +28,18 @@ PARAMETER_NAMES: Final[tuple[str, ...]] = (
 # v_x, v_y, w, and the force at the centre of mass that transfers load, right and forward.
 STATES = 5
 
-# Memory of the model, flat: states, their derivatives by the parameters in rows, those of the twist by
-# the track speeds in rows, parameters and speeds of the linearisation, indices of the newest turns, and
-# a flag for the first step.
+# Memory of the model, flat: states, their derivatives by parameters and gravity in rows, those of the
+# twist by the track speeds in rows, parameters, gravity and speeds of the linearisation, indices of the
+# newest turns, and a flag for the first step.
 OF_STATES = slice(0, STATES)
 
-OF_SENSITIVITIES = slice(STATES, STATES * (1 + PARAMETERS))
+OF_SENSITIVITIES = slice(STATES, STATES * (1 + INPUTS))
 
 OF_SPEEDS = slice(OF_SENSITIVITIES.stop, OF_SENSITIVITIES.stop + 6)
 
-AT_PARAMETERS = slice(OF_SPEEDS.stop, OF_SPEEDS.stop + PARAMETERS)
+AT_INPUTS = slice(OF_SPEEDS.stop, OF_SPEEDS.stop + INPUTS)
 
-AT_SPEEDS = slice(AT_PARAMETERS.stop, AT_PARAMETERS.stop + 2)
+AT_SPEEDS = slice(AT_INPUTS.stop, AT_INPUTS.stop + 2)
 
 TURN = slice(AT_SPEEDS.stop, AT_SPEEDS.stop + 3)
 

@@ -1,9 +1,10 @@
 """Friction motion model: a vehicle under the ground's forces, integrated in time.
 
-    twist = v + dv/dp (p - p') + dv/dV (V - V') + slip
+    twist = v + dv/dp (p - p') + dv/dg (g - g') + dv/dV (V - V') + slip
 
 where v is the twist that `estimator.friction.step` has integrated up to the end of the present
-step, with the parameter estimate p' at its start, at its track speeds V'. The derivatives are integrated,
+step, with the estimates of the parameters p' and of gravity along the ground g' at its start, at its
+track speeds V'. The derivatives are integrated,
 too, so that they contain the effect of the parameters on all motion so far. Updates of the parameters
 within a step act linearly, and enter the integration with the next step.
 
@@ -26,11 +27,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.state import PARAMETER_COUNT
 from icreckon.estimator.friction.layout import (
-    AT_PARAMETERS,
+    AT_INPUTS,
     AT_SPEEDS,
     BODY_CONSTANTS,
     FRICTION,
+    INPUTS,
     LENGTH,
     MEMORY,
     OF_SENSITIVITIES,
@@ -46,6 +49,8 @@ from icreckon.estimator.friction.layout import (
 from icreckon.estimator.motion.contact import Contact, ground
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist, signed_inertia
 from icreckon.estimator.motion.motion_model import (
+    LEVEL,
+    Gravity,
     Motion,
     TwistDerivatives,
     VehicleConstants,
@@ -96,14 +101,14 @@ class FrictionMotion:
         self.nominal = nominal_parameters(contact)
         self._one: OneModel | None = None
         self._memory: Floats = np.zeros(MEMORY)
-        self._memory[AT_PARAMETERS] = self.nominal
+        self._memory[AT_INPUTS] = [*self.nominal, *LEVEL]
         self._memory[TURN] = 0.0, 0.0, eta
 
     @property
     def bounds(self) -> Floats:
-        """Bounds (n, 9) of the parameters, as in `MotionModel`."""
+        """Bounds (n, 10) of the parameters, as in `MotionModel`."""
         half_gauge = 0.5 * self.vehicle.gauge
-        rows = np.zeros((9, 9))
+        rows = np.zeros((9, PARAMETER_COUNT + 1))
         for row, (place, least) in enumerate(
             (
                 (FRICTION, max(LEAST_FRICTION, LEAST_OF_NOMINAL * self.nominal[FRICTION])),
@@ -112,9 +117,9 @@ class FrictionMotion:
                 (LENGTH, LEAST_LENGTH * self.nominal[LENGTH]),
             )
         ):
-            rows[row, [place, 8]] = 1.0, least
+            rows[row, [place, -1]] = 1.0, least
         for row, side in ((4, 1.0), (5, -1.0)):
-            rows[row, [X_CM, 8]] = side, -WITHIN_GAUGE * half_gauge
+            rows[row, [X_CM, -1]] = side, -WITHIN_GAUGE * half_gauge
             rows[row + 2, [Y_CM, LENGTH]] = side, WITHIN_LENGTH
         # Tracks that cannot overcome the rolling resistance would move nothing.
         rows[8, [FRICTION, ROLLING]] = 1.0, -LEAST_TRACTION
@@ -157,23 +162,36 @@ class FrictionMotion:
         at, count = self._ground, len(self._ground.x) // 2
         return np.stack([at.x[:count], at.x[count:], at.y[:count], at.share[:count]], axis=-1)
 
-    def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
+    @property
+    def taught_by_imu(self) -> tuple[int, ...]:
+        """Places of the parameters that the IMU moves, as in `MotionModel`: none."""
+        return ()
+
+    def begin_step(
+        self, dt: float, V_l: float, V_r: float, parameters: Any, gravity: Gravity
+    ) -> None:
         """Begin a step, as in `MotionModel`."""
         from icreckon.estimator.friction.kernel import OneModel
 
         if self._one is None:
             self._one = OneModel(self.constants, self.pairs, sheared=self.sheared)
-        self._memory = self._one.step(self._memory, parameters[:PARAMETERS], (V_l, V_r), dt)
+        inputs = [*parameters[:PARAMETERS], *gravity]
+        self._memory = self._one.step(self._memory, inputs, (V_l, V_r), dt)
 
     def steering_efficiency(self, parameters: Any) -> float:  # noqa: ARG002 - it hardly depends
         """Typical steering efficiency index [-], as in `MotionModel`."""
         return self.eta
 
     def linearise(
-        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+        self,
+        V_l: Number,
+        V_r: Number,
+        parameters: Any,
+        slip: tuple[Number, Number, Number],
+        gravity: Gravity,
     ) -> tuple[Motion, TwistDerivatives]:
-        """Motion and derivatives of its twist; `u` is the smooth signed inertia."""
-        return linearise(V_l, V_r, parameters, slip, self.vehicle, self._memory)
+        """Motion and derivatives of its twist; `u` is the signed specific force."""
+        return linearise(V_l, V_r, parameters, slip, gravity, self.vehicle, self._memory)
 
 
 def nominal_parameters(contact: Contact) -> Floats:
@@ -196,6 +214,7 @@ def linearise(
     V_r: Number,
     parameters: Any,
     slip: tuple[Number, Number, Number],
+    gravity: Gravity,
     vehicle: VehicleConstants,
     memory: Floats,
 ) -> tuple[Motion, TwistDerivatives]:
@@ -204,12 +223,14 @@ def linearise(
     `memory` is laid out as in `estimator.friction.layout`.
     """
     left, right = V_l - memory[AT_SPEEDS.start], V_r - memory[AT_SPEEDS.start + 1]
-    v_x = _component(memory, 0, parameters, left, right) + slip[0]
-    v_y = _component(memory, 1, parameters, left, right) + slip[1]
-    w = _component(memory, 2, parameters, left, right) + slip[2]
+    inputs = (*(parameters[k] for k in range(PARAMETERS)), gravity[0], gravity[1])
+    v_x = _component(memory, 0, inputs, left, right) + slip[0]
+    v_y = _component(memory, 1, inputs, left, right) + slip[1]
+    w = _component(memory, 2, inputs, left, right) + slip[2]
     twist = PaperTwist(v_x, v_y, w)
     indices = IndexValues(memory[TURN.start], memory[TURN.start + 1], memory[TURN.start + 2])
     u, _ = signed_inertia(twist, vehicle.mass, vehicle.x_CM)
+    u = u - vehicle.mass * gravity[0]
     weight = vehicle.mass * GRAVITY
     is_above = at_or_above(abs(u.real), weight)
     force = (1.0 - is_above) * u + is_above * sign(u) * weight
@@ -217,21 +238,22 @@ def linearise(
         (_sensitivities(memory, 0), _sensitivities(memory, 1), _sensitivities(memory, 2)),
         (_by_speeds(memory, 0), _by_speeds(memory, 1), _by_speeds(memory, 2)),
         ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        (_by_gravity(memory, 0), _by_gravity(memory, 1), _by_gravity(memory, 2)),
     )
 
 
-def _component(memory: Floats, row: int, parameters: Any, left: Number, right: Number) -> Number:
+def _component(memory: Floats, row: int, inputs: Any, left: Number, right: Number) -> Number:
     """Component of the twist, without slip."""
     total = memory[row] + memory[OF_SPEEDS.start + 2 * row] * left
     total = total + memory[OF_SPEEDS.start + 2 * row + 1] * right
-    first = OF_SENSITIVITIES.start + PARAMETERS * row
-    for k in range(PARAMETERS):
-        total = total + memory[first + k] * (parameters[k] - memory[AT_PARAMETERS.start + k])
+    first = OF_SENSITIVITIES.start + INPUTS * row
+    for k in range(INPUTS):
+        total = total + memory[first + k] * (inputs[k] - memory[AT_INPUTS.start + k])
     return total
 
 
 def _sensitivities(memory: Floats, row: int) -> tuple[float, ...]:
-    first = OF_SENSITIVITIES.start + PARAMETERS * row
+    first = OF_SENSITIVITIES.start + INPUTS * row
     return (
         memory[first],
         memory[first + 1],
@@ -241,7 +263,13 @@ def _sensitivities(memory: Floats, row: int) -> tuple[float, ...]:
         memory[first + 5],
         0.0,
         0.0,
+        0.0,
     )
+
+
+def _by_gravity(memory: Floats, row: int) -> tuple[float, float]:
+    first = OF_SENSITIVITIES.start + INPUTS * row + PARAMETERS
+    return memory[first], memory[first + 1]
 
 
 def _by_speeds(memory: Floats, row: int) -> tuple[float, float]:

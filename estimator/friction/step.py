@@ -4,17 +4,17 @@ The body's twist v about the origin follows the tracks by the forces F of `estim
 step of h seconds is implicit in the stiff part, friction, and explicit in the slow parts, the loads and
 the force of inertia I:
 
-    A (v' - v) = h (F(v', V, loads(q)) + I(v))
+    A (v' - v) = h (F(v', V, loads(q)) + I(v) + M g)
     q' = k q - (1 - k) F(v', V, loads(q)),  k = exp(-h / T)
 
-A is the mass matrix about the origin, V are the track speeds and q the force at the centre of mass that
-transfers load, with the lag T of a body that rolls and pitches on its suspension. At given loads friction
-has a potential, so v' is the minimum of a convex function, which Newton's iteration with a line search
-finds from any start. The friction's regularising speed is that of `FrictionMotion`, well above that of
-the soil.
+A is the mass matrix about the origin, V are the track speeds, g is gravity along the ground and q is the
+force at the centre of mass that transfers load, with the lag T of a body that rolls and pitches on its
+suspension. At given loads friction has a potential, so v' is the minimum of a convex function, which
+Newton's iteration with a line search finds from any start. The friction's regularising speed is that of
+`FrictionMotion`, well above that of the soil.
 
-The derivatives of v and q by the parameters are integrated, too (forward sensitivities, from the implicit
-function theorem at each step), and those of v by the track speeds of the step alone.
+The derivatives of v and q by parameters and gravity are integrated, too (forward sensitivities, from the
+implicit function theorem at each step), and those of v by the track speeds of the step alone.
 
 Symbols and axes are the paper's. Jacobians are tuples of rows.
 """
@@ -35,8 +35,9 @@ from icreckon.estimator.friction.forces import (
     rolling_loads,
 )
 from icreckon.estimator.friction.layout import (
-    AT_PARAMETERS,
+    AT_INPUTS,
     AT_SPEEDS,
+    INPUTS,
     OF_SENSITIVITIES,
     OF_SPEEDS,
     OF_STATES,
@@ -77,38 +78,39 @@ class FrictionRows(NamedTuple):
 
 def substep(
     before: FrictionRows,
-    parameters: Sequence[Any],
+    inputs: Sequence[Any],
     V: tuple[Any, Any],
     constants: Mapping[str, Traced],
     pairs: Table,
     *,
     sheared: bool,
-    estimated: Sequence[int] = range(PARAMETERS),
+    estimated: Sequence[int] = range(INPUTS),
 ) -> FrictionRows:
     """Integrate a substep at constant track speeds.
 
     Args:
         before: numbers before it.
-        parameters: (PARAMETERS,) present estimate.
+        inputs: (INPUTS,) present estimate of parameters and gravity.
         V: speeds of the left and the right track [m/s].
         constants: `layout.SUBSTEP_CONSTANTS` and `layout.BODY_CONSTANTS` by name.
         pairs: pairs of contact points, see `estimator.friction.loads`.
         sheared: friction builds up with the shear displacement.
-        estimated: places of the parameters by which derivatives are computed. Those whose constant
-            `estimated` is 0 stay zero, so that variants share code.
+        estimated: places of the inputs by which derivatives are computed. Those by parameters whose
+            constant `estimated` is 0 stay zero, so that variants share code.
     """
     memory, c = before.memory, constants
     h, keep = c["h"], c["keep"]
     y = list(memory[OF_STATES])
     flat = memory[OF_SENSITIVITIES]
-    S = [[flat[PARAMETERS * row + k] for row in range(STATES)] for k in range(PARAMETERS)]
-    # Parameter updates since the last step change its final state.
-    for k in range(PARAMETERS):
-        change = parameters[k] - memory[AT_PARAMETERS.start + k]
+    S = [[flat[INPUTS * row + k] for row in range(STATES)] for k in range(INPUTS)]
+    # Updates since the last step change its final state.
+    for k in range(INPUTS):
+        change = inputs[k] - memory[AT_INPUTS.start + k]
         y = [one + slope * change for one, slope in zip(y, S[k], strict=True)]
-    body = body_at(c, pairs, parameters, sheared=sheared)
+    body = body_at(c, pairs, inputs[:PARAMETERS], sheared=sheared)
     start, q = (y[0], y[1], y[2]), (y[3], y[4])
-    inertia = _force_of_inertia(body, start)
+    pulled = zip(_force_of_inertia(body, start), _pull(body, inputs[PARAMETERS:]), strict=True)
+    inertia: Three = tuple(one + other for one, other in pulled)
     loads = pressing(body.area, body.centre, body.stretch, c["weight"], q)
     step = Substep(body, V, start, inertia, loads, rolling_loads(body, loads))
     # What the track speeds changed in the last substep, they change in this one, about.
@@ -142,9 +144,13 @@ def substep(
         return [*rise, *(keep * slopes[3 + k] - (1.0 - keep) * of_force[k] for k in range(2))]
 
     for k in estimated:
-        is_estimated = c[f"estimated{k}"]
-        by_force = tuple(is_estimated * one for one in F.by_parameters[k])
-        momentum = tuple(is_estimated * one for one in direct[k])
+        if k < PARAMETERS:
+            is_estimated = c[f"estimated{k}"]
+            by_force = tuple(is_estimated * one for one in F.by_parameters[k])
+            momentum = tuple(is_estimated * one for one in direct[k])
+        else:
+            by_force, unit = (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0))[k - PARAMETERS]
+            momentum = tuple(h * one for one in _pull(body, unit))
         S[k] = carry(S[k], by_force, momentum)
     after_B = []
     for track in range(2):
@@ -153,9 +159,9 @@ def substep(
         after_B.append(carry(slopes, F.by_speeds[track], (0.0, 0.0, 0.0)))
     after = list(memory)
     after[OF_STATES] = [*v, *(keep * q[k] - (1.0 - keep) * F.values[k] for k in range(2))]
-    after[OF_SENSITIVITIES] = [S[k][row] for row in range(STATES) for k in range(PARAMETERS)]
+    after[OF_SENSITIVITIES] = [S[k][row] for row in range(STATES) for k in range(INPUTS)]
     after[OF_SPEEDS] = [after_B[track][row] for row in range(3) for track in range(2)]
-    after[AT_PARAMETERS] = list(parameters)
+    after[AT_INPUTS] = list(inputs)
     after[AT_SPEEDS] = list(V)
     after[TURN] = _indices(memory[TURN], v, V, c)
     after[STARTED] = 1.0
@@ -172,6 +178,12 @@ def _force_of_inertia(body: Body, v: Three, slopes: Three | None = None) -> Thre
         right = M * (s_w * (v_y + 2.0 * x * w) + w * s_y)
         forward = M * (s_w * (2.0 * y * w - v_x) - w * s_x)
     return right, forward, x * forward - y * right
+
+
+def _pull(body: Body, gravity: Sequence[Any]) -> Three:
+    """Force and moment of gravity along the ground [m/s²]."""
+    M, (x, y, _), (right, forward) = body.constants["mass"], body.centre, gravity
+    return M * right, M * forward, M * (x * forward - y * right)
 
 
 def _direct(step: Substep, v: Three, h: Any) -> list[Three]:

@@ -1,6 +1,6 @@
 """Bounds of index parameters: eta0 >= 1 and x_ICRl < 0 < x_ICRr.
 
-Bounds of parameters p are rows of a (8,) and b in a p >= b.
+Bounds of parameters p are rows of a (9,) and b in a p >= b.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ETA0, EPSILON0 = s.ETA0 - s.PARAMETERS.start, s.EPSILON0 - s.PARAMETERS.start
 
 
 def index_bounds(gauge: float) -> Floats:
-    """Bounds (3, 9) of index parameters.
+    """Bounds (3, 10) of index parameters.
 
     Args:
         gauge: L [m].
@@ -40,6 +40,6 @@ def bound_rows(gauge: Any) -> tuple[tuple[Any, ...], ...]:
 
 
 def _row(eta0: Any, epsilon0: float, least: float) -> tuple[Any, ...]:
-    row: list[Any] = [0.0] * 9
-    row[ETA0], row[EPSILON0], row[8] = eta0, epsilon0, least
+    row: list[Any] = [0.0] * (s.PARAMETER_COUNT + 1)
+    row[ETA0], row[EPSILON0], row[-1] = eta0, epsilon0, least
     return tuple(row)

@@ -124,7 +124,7 @@ def indices_at_inertia(force: Number, x_1: Number, x_2: Number, parameters: Any)
         x_2: V_l + H V_r [m/s], only its sign counts.
         parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`.
     """
-    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters
+    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters[:8]
     signed = force * np.sign(x_1) * np.sign(x_2)
     return IndexValues(
         zeta0 + zeta1 * force * np.sign(x_2),
@@ -154,7 +154,7 @@ def indices_at_signed_inertia(signed: Number, directed: Number, parameters: Any)
         parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`; H is
             not used.
     """
-    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters
+    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters[:8]
     return IndexValues(
         zeta0 + zeta1 * directed,
         epsilon0 + epsilon1 * signed,

@@ -1,4 +1,4 @@
-"""Inertia-based index model; without gains, constant ICRs or the ideal drive.
+"""The paper's inertia-based index model in steady motion on level ground.
 
 It is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
 indices. One scalar u, the (signed) force of inertia, determines all of them, so the model is
@@ -19,18 +19,15 @@ u is found by Newton's iteration from u = 0, or by bisection in the rare case th
 (parameters far from any real vehicle's). The derivatives follow from the implicit-function theorem.
 
 Symbols and axes are the paper's (see `estimator.motion.icr`). Arguments broadcast; floats give floats,
-complex numbers pass through, for complex-step differentiation, and lanes trace the same functions, see
-`estimator.motion.motion_model`.
+complex numbers pass through, for complex-step differentiation. The filter's model is
+`estimator.motion.lagged_index_model`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.choices import every, some
-from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
     NO_SLIP,
@@ -38,7 +35,6 @@ from icreckon.estimator.motion.motion_model import (
     GainFactors,
     Motion,
     TwistDerivatives,
-    Unremembering,
     VehicleConstants,
     at_least,
     at_or_above,
@@ -55,31 +51,6 @@ BISECTIONS = 80
 TOLERANCE = 1e-13
 # Newton's denominator 1 - dg/du is kept above this, so that a step never runs away near a fold.
 SMALLEST_SLOPE = 0.25
-
-
-@dataclass(frozen=True)
-class InertiaMotion(Unremembering):
-    """Inertia-based index model: `linearise` with its options."""
-
-    vehicle: VehicleConstants
-    form: Form = "smooth"
-    slip_in_inertia: bool = False
-
-    @property
-    def bounds(self) -> Floats:
-        """Bounds (n, 9) of the parameters, as in `MotionModel`."""
-        return index_bounds(self.vehicle.gauge)
-
-    def steering_efficiency(self, parameters: Any) -> float:
-        """Typical steering efficiency index [-], as in `MotionModel`."""
-        return float(parameters[ETA0])
-
-    def linearise(
-        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
-    ) -> tuple[Motion, TwistDerivatives]:
-        """Motion and derivatives of its twist, as in `MotionModel`."""
-        is_literal = self.form == "literal"
-        return linearise(V_l, V_r, parameters, slip, self.vehicle, is_literal, self.slip_in_inertia)
 
 
 def solve(
@@ -220,8 +191,8 @@ def _bisect(problem: BalanceProblem) -> Number:
 
 def evaluate(u: Number, problem: BalanceProblem) -> _Evaluation:
     """Evaluate indices, twist, g and their derivatives at one value of u."""
-    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = problem.parameters
-    gauge, mass, x_CM, y_CM = problem.vehicle
+    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = problem.parameters[:8]
+    gauge, mass, x_CM, y_CM, *_ = problem.vehicle
     S_u, Z_u, slip = problem.S_u, problem.Z_u, problem.slip
     weight = mass * GRAVITY
     is_below = 1.0 - at_or_above(abs(u.real), weight)

@@ -1,6 +1,7 @@
 """Interface of motion models: body velocity from track speeds, with derivatives.
 
-`estimator.motion.index_model` has the paper's model, `estimator.friction.model` that of friction.
+`estimator.motion.lagged_index_model` has the inertia-based model, `estimator.friction.model` that of
+friction, `estimator.motion.linear_model` the linear one.
 Internally, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three
 indices and the slip). So a derivative by a parameter is that by a channel times the *gain factor*, the
 factor of that parameter in its index. The interface has derivatives by the parameters, track speeds and
@@ -21,17 +22,31 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 
 NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+# Acceleration of gravity along the ground, right and forward [m/s²].
+Gravity = tuple[Number, Number]
+LEVEL: Gravity = (0.0, 0.0)
 # Checkpoint of a model without memory.
 NO_MEMORY: Floats = np.zeros(0)
 
 
 class VehicleConstants(NamedTuple):
-    """Constants of the paper: L [m], M [kg], centre of mass (right, forward) [m]."""
+    """Constants of a vehicle, the paper's first.
+
+    Attributes:
+        gauge: L [m].
+        mass: M [kg].
+        x_CM: centre of mass, right of the origin [m].
+        y_CM: centre of mass, forward of it [m].
+        rolling_resistance: coefficient of rolling resistance [-].
+        load_lag: time constant of the load transfer [s].
+    """
 
     gauge: float
     mass: float
     x_CM: float
     y_CM: float
+    rolling_resistance: float = 0.0
+    load_lag: float = 0.2
 
 
 class Motion(NamedTuple):
@@ -54,14 +69,16 @@ class TwistDerivatives(NamedTuple):
     """Total derivatives of (v_x, v_y, w), three rows each, as tuples or arrays.
 
     Attributes:
-        by_parameters: (3, 8) by the parameters, in the order of `estimator.robot.robot_file.Indices`.
+        by_parameters: (3, 9) by the parameters, in the order of `estimator.robot.robot_file.Indices`.
         by_speeds: (3, 2) by V_l and V_r.
         by_slip: (3, 3) by r_x, r_y and r_w.
+        by_gravity: (3, 2) by gravity along the ground, right and forward.
     """
 
     by_parameters: Any
     by_speeds: Any
     by_slip: Any
+    by_gravity: Any = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 
 class MotionModel(Protocol):
@@ -78,22 +95,36 @@ class MotionModel(Protocol):
 
     @property
     def bounds(self) -> Floats:
-        """Bounds (n, 9) of the parameters p: rows of a (8,) and b in a p >= b."""
+        """Bounds (n, 10) of the parameters p: rows of a (9,) and b in a p >= b."""
+
+    @property
+    def taught_by_imu(self) -> tuple[int, ...]:
+        """Places of the parameters that the IMU moves.
+
+        The others are moved by fixes and body velocities alone: the IMU sees them through other errors
+        of the motion, and would attribute these to them.
+        """
 
     def steering_efficiency(self, parameters: Any) -> float:
         """Typical steering efficiency index [-] at these parameters, without inertia."""
 
     def linearise(
-        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+        self,
+        V_l: Number,
+        V_r: Number,
+        parameters: Any,
+        slip: tuple[Number, Number, Number],
+        gravity: Gravity,
     ) -> tuple[Motion, TwistDerivatives]:
         """Compute the motion and the total derivatives of its twist, without side effects.
 
         Args:
             V_l: speed of the left track [m/s].
             V_r: speed of the right track [m/s].
-            parameters: eight parameters, those of index models in the order of
+            parameters: nine parameters, those of index models in the order of
                 `estimator.robot.robot_file.Indices`.
             slip: residual (r_x, r_y, r_w) added to the model's twist.
+            gravity: acceleration of gravity along the ground, right and forward [m/s²].
         """
 
     @property
@@ -110,14 +141,17 @@ class MotionModel(Protocol):
             ValueError: its length is not that of the model's memory.
         """
 
-    def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
+    def begin_step(
+        self, dt: float, V_l: float, V_r: float, parameters: Any, gravity: Gravity
+    ) -> None:
         """Begin a step; later calls of `linearise` are at its mean speeds.
 
         Args:
             dt: length of the step [s].
             V_l: mean speed of the left track in the step [m/s].
             V_r: mean speed of the right track in the step [m/s].
-            parameters: present estimate of the eight parameters.
+            parameters: present estimate of the nine parameters.
+            gravity: acceleration of gravity along the ground, right and forward [m/s²].
         """
 
 
@@ -134,7 +168,9 @@ class Unremembering:
         if memory.shape != NO_MEMORY.shape:
             raise ValueError(f"a motion model without memory cannot recall {len(memory)} numbers")
 
-    def begin_step(self, dt: float, V_l: float, V_r: float, parameters: Any) -> None:
+    def begin_step(
+        self, dt: float, V_l: float, V_r: float, parameters: Any, gravity: Gravity
+    ) -> None:
         """Begin a step, as in `MotionModel`."""
 
 
@@ -145,6 +181,7 @@ class GainFactors(NamedTuple):
     epsilon1: Number
     eta1: Number
     eta2: Number
+    epsilon_F: Number = 0.0
 
 
 class Channels(NamedTuple):
@@ -178,7 +215,7 @@ def through_channels(by: Channels, factors: GainFactors) -> TwistDerivatives:
 
 
 def _by_parameters(by: Channels, factors: GainFactors, axis: int) -> tuple[Number, ...]:
-    """Derivatives (8,) of a component by the parameters; that by H is always zero."""
+    """Derivatives (9,) of a component by the parameters; that by H is always zero."""
     zeta, epsilon, eta = by.zeta[axis], by.epsilon[axis], by.eta[axis]
     return (
         0.0 * zeta,
@@ -189,6 +226,7 @@ def _by_parameters(by: Channels, factors: GainFactors, axis: int) -> tuple[Numbe
         eta,
         eta * factors.eta1,
         eta * factors.eta2,
+        epsilon * factors.epsilon_F,
     )
 
 

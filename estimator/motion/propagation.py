@@ -73,6 +73,16 @@ def step_along_arc(yaw: float, motion: Any, arc: Any) -> PoseStep:
     return PoseStep((step_x, step_y, angle), (-step_y, step_x), by_motion)
 
 
+def turn(angle: float) -> tuple[float, float]:
+    """Cosine and sine of an angle [rad]."""
+    return turn_along_arc(angle, arc_with_slopes(angle))
+
+
+def turn_along_arc(angle: float, arc: Any) -> tuple[float, float]:
+    """Cosine and sine as in `turn`, from `arc_with_slopes` of the angle."""
+    return 1.0 - angle * arc[1], angle * arc[0]
+
+
 def fading(dt: float, tau: float) -> Fading:
     """Decay of a Gauss-Markov process with time constant `tau` over `dt` [s]."""
     ratio = dt / tau

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.motion.contact import Contact
+from icreckon.estimator.motion.contact import Contact, Soil
 from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.robot_file import Robot
@@ -20,6 +21,8 @@ CRAWL = 0.05
 SHORTEST, LONGEST = 0.05, 3.0
 # Bound of the centre of mass in that search, as a share of half the extent.
 OFF_CENTRE = 0.7
+# Least distance of a track from its ICR, as a share of half the contact's length.
+LEAST_AWAY = 0.05
 
 
 def presumed_contact(robot: Robot) -> Contact:
@@ -79,3 +82,19 @@ def _with_slow_turns(contact: Contact, zeta: float, epsilon: float, eta: float) 
     start = np.array([1.0, body.x_CM / half_gauge, body.y_CM / half_length])
     start = np.clip(start, low + 1e-3, high - 1e-3)
     return of(least_squares(short_of, start, bounds=(low, high), diff_step=1e-4).x)
+
+
+def coulomb_creep(robot: Robot) -> float:
+    """Shift of both ICRs by a force along the tracks as large as the weight [m].
+
+    A track whose ICR is a away from it pushes across its contact's length 2 h with the share
+    phi(a) = (a / h) asinh(h / a) of its friction along the track, the mean over points that slide in
+    proportion to (a, y). A force F along the tracks shifts a by F / (mu M g phi'(a)).
+    """
+    vehicle, soil = robot.vehicle, robot.soil
+    friction = Soil().friction if soil is None else soil.friction
+    half = vehicle.half_contact_length
+    away = 0.5 * (robot.constant_indices.eta0 - 1.0) * vehicle.track_gauge
+    ratio = max(away / half, LEAST_AWAY)
+    slope = (math.asinh(1.0 / ratio) - 1.0 / math.sqrt(1.0 + ratio * ratio)) / half
+    return 1.0 / (friction * slope)

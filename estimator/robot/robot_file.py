@@ -27,6 +27,8 @@ FORMAT = 1
 LEAST_UPRIGHT = 0.1
 # Radii that differ by more are an error of units, not of tyres [-].
 LARGEST_DIFFERENCE = 0.5
+# Rolling resistance of unknown ground [-].
+TYPICAL_ROLLING = 0.05
 # Default lag of the load transfer [s].
 LOAD_LAG = 0.2
 
@@ -67,7 +69,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Eight parameters of the inertia-based kinematics (paper, equations 25 to 27).
+    """Parameters of the inertia-based kinematics (paper, equations 25 to 27).
 
     Attributes:
         H: ratio of track speeds of on-spot turning, V_l = -H V_r (13) [-].
@@ -78,6 +80,8 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         eta0: steering efficiency index at no inertia [-].
         eta1: gain of eta [1/N].
         eta2: quadratic gain of eta [1/N²].
+        epsilon_F: gain of epsilon with the force along the tracks, as a share of the weight [m]; a ninth
+            parameter, not the paper's. By default it is that of Coulomb friction.
     """
 
     H: Finite = 1.0
@@ -88,6 +92,7 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     eta0: Finite = 1.0
     eta1: Finite = 0.0
     eta2: Finite = 0.0
+    epsilon_F: Finite | None = None
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -97,8 +102,9 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
     def as_array(self) -> Floats:
-        """Array (8,) of H, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2."""
-        return np.array(msgspec.structs.astuple(self), dtype=float)
+        """Array (9,) of the parameters; epsilon_F is 0 if not given."""
+        *eight, epsilon_F = msgspec.structs.astuple(self)
+        return np.array([*eight, 0.0 if epsilon_F is None else epsilon_F], dtype=float)
 
 
 class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -189,11 +195,11 @@ class Slope(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         sigma: standard deviation at the start [m/s²]; 0.17 is a slope of one degree.
-        walk: random walk while the tracks move [m/s²/√s].
+        walk: random walk with the distance that the tracks travel [m/s²/√m].
     """
 
     sigma: NotNegative = 0.5
-    walk: NotNegative = 0.03
+    walk: NotNegative = 0.05
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -295,7 +301,14 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     def constants(self) -> VehicleConstants:
         """Constants of the motion models: mass and geometry in the paper's axes."""
         vehicle = self.vehicle
-        return VehicleConstants(vehicle.track_gauge, vehicle.mass, *self.centre_of_mass_paper)
+        rolling = TYPICAL_ROLLING if self.soil is None else self.soil.rolling_resistance
+        return VehicleConstants(
+            vehicle.track_gauge,
+            vehicle.mass,
+            *self.centre_of_mass_paper,
+            rolling,
+            vehicle.load_lag,
+        )
 
     @cached_property
     def contact(self) -> Contact:

@@ -16,12 +16,10 @@ from icreckon.estimator.base.checks import (
     require_kind,
 )
 from icreckon.estimator.base.errors import SettingError
-from icreckon.estimator.motion.index_model import Form
 from icreckon.estimator.robot.robot_file import Slip
 from icreckon.estimator.robot.variants import Adaptation
 
 Engine = Literal["compiled", "plain"]
-Inertia = Literal["tracks", "imu"]
 
 # A re-run of a longer history would take too long [s].
 LONGEST_HISTORY = 60.0
@@ -88,9 +86,6 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         engine: "compiled" by numba (making the first estimator ever takes some 20 s), or "plain"
             Python, which is eight times slower; they agree to rounding.
-        form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs); not for `friction`.
-        inertia: "tracks" (of the kinematic twist) or "imu" (with the slip estimated from the IMU); not
-            for `friction`.
         slip: the slip residual, or None for the variant's default.
         adaptation: prior and random walk of the parameters, or None for the variant's default.
         hold: age from which track speeds are stale [s].
@@ -111,8 +106,6 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     engine: Engine = "compiled"
-    form: Form = "smooth"
-    inertia: Inertia = "tracks"
     slip: Slip | None = None
     adaptation: Adaptation | None = None
     hold: Annotated[float, _SOME_TIME] = 0.3
@@ -125,8 +118,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     standstill: StandstillSettings = StandstillSettings()
 
     def __post_init__(self) -> None:
-        for name, choices in (("engine", Engine), ("form", Form), ("inertia", Inertia)):
-            require_choice(f"Settings.{name}", getattr(self, name), get_args(choices))
+        require_choice("Settings.engine", self.engine, get_args(Engine))
         require_kind("Settings.slip", self.slip, Slip, or_none=True)
         require_kind("Settings.adaptation", self.adaptation, Adaptation, or_none=True)
         require_kind("Settings.gates", self.gates, GateSettings)

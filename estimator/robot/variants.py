@@ -25,10 +25,12 @@ from icreckon.estimator.friction.layout import FRICTION, LENGTH, ROLLING, Z_CM
 from icreckon.estimator.friction.layout import PARAMETER_NAMES as FRICTION_PARAMETERS
 from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_COUNT
 from icreckon.estimator.friction.model import FrictionMotion, nominal_parameters
-from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.motion.index_model import Form, InertiaMotion
+from icreckon.estimator.motion import linear_model
+from icreckon.estimator.motion.icr import GRAVITY, IndexValues
+from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
+from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.robot.nominal_contact import presumed_contact
+from icreckon.estimator.robot.nominal_contact import coulomb_creep, presumed_contact
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
 
 # Factors on the friction model's slip if the robot file has no ground, and if parameters are fixed.
@@ -37,8 +39,9 @@ ON_UNKNOWN_GROUND, UNLEARNT = 2.0, 1.5
 LEAST_KNOWN_HEIGHT = 0.3
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07
+EPSILON_F = s.EPSILON_F - s.PARAMETERS.start
 
-Model = Literal["differential", "constant", "inertia", "friction"]
+Model = Literal["gyro", "differential", "constant", "linear", "inertia", "friction"]
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,11 @@ class Variant:
 VARIANTS = {
     variant.name: variant
     for variant in (
+        Variant("gyro", "gyro", online=False),
         Variant("differential", "differential", online=False),
         Variant("constant-fixed", "constant", online=False),
         Variant("constant-online", "constant", online=True),
+        Variant("full-linear", "linear", online=True),
         Variant("inertia-fixed", "inertia", online=False),
         Variant("inertia-online", "inertia", online=True),
         Variant("friction-fixed", "friction", online=False),
@@ -88,6 +93,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         eta0: prior standard deviation [-].
         eta1: prior standard deviation [-].
         eta2: prior standard deviation [-].
+        epsilon_F: prior standard deviation, as a share of its value by Coulomb friction [-].
         friction: prior standard deviation, as a share of the coefficient [-].
         rolling_resistance: prior standard deviation [-].
         contact_length: prior standard deviation, as a share of the length [-].
@@ -110,6 +116,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     eta0: NotNegative = 0.4
     eta1: NotNegative = 0.1
     eta2: NotNegative = 0.1
+    epsilon_F: NotNegative = 0.5
     friction: NotNegative = 0.2
     rolling_resistance: NotNegative = 0.02
     contact_length: NotNegative = 0.06
@@ -129,7 +136,10 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 # Sizes, time constants and walks were chosen by benchmarks/tune_variants.py.
 DEFAULT_SLIP: dict[Model, Slip] = {
     "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
+    # The yaw rate is the gyro's: the tracks say little of it.
+    "gyro": Slip(turning_x=0.12, turning_y=0.05, turning_w=2.0, driving_w=2.0, time_constant=1.0),
     "constant": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),
+    "linear": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),
     "inertia": Slip(
         turning_x=0.09,
         turning_y=0.01,
@@ -152,7 +162,9 @@ DEFAULT_SLIP: dict[Model, Slip] = {
 
 DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
     "differential": Adaptation(),
+    "gyro": Adaptation(),
     "constant": Adaptation(epsilon0=0.1, walk=0.02),
+    "linear": Adaptation(epsilon0=0.1, walk=0.02),
     "inertia": Adaptation(walk=0.02),
     "friction": Adaptation(walk=0.02),
 }
@@ -213,8 +225,12 @@ def default_adaptation(variant: str, **changes: float) -> Adaptation:
 
 
 def parameter_names(variant: Variant) -> tuple[str, ...]:
-    """Names (8,) of a variant's parameters, `NO_NAME` for unused places."""
-    names = FRICTION_PARAMETERS if variant.model == "friction" else INDEX_PARAMETERS
+    """Names (9,) of a variant's parameters, `NO_NAME` for unused places."""
+    names: tuple[str, ...] = INDEX_PARAMETERS
+    if variant.model == "friction":
+        names = FRICTION_PARAMETERS
+    elif variant.model == "linear":
+        names = linear_model.PARAMETER_NAMES
     return (*names, *(s.NO_NAME for _ in range(len(INDEX_PARAMETERS) - len(names))))
 
 
@@ -237,7 +253,7 @@ def state_names(variant: Variant | str) -> tuple[str, ...]:
 
 
 def initial_parameters(robot: Robot, variant: Variant) -> Floats:
-    """Initial values of the eight parameters (8,) of a variant.
+    """Initial values of the nine parameters (9,) of a variant.
 
     They are the robot file's, as far as the variant's model has them; see
     `estimator.robot.nominal_contact` for those of the friction model on unknown ground.
@@ -248,29 +264,33 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
     match variant.model:
         case "differential":
             return Indices(H=robot.indices.H).as_array()
+        case "gyro":
+            return Indices(H=robot.indices.H, eta0=robot.constant_indices.eta0).as_array()
         case "constant":
             return robot.constant_indices.as_array()
         case "inertia":
-            return robot.indices.as_array()
-    return np.concatenate([nominal_parameters(presumed_contact(robot)), [0.0, 0.0]])
+            found = robot.indices.as_array()
+            if robot.indices.epsilon_F is None:
+                found[EPSILON_F] = coulomb_creep(robot)
+            return found
+        case "linear":
+            _, zeta, _, epsilon, _, eta, *_ = robot.constant_indices.as_array()
+            found = linear_model.coefficients(
+                IndexValues(zeta, epsilon, eta), robot.vehicle.track_gauge
+            )
+        case "friction":
+            found = nominal_parameters(presumed_contact(robot))
+    return np.concatenate([found, np.zeros(s.PARAMETER_COUNT - len(found))])
 
 
 def motion_model(
-    robot: Robot,
-    variant: Variant,
-    form: Form = "smooth",
-    *,
-    slip_in_inertia: bool = False,
-    adaptation: Adaptation | None = None,
+    robot: Robot, variant: Variant, *, adaptation: Adaptation | None = None
 ) -> MotionModel:
     """Make the motion model of a variant.
 
     Args:
         robot: the robot.
         variant: the variant.
-        form: see `estimator.motion.index_model.solve`; not used by the friction model, nor by one of
-            the variant's own.
-        slip_in_inertia: see `estimator.motion.index_model.solve`; not used by the friction model.
         adaptation: adaptation of the variant; its default for None.
 
     Raises:
@@ -288,7 +308,9 @@ def motion_model(
             robot.constant_indices.eta0,
             estimated[:FRICTION_COUNT],
         )
-    return InertiaMotion(robot.constants, form, slip_in_inertia)
+    if variant.model == "linear":
+        return LinearMotion(robot.constants)
+    return LaggedIndexMotion(robot.constants)
 
 
 def slip_of(robot: Robot, variant: Variant) -> Slip:
@@ -311,15 +333,17 @@ def slip_of(robot: Robot, variant: Variant) -> Slip:
 
 
 def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
-    """Initial standard deviations of the eight parameters (8,), in state order.
+    """Initial standard deviations of the nine parameters (9,), in state order.
 
     They are zero for parameters that the variant does not estimate. H has no gradient in the motion
     model: its standard deviation is zero, too, and it keeps the robot file's value.
     """
     if not variant.online:
-        return np.zeros(8)
+        return np.zeros(s.PARAMETER_COUNT)
     if variant.model == "friction":
         return _friction_sigmas(robot, adaptation)
+    if variant.model == "linear":
+        return _linear_sigmas(robot, adaptation)
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
     sigmas = np.array(
         [
@@ -331,16 +355,17 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
             adaptation.eta0,
             adaptation.eta1 / force,
             adaptation.eta2 / force**2,
+            adaptation.epsilon_F * coulomb_creep(robot),
         ]
     )
     if variant.model == "constant":
-        sigmas[[2, 4, 6, 7]] = 0.0
+        sigmas[[2, 4, 6, 7, 8]] = 0.0
     return sigmas
 
 
 def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
-    """Random walks of the eight parameters (8,) at full rate [1/√s]; zero like sigmas."""
-    walks = np.full(8, adaptation.walk)
+    """Random walks of the nine parameters (9,) at full rate [1/√s]; zero like sigmas."""
+    walks = np.full(s.PARAMETER_COUNT, adaptation.walk)
     if variant.model == "friction" and robot.soil is not None:
         walks[[FRICTION, ROLLING]] = adaptation.ground_walk
     return np.asarray(parameter_sigmas(robot, variant, adaptation) * walks)
@@ -360,5 +385,14 @@ def _friction_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:
             adaptation.z_CM * max(lowest, start[Z_CM]),
             0.0,
             0.0,
+            0.0,
         ]
     )
+
+
+def _linear_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:
+    """Standard deviations of constant ICRs as those of the coefficients, about."""
+    eta0 = robot.constant_indices.eta0
+    turn = 1.0 / (robot.vehicle.track_gauge * eta0)
+    sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
+    return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])

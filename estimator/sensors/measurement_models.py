@@ -37,15 +37,29 @@ from icreckon.estimator.sensors.sensor_models import (
 MOST_COMPONENTS = 3
 # A twist measurement does not move the pose, which is to be continuous.
 POSE_FIXED = (s.X, s.Y, s.YAW)
-# The IMU does not move the track scale either. It sees that only through other errors of the yaw rate,
-# and would attribute them to the scale; fixes and body velocities measure it.
-IMU_FIXED = (*POSE_FIXED, s.TRACK_SCALE)
 # A zero velocity moves only the slip. That was another before the stop, and its error would go into
 # biases and parameters.
 STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop))
 
+# Names of the accelerometers, forward and left.
+ACCELEROMETERS = ("accelerometer_x", "accelerometer_y")
+
 M = TypeVar("M", bound=Measurement)
 Quantity = Literal["pose", "twist"]
+
+
+def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
+    """States that the IMU does not move: the pose, the track scale and most parameters.
+
+    It sees the scale and the parameters only through other errors of the motion, and would attribute
+    these to them. Fixes and body velocities measure them.
+
+    Args:
+        taught: places of the parameters that it moves, see `MotionModel.taught_by_imu`.
+    """
+    moved = (s.PARAMETERS.start + place for place in taught)
+    parameters = set(range(s.PARAMETERS.start, s.PARAMETERS.stop)).difference(moved)
+    return (*POSE_FIXED, *sorted(parameters), s.TRACK_SCALE)
 
 
 class Linearised(NamedTuple):
@@ -76,11 +90,11 @@ class MeasurementModel:
         correlated: updates use the correlations of R. If not, only the gate does.
     """
 
-    name: ClassVar[str]
-    components: ClassVar[tuple[str, ...]]
-    inflated: ClassVar[tuple[int, ...]]
+    name: str
+    components: tuple[str, ...]
+    inflated: tuple[int, ...]
     inflated_jointly: ClassVar[bool] = False
-    fixed: ClassVar[tuple[int, ...]] = ()
+    fixed: tuple[int, ...] = ()
     correlated: ClassVar[bool] = True
 
 
@@ -203,15 +217,15 @@ class Gyro(MeasurementModel):
 
     Args:
         sensors: mounting and noise of the IMU.
+        fixed: states that it does not move, see `imu_fixed`.
     """
 
     name = "gyro"
     components = ("gyro",)
     inflated = (s.SLIP_W,)
-    fixed = IMU_FIXED
 
-    def __init__(self, sensors: SensorModels) -> None:
-        self._constants = sensors.constants
+    def __init__(self, sensors: SensorModels, fixed: tuple[int, ...]) -> None:
+        self._constants, self.fixed = sensors.constants, fixed
 
     def linearise(self, rate: float, at: StepTwist) -> Linearised:
         """Compare a yaw rate, see `SensorModels.yaw_rate` [rad/s], with its prediction."""
@@ -228,43 +242,44 @@ class Gyro(MeasurementModel):
 
 
 class Accelerometer(MeasurementModel):
-    """Specific force to the left: dv_y/dt + w v_x at the IMU, plus bias.
-
-    The forward component carries little information: the track speeds give it more accurately.
+    """Specific force along an axis of base_link: acceleration less gravity, plus bias.
 
     Args:
         sensors: mounting and noise of the IMU.
+        fixed: states that it does not move, see `imu_fixed`.
+        axis: 0 for forward, 1 for left.
     """
 
-    name = "accelerometer"
-    components = ("accelerometer",)
-    inflated = (s.ACCELEROMETER_BIAS,)
-    fixed = IMU_FIXED
-
-    def __init__(self, sensors: SensorModels) -> None:
-        self._constants = sensors.constants
+    def __init__(self, sensors: SensorModels, fixed: tuple[int, ...], axis: int) -> None:
+        self._constants, self.fixed, self._axis = sensors.constants, fixed, axis
+        self.name = ACCELEROMETERS[axis]
+        self.components = (self.name,)
+        self.inflated = (s.GRAVITY_X + axis,)
 
     def linearise(self, force: float, at: StepTwist, x: Floats, slip_density: float) -> Linearised:
         """Compare a specific force with its prediction.
 
         Args:
-            force: specific force to the left [m/s²].
+            force: specific force along the axis [m/s²].
             at: twist and inputs at the state of the linearisation.
             x: (SIZE,) the state, which updates may have moved since then.
-            slip_density: density of the change of the sideways slip [m²/s³].
+            slip_density: density of the change of the slip along the axis [m²/s³].
         """
-        model = at.model
+        model, axis = at.model, self._axis
         forecast = accelerometer_forecast(
             self._constants,
+            axis,
             at.interval,
             model.twist.tolist(),
             model.by_speeds.tolist(),
             at.change,
             slip_density,
         )
-        row = forecast.by_w * model.jacobian[2] + forecast.by_v_x * model.jacobian[0]
-        row[s.ACCELEROMETER_BIAS] += 1.0
-        predicted = forecast.predicted + at.x.item(s.ACCELEROMETER_BIAS)
+        row = forecast.by_w * model.jacobian[2] + forecast.by_across * model.jacobian[1 - axis]
+        gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
+        row[gravity] -= 1.0
+        row[bias] += 1.0
+        predicted = forecast.predicted + at.x.item(bias) - at.x.item(gravity)
         z = force - predicted - shift(row, x, at.x)
         return Linearised(np.array([z]), row[None], np.array([[forecast.variance]]))
 
@@ -300,7 +315,7 @@ def register(kind: type[M], model: FixModel[M]) -> None:
             f"{model.name}: a sensor has 1 to {MOST_COMPONENTS} components, found "
             f"{len(model.components)}; register several"
         )
-    if model.name in (Gyro.name, Accelerometer.name):
+    if model.name in (Gyro.name, *ACCELEROMETERS):
         raise EstimatorError(f"{model.name!r}: there is such a sensor already")
     add_stream(kind, model.name)
     MODELS[kind] = model
@@ -314,6 +329,5 @@ def unregister(kind: type[Measurement]) -> None:
 
 def innovation_components() -> dict[str, tuple[str, ...]]:
     """Names of the innovation's components, by sensor."""
-    models: tuple[MeasurementModel | type[MeasurementModel], ...]
-    models = (Gyro, Accelerometer, *MODELS.values())
-    return {model.name: model.components for model in models}
+    of_imu = {name: (name,) for name in (Gyro.name, *ACCELEROMETERS)}
+    return of_imu | {model.name: model.components for model in MODELS.values()}

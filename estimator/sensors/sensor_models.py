@@ -39,14 +39,14 @@ class Forecast(NamedTuple):
     """Predicted measurement of an accelerometer.
 
     Attributes:
-        predicted: prediction without bias [m/s²].
-        by_v_x: derivative by the forward velocity [1/s].
+        predicted: prediction without gravity and bias [m/s²].
+        by_across: derivative by the velocity across the axis, to the left or forward [1/s].
         by_w: derivative by the yaw rate [m/s].
         variance: variance of the reading [m²/s⁴].
     """
 
     predicted: float
-    by_v_x: float
+    by_across: float
     by_w: float
     variance: float
 
@@ -85,9 +85,10 @@ class SensorModels:
             imu.position[0],
             imu.position[1],
         )
+        self._forward: list[float]
         self._leftward: list[float]
         self._upward: list[float]
-        _, self._leftward, self._upward = robot.imu_rotation.tolist()
+        self._forward, self._leftward, self._upward = robot.imu_rotation.tolist()
 
     def yaw_rate(self, sample: ImuSample) -> float:
         """Rate about base_link's z axis, measured by the gyros [rad/s]."""
@@ -102,13 +103,14 @@ class SensorModels:
             return np.asarray(z / (self._upward[2] * self._imu.gyro_scale))
         return np.asarray(_dot(self._upward, (x, y, z)) / self._imu.gyro_scale)
 
-    def to_the_left_of(self, forces: Floats) -> Floats:
-        """Component to the left of base_link of specific forces (n, 3) [m/s²]."""
-        return np.asarray(_dot(self._leftward, forces.T))
+    def along_ground_of(self, forces: Floats) -> Floats:
+        """Components (n, 2) forward and left of specific forces (n, 3) in IMU axes [m/s²]."""
+        parts = _dot(self._forward, forces.T), _dot(self._leftward, forces.T)
+        return np.stack(parts, axis=-1)
 
-    def to_the_left(self, force: Vector3) -> float:
-        """Component to the left of base_link of a specific force in IMU axes [m/s²]."""
-        return _dot(self._leftward, force)
+    def along_ground(self, force: Vector3) -> tuple[float, float]:
+        """Components forward and left of a specific force in IMU axes [m/s²]."""
+        return _dot(self._forward, force), _dot(self._leftward, force)
 
 
 def gyro_variance(
@@ -129,6 +131,7 @@ def gyro_variance(
 
 def accelerometer_forecast(
     imu: ImuConstants,
+    axis: int,
     interval: float,
     twist: Any,
     by_speeds: Any,
@@ -137,28 +140,34 @@ def accelerometer_forecast(
 ) -> Forecast:
     """Predict the accelerometer measurement; see `measurement_models.Accelerometer`.
 
+    With v across the axis to the left (for the forward axis) or forward (for that to the left), and the
+    IMU at (x, y): a_x = dv_x/dt - w v_y - y dw/dt - x w², a_y = dv_y/dt + w v_x + x dw/dt - y w².
+
     Args:
         imu: the IMU.
+        axis: 0 for forward, 1 for left.
         interval: time between samples [s].
         twist: (3,) twist of base_link.
         by_speeds: (3, 2) its derivative by the track speeds.
         change: change of the track speeds.
-        slip_density: density of the change of the sideways slip [m²/s³].
+        slip_density: density of the change of the slip along the axis [m²/s³].
     """
-    v_x, w = twist[0], twist[2]
-    by_left, by_turning = by_speeds[1], by_speeds[2]
+    across, w = twist[1 - axis], twist[2]
+    side = 1.0 if axis else -1.0
+    lever, along = (side * imu.x, imu.y) if axis else (side * imu.y, imu.x)
+    by_axis, by_turning = (by_speeds[1] if axis else (0.5, 0.5)), by_speeds[2]
     # Change of the kinematic twist, from the change of the track speeds.
-    dv_y, dw = _along(by_left, change.acceleration), _along(by_turning, change.acceleration)
+    dv, dw = _along(by_axis, change.acceleration), _along(by_turning, change.acceleration)
     # Variances of the slip's own change over the sample, of the derivative's delay, and of its noise.
     white = (imu.accelerometer_density + slip_density) / interval
-    turning = dw * imu.x
-    late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv_y * dv_y + turning * turning)
-    of_left, of_right = by_left[0] + imu.x * by_turning[0], by_left[1] + imu.x * by_turning[1]
+    turning = dw * lever
+    late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
+    of_left, of_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]
     noise = change.speed_variance * (of_left * of_left + of_right * of_right)
     return Forecast(
-        dv_y + w * v_x + turning - w * w * imu.y,
-        w,
-        v_x - 2.0 * w * imu.y,
+        dv + side * w * across + turning - w * w * along,
+        side * w,
+        side * across - 2.0 * w * along,
         white + late + noise / (change.window * change.window),
     )
 

@@ -234,12 +234,6 @@ def replay(
             "ground truth if the log has no fixes. Default: all fixes of the log."
         ),
     ] = None,
-    form: Annotated[
-        str, typer.Option(help="Form of the index polynomials: smooth or literal.")
-    ] = "smooth",
-    inertia: Annotated[
-        str, typer.Option(help="Force of inertia from: tracks, or imu (slip included).")
-    ] = "tracks",
     msg: Definitions = None,
     smooth: Annotated[
         bool,
@@ -274,8 +268,6 @@ def replay(
         robot_name=robot,
         variants=variants,
         fixes=fixes,
-        form=form,
-        inertia=inertia,
         smooth=smooth,
         engine=engine,
         formats=formats,

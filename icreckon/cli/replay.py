@@ -8,8 +8,7 @@ import msgspec
 
 from icreckon.cli.comparing import compare_and_report, exit_if_failed
 from icreckon.cli.console import messages, progress, results_folder
-from icreckon.estimator.base.config import convert
-from icreckon.estimator.base.errors import EstimatorError, nearest_hint
+from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
@@ -29,8 +28,6 @@ def run_replay(
     robot_name: str | None,
     variants: str | None,
     fixes: str | None,
-    form: str,
-    inertia: str,
     smooth: bool,
     engine: str,
     formats: str | None,
@@ -49,14 +46,10 @@ def run_replay(
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)
-    for option, value, choices in (
-        ("--form", form, ["smooth", "literal"]),
-        ("--inertia", inertia, ["tracks", "imu"]),
-        ("--engine", engine, list(ENGINES)),
-    ):
+    for option, value, choices in (("--engine", engine, list(ENGINES)),):
         if value not in choices:
             raise ReplayError(f"{option} {value!r}{nearest_hint(value, choices)}")
-    settings = convert({"form": form, "inertia": inertia}, Settings, "the options", EstimatorError)
+    settings = Settings()
     wanted = parse_formats(formats)
     part = None if fixes is None else parse_part(fixes)
     definitions = read_definitions(message_files)

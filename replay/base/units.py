@@ -10,6 +10,9 @@ UNITS: dict[str, tuple[str, str]] = {
     "epsilon1": ("m_per_N", "m/N"),
     "eta1": ("per_N", "1/N"),
     "eta2": ("per_N2", "1/N²"),
+    "epsilon_F": ("m", "m"),
+    "turn_l": ("per_m", "1/m"),
+    "turn_r": ("per_m", "1/m"),
     "half_contact_length": ("m", "m"),
     "x_CM": ("m", "m"),
     "y_CM": ("m", "m"),
@@ -18,7 +21,10 @@ UNITS: dict[str, tuple[str, str]] = {
     "slip_y": ("m_s", "m/s"),
     "slip_w": ("rad_s", "rad/s"),
     "gyro_bias": ("rad_s", "rad/s"),
-    "accelerometer_bias": ("m_s2", "m/s²"),
+    "accelerometer_bias_x": ("m_s2", "m/s²"),
+    "accelerometer_bias_y": ("m_s2", "m/s²"),
+    "gravity_x": ("m_s2", "m/s²"),
+    "gravity_y": ("m_s2", "m/s²"),
 }
 PURE_NUMBER = ("", "-")
 

@@ -76,7 +76,7 @@ def filter_inputs(cell: Cell, one: Filter) -> Inputs:
     state, walk = assumed.state.copy(), noise.bias_walk.copy()
     # No motion model depends on H.
     state[s.PARAMETERS.start] = 0.0
-    _, left, up = robot.imu_rotation.tolist()
+    forward, left, up = robot.imu_rotation.tolist()
     imu = robot.imu
     only_z = imu.gyro_axes == "z"
     found: Inputs = {
@@ -87,6 +87,7 @@ def filter_inputs(cell: Cell, one: Filter) -> Inputs:
         "track_noise": robot.tracks.speed_noise_density,
         "slip": msgspec.to_builtins(noise.slip),
         "parameter_walk": noise.parameter_walk.tolist(),
+        "slope_walk": noise.slope_walk.tolist(),
         "gates": msgspec.to_builtins(settings.gates),
         "standstill": msgspec.to_builtins(settings.standstill),
         "considered": sorted(settings.considered),
@@ -94,10 +95,10 @@ def filter_inputs(cell: Cell, one: Filter) -> Inputs:
     }
     if settings.use_accelerometer:
         place = imu.position[:2]
-        found["accelerometer"] = [left, imu.accelerometer_noise_density, list(place)]
+        found["accelerometer"] = [forward, left, imu.accelerometer_noise_density, list(place)]
     else:
-        state[s.ACCELEROMETER_BIAS] = sigmas[s.ACCELEROMETER_BIAS] = 0.0
-        walk[s.ACCELEROMETER_BIAS] = 0.0
+        biases = [s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y]
+        state[biases] = sigmas[biases] = walk[biases] = 0.0
     if _has_gaps(cell, one):
         found["gaps"] = [
             settings.hold,
@@ -111,7 +112,7 @@ def filter_inputs(cell: Cell, one: Filter) -> Inputs:
 
 def _motion(one: Filter, state: Any, sigmas: Any) -> Inputs:
     """Inputs of a filter's motion model, and the initial state."""
-    robot, settings = one.robot, one.settings
+    robot = one.robot
     parameters, spread = state[s.PARAMETERS], sigmas[s.PARAMETERS]
     gauge = robot.vehicle.track_gauge
     if find_variant(one.variant).model == "friction":
@@ -123,15 +124,16 @@ def _motion(one: Filter, state: Any, sigmas: Any) -> Inputs:
             "eta": robot.constant_indices.eta0,
             "state": state.tolist(),
         }
-    gains = [2, 4, 6, 7]
-    if not (parameters[gains].any() or spread[gains].any()):
+    gains = [2, 4, 6, 7, 8]
+    is_linear = find_variant(one.variant).model == "linear"
+    if not (is_linear or parameters[gains].any() or spread[gains].any()):
         eta = 5
         if not spread[eta]:
             # Constant ICRs act through the distance between them.
             gauge, parameters[eta] = gauge * parameters[eta], 1.0
         return {"model": "constant", "gauge": gauge, "state": state.tolist()}
     return {
-        "model": [settings.form, settings.inertia, *robot.constants],
+        "model": [find_variant(one.variant).model, *robot.constants],
         "state": state.tolist(),
     }
 

@@ -38,7 +38,7 @@ from icreckon.simulation.scenario import Scenario
 
 # Yaw drift is scored over segments of this length [s].
 YAW_HORIZON = 30.0
-SENSORS = ("gyro", "accelerometer", "position")
+SENSORS = ("gyro", "accelerometer_x", "accelerometer_y", "position")
 DRIFT = "drift_percent_{:g}s"
 
 

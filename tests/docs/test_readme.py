@@ -16,6 +16,7 @@ from icreckon.estimator.robot.robot_file import (
     ConstantIcr,
     Imu,
     Indices,
+    Slope,
     Tracks,
     Vehicle,
     load_robot,
@@ -60,6 +61,7 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
         robot.constant_icr,
         robot.imu,
         robot.tracks,
+        robot.slope,
         robot.soil,
     ):
         for field in msgspec.structs.fields(table):
@@ -71,8 +73,8 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
 def test_the_docs_list_the_defaults_of_a_robot_file_and_what_it_requires(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "robot-file.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `\[(\w+)\]` \| (.*) \|$", page, flags=re.MULTILINE))
-    tables = (Vehicle, Indices, ConstantIcr, Imu, Tracks, Soil)
-    assert list(rows) == ["vehicle", "indices", "constant_icr", "imu", "tracks", "soil"]
+    tables = (Vehicle, Indices, ConstantIcr, Imu, Tracks, Slope, Soil)
+    assert list(rows) == ["vehicle", "indices", "constant_icr", "imu", "tracks", "slope", "soil"]
     for table, row in zip(tables, rows.values(), strict=True):
         said = tomllib.loads("\n".join(re.findall(r"`(\w+ = [^`]*)`", row)))
         for field in msgspec.structs.fields(table):

@@ -31,7 +31,8 @@ BY_DEFINITION = "differential"
 LARGEST_INNOVATION = 10.0
 INNOVATION_TITLES = {
     "gyro": "gyro",
-    "accelerometer": "accelerometer, to the left",
+    "accelerometer_x": "accelerometer, forward",
+    "accelerometer_y": "accelerometer, to the left",
     "position_x": "position fixes, x",
     "position_y": "position fixes, y",
     "heading": "heading fixes",

@@ -1,0 +1,284 @@
+"""Inertia-based index model of the filter: forces are lagged, so that indices are explicit.
+
+Friction balances the specific force at the centre of mass: inertia and gravity. Loads follow inertia with
+the lag T of a body that rolls and pitches on its suspension, so the force at the start of a step
+determines its indices. With V_m = (V_l + V_r) / 2 and D = V_r - V_l:
+
+    w   = D / (L eta) + r_w
+    v_y = V_m - D / (L eta) epsilon + r_y
+    v_x =       D / (L eta) zeta + r_x
+    zeta = zeta0 + zeta1 Z    epsilon = epsilon0 + epsilon1 S + epsilon_F sign(D) P
+    eta = eta0 + eta1 S + eta2 S²
+    S = u - M g_right         Z = -S sign(D)          T du/dt = -M w (v_y + x_CM w) - u
+    P = c (sigma(V_l) + sigma(V_r)) / 2 + (a - g_forward) / g
+
+S is the paper's signed force of inertia with gravity's part g_right along the ground. P is the force of
+the ground along the tracks, as a share of the weight: rolling resistance c, acceleration a (lagged, too)
+and gravity's part g_forward. In a turn every contact point slides, so a force along the tracks shifts
+both ICRs alike; epsilon_F is that shift. The paper's model is the steady motion on level ground with
+epsilon_F = 0 (`estimator.motion.index_model`).
+
+S is at most the weight, P at most 1. The ICRs of the tracks stay on both sides of the origin, and y_ICR
+within the effective gauge: so v_y is between the track speeds for any parameters.
+
+Symbols and axes are the paper's (see `estimator.motion.icr`). Floats, complex numbers and traced numbers
+pass through, see `estimator.motion.motion_model`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.motion.bounds import ETA0, index_bounds
+from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
+from icreckon.estimator.motion.motion_model import (
+    Channels,
+    GainFactors,
+    Gravity,
+    Motion,
+    TwistDerivatives,
+    VehicleConstants,
+    at_or_above,
+    sign,
+    through_channels,
+)
+
+# Speed of a track at which its rolling resistance has its full size [m/s].
+ROLLS_AT = 0.05
+# Memory: lagged force of inertia [N], lagged mean track speed [m/s], lagged acceleration [m/s²], and 1
+# after the first step.
+MEMORY = 4
+# ICRs come no closer to the origin than this share of half the effective gauge.
+CLOSEST = 0.02
+
+
+@dataclass
+class LaggedIndexMotion:
+    """Inertia-based index model with lagged forces; see `MotionModel`."""
+
+    vehicle: VehicleConstants
+
+    def __post_init__(self) -> None:
+        self._memory: Floats = np.zeros(MEMORY)
+
+    @property
+    def bounds(self) -> Floats:
+        """Bounds (n, 10) of the parameters, as in `MotionModel`."""
+        return index_bounds(self.vehicle.gauge)
+
+    @property
+    def taught_by_imu(self) -> tuple[int, ...]:
+        """Places of the parameters that the IMU moves, as in `MotionModel`."""
+        return (ETA0,)
+
+    def steering_efficiency(self, parameters: Any) -> float:
+        """Typical steering efficiency index [-], as in `MotionModel`."""
+        return float(parameters[ETA0])
+
+    @property
+    def memory(self) -> Floats:
+        """Checkpoint (MEMORY,) of the forces."""
+        return self._memory
+
+    def recall(self, memory: Floats) -> None:
+        """Restore a checkpoint, as in `MotionModel`."""
+        if memory.shape != (MEMORY,):
+            raise ValueError(
+                f"the index model remembers {MEMORY} numbers, not {len(memory)}: they are another's"
+            )
+        self._memory = memory
+
+    def begin_step(
+        self, dt: float, V_l: float, V_r: float, parameters: Any, gravity: Gravity
+    ) -> None:
+        """Begin a step, as in `MotionModel`."""
+        keep = math.exp(-dt / self.vehicle.load_lag)
+        speeds = V_l, V_r
+        after = advanced(self._memory, keep, speeds, parameters, gravity, self.vehicle)
+        self._memory = np.array(after, dtype=float)
+
+    def linearise(
+        self,
+        V_l: Number,
+        V_r: Number,
+        parameters: Any,
+        slip: tuple[Number, Number, Number],
+        gravity: Gravity,
+    ) -> tuple[Motion, TwistDerivatives]:
+        """Motion and derivatives of its twist, as in `MotionModel`."""
+        return linearise(V_l, V_r, parameters, slip, gravity, self.vehicle, self._memory)
+
+
+def advanced(
+    memory: Any,
+    keep: Number,
+    speeds: tuple[Number, Number],
+    parameters: Any,
+    gravity: Gravity,
+    vehicle: VehicleConstants,
+) -> tuple[Number, Number, Number, Number]:
+    """Memory after a step at constant track speeds.
+
+    Args:
+        memory: (MEMORY,) the memory before it.
+        keep: factor exp(-dt / T) on the lagged forces.
+        speeds: V_l, V_r [m/s].
+        parameters: (9,) index parameters.
+        gravity: gravity along the ground, right and forward [m/s²].
+        vehicle: constants of the vehicle.
+    """
+    V_m = 0.5 * (speeds[0] + speeds[1])
+    started = memory[3]
+    at = evaluate(*speeds, parameters, gravity, vehicle, memory)
+    twist, x_CM = at.kinematic, vehicle.x_CM
+    force = -vehicle.mass * twist.w * (twist.v_y + x_CM * twist.w)
+    kept = started * keep
+    u = force + kept * (memory[0] - force)
+    V_before = started * memory[1] + (1.0 - started) * V_m
+    V_after = V_m + keep * (V_before - V_m)
+    return u, V_after, (V_m - V_after) / vehicle.load_lag, 1.0 + 0.0 * started
+
+
+class Evaluation(NamedTuple):
+    """Evaluation of the model, with the derivatives of its limits.
+
+    Attributes:
+        kinematic: twist without slip.
+        indices: index values.
+        S: signed specific force, limited to the weight [N].
+        force: the same without the limit [N].
+        Z_S: derivative of Z by S [-].
+        P: force along the tracks times sign(D), as a share of the weight [-].
+        by_gravity: derivatives of S by gravity to the right, of P by gravity forward.
+        eta_S: derivative of eta by S [1/N].
+        frees: 1 where zeta, epsilon and eta are within their limits, else 0.
+    """
+
+    kinematic: PaperTwist
+    indices: IndexValues
+    S: Number
+    force: Number
+    Z_S: Number
+    P: Number
+    by_gravity: tuple[Number, Number]
+    eta_S: Number
+    frees: tuple[Number, Number, Number]
+
+
+def evaluate(
+    V_l: Number,
+    V_r: Number,
+    parameters: Any,
+    gravity: Gravity,
+    vehicle: VehicleConstants,
+    memory: Any,
+) -> Evaluation:
+    """Evaluate forces, indices and twist; arguments as in `advanced`."""
+    zeta0, zeta1, epsilon0, epsilon1 = parameters[1], parameters[2], parameters[3], parameters[4]
+    eta0, eta1, eta2, epsilon_F = parameters[5], parameters[6], parameters[7], parameters[8]
+    D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
+    weight, sign_D = vehicle.mass * GRAVITY, sign(D)
+    force = memory[0] - vehicle.mass * gravity[0]
+    S, S_free = limited(force, weight)
+    rolling = 0.5 * vehicle.rolling_resistance * (_rolls(V_l) + _rolls(V_r))
+    P, P_free = limited(rolling + (memory[2] - gravity[1]) / GRAVITY, 1.0)
+    eta_sum = eta0 + eta1 * S + eta2 * S * S
+    # A track never turns the vehicle more than the ideal differential drive does.
+    eta_free = at_or_above(eta_sum, 1.0)
+    eta = eta_free * eta_sum + (1.0 - eta_free)
+    half = 0.5 * vehicle.gauge * eta
+    epsilon, epsilon_free = limited(
+        epsilon0 + epsilon1 * S + epsilon_F * sign_D * P, (1.0 - CLOSEST) * half
+    )
+    zeta, zeta_free = limited(zeta0 - zeta1 * sign_D * S, 2.0 * half)
+    w = D / (vehicle.gauge * eta)
+    return Evaluation(
+        PaperTwist(w * zeta, V_m - w * epsilon, w),
+        IndexValues(zeta, epsilon, eta),
+        S,
+        force,
+        -sign_D,
+        sign_D * P,
+        (-vehicle.mass * S_free, -sign_D * P_free / GRAVITY),
+        eta_free * (eta1 + 2.0 * eta2 * S),
+        (zeta_free, epsilon_free, eta_free),
+    )
+
+
+def linearise(
+    V_l: Number,
+    V_r: Number,
+    parameters: Any,
+    slip: tuple[Number, Number, Number],
+    gravity: Gravity,
+    vehicle: VehicleConstants,
+    memory: Any,
+) -> tuple[Motion, TwistDerivatives]:
+    """Compute the motion and the derivatives of its twist; arguments as in `advanced`.
+
+    The lagged forces are inputs: derivatives by what they depend on are left out.
+    """
+    at = evaluate(V_l, V_r, parameters, gravity, vehicle, memory)
+    kinematic, (zeta, epsilon, eta) = at.kinematic, at.indices
+    w, gauge = kinematic.w, vehicle.gauge
+    zeta_free, epsilon_free, eta_free = at.frees
+    per_D = 1.0 / (gauge * eta)
+    by_D = (zeta * per_D, -epsilon * per_D, per_D)
+    nothing = 0.0 * w
+    by_zeta, by_epsilon = (w * zeta_free, nothing, nothing), (nothing, -w * epsilon_free, nothing)
+    per_eta = -w / eta
+    # The limits of epsilon and zeta grow with eta.
+    half = 0.5 * gauge
+    limit_epsilon = (1.0 - epsilon_free) * sign(epsilon) * (1.0 - CLOSEST) * half
+    limit_zeta = (1.0 - zeta_free) * sign(zeta) * 2.0 * half
+    by_eta_all = (
+        per_eta * zeta + w * limit_zeta,
+        -per_eta * epsilon - w * limit_epsilon,
+        per_eta,
+    )
+    by_eta = (eta_free * by_eta_all[0], eta_free * by_eta_all[1], eta_free * by_eta_all[2])
+    zeta1, epsilon1, epsilon_F = parameters[2], parameters[4], parameters[8]
+    by_right, by_forward = at.by_gravity
+    of_S = (
+        by_zeta[0] * zeta1 * at.Z_S + by_eta_all[0] * at.eta_S,
+        by_epsilon[1] * epsilon1 + by_eta_all[1] * at.eta_S,
+        by_eta_all[2] * at.eta_S,
+    )
+    one, zero = 1.0 + nothing, nothing
+    by = through_channels(
+        Channels(
+            by_D,
+            (zero, one, zero),
+            by_zeta,
+            by_epsilon,
+            by_eta,
+            (one, zero, zero),
+            (zero, one, zero),
+            (zero, zero, one),
+        ),
+        GainFactors(at.Z_S * at.S, at.S, at.S, at.S * at.S, at.P),
+    )
+    twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
+    by_gravity = (
+        (by_right * of_S[0], zero),
+        (by_right * of_S[1], by_epsilon[1] * epsilon_F * by_forward),
+        (by_right * of_S[2], zero),
+    )
+    return Motion(twist, at.indices, at.force, at.S), by._replace(by_gravity=by_gravity)
+
+
+def limited(value: Number, limit: Number) -> tuple[Number, Number]:
+    """Value limited to ±limit; 1 where it is within, else 0."""
+    is_above = at_or_above(abs(value.real) - limit.real, 0.0)
+    return (1.0 - is_above) * value + is_above * sign(value) * limit, 1.0 - is_above
+
+
+def _rolls(V: Number) -> Number:
+    """Sign of a track's speed, smooth at standstill."""
+    share, _ = limited(V / ROLLS_AT, 1.0)
+    return share
