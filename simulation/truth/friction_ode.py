@@ -455,7 +455,7 @@ def _advance(pose: Floats, before: Floats, after: Floats, step: float) -> None:
 
 @compiled
 def _set_slope(gravity: tuple[float, float, float], yaw: float, slope: Floats) -> None:
-    """Set a slope (2,), from which `_in_body` at the same yaw gives gravity along the ground."""
+    """Set a slope (2,) for `_in_body`, from gravity in the axes of the body."""
     forward, left, _ = gravity
     cos, sin = np.cos(yaw), np.sin(yaw)
     slope[0] = cos * forward - sin * left

@@ -30,7 +30,9 @@ Vector = tuple[float, float, float]
 
 
 class Surface(NamedTuple):
-    """Height field as plain numbers; u is the distance along its direction, v that to the left.
+    """Height field as plain numbers.
+
+    The coordinate u runs along its direction, v to the left of it.
 
     Attributes:
         present: False for a run without terrain; nothing else counts then.
@@ -170,7 +172,7 @@ def ride_along(
     gravity: Floats,
     heights: Floats,
 ) -> None:
-    """Compute poses, gravity in base_link's axes, and heights from displacements, in place.
+    """Compute poses, gravity and heights on the ground from displacements, in place.
 
     Args:
         surface: the height field.

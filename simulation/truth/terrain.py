@@ -33,7 +33,7 @@ STEEPEST_ROLLING = 30.0
 
 
 class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Shape of the ground of a whole run: plane, waves and kerbs, one on top of the other.
+    """Shape of the ground of a whole run: the sum of a plane, waves and kerbs.
 
     Attributes:
         slope_deg: steepness of a plane [deg].

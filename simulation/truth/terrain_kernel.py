@@ -70,7 +70,7 @@ def look_up(
 
 @compiled
 def slope_cover(patch: Floats, time: float, x: float, y: float) -> tuple[float, float, float]:
-    """Weight of a patch's slope at a position and time, and the slope in x and y [m/s²].
+    """Weight of a patch's slope at a position and time, and the slope [m/s²].
 
     The weight is zero for a patch without a slope.
     """

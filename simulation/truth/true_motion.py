@@ -82,7 +82,7 @@ class TrueMotion:
         return compose(self.poses[at], exponential(mean * rest[:, None]))
 
     def attitudes_at(self, times: Floats) -> Floats:
-        """Roll, pitch and yaw (n, 3) [rad] of base_link in odom at times (n,) [s], as in tf."""
+        """Roll, pitch, yaw (n, 3) [rad] of base_link in odom at times (n,) [s], as in tf."""
         poses = self.poses_at(times)
         roll_pitch = np.zeros((len(times), 2))
         if self.gravity is not None:

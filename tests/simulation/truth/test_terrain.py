@@ -320,6 +320,22 @@ def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:
     assert (pitch[1:][rising] < 0.0).all()
 
 
+def test_a_tall_robot_hardly_turns_on_a_cross_slope() -> None:
+    low = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(0.04, 0.015, 0.3))
+    shares = []
+    for robot in (ALPHA, msgspec.structs.replace(ALPHA, vehicle=low)):
+        turned = [
+            np.abs(run_scenario(scenario, robot, run_index=index).motion.twists[:, 2]).mean()
+            for slope in (0.0, 6.0)
+            for scenario in [
+                msgspec.structs.replace(EXACT, duration=120.0, terrain=Terrain(slope_deg=slope))
+            ]
+            for index in range(4)
+        ]
+        shares.append(np.sum(turned[4:]) / np.sum(turned[:4]))
+    assert shares == pytest.approx([0.48, 0.91], abs=0.05)
+
+
 def test_slip_noise_moves_the_vehicle_over_the_ground_too() -> None:
     calm, noisy = (run(ROUGH, slip_noise=k).motion for k in (0.0, 3.0))
     assert np.abs(calm.poses[-1] - noisy.poses[-1]).max() > 1e-3
