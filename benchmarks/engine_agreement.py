@@ -30,7 +30,14 @@ LOGS = {
     "marmotte_part1": "marmotte",
     "husky_deflated_part1": "husky-deflated",
 }
-STUDIES = ("driving-style", "imu-grades", "mis-calibration", "outage-length", "ten-thousand")
+STUDIES = (
+    "driving-style",
+    "imu-grades",
+    "mis-calibration",
+    "outage-length",
+    "slopes",
+    "ten-thousand",
+)
 
 
 def command_in_fresh_cache(work: Path, arguments: list[str]) -> Path:

@@ -28,7 +28,13 @@ PARTS = {
     "front end": ("batch/front_end.py",),
     "scores": ("study/statistics.py", "log/scores.py", "streaming/lost.py"),
     "sensor noise": ("sensors/imu.py", "noise_kernel.py", "encoders.py", "sensors/fixes.py"),
-    "true motion": ("truth/friction.py", "friction_ode.py", "true_motion.py", "terrain_kernel.py"),
+    "true motion": (
+        "truth/friction.py",
+        "friction_ode.py",
+        "true_motion.py",
+        "terrain_kernel.py",
+        "surface_kernel.py",
+    ),
 }
 
 

@@ -70,5 +70,6 @@ from icreckon.simulation.study.plan import load_study as load_study
 from icreckon.simulation.study.plan import study_names as study_names
 from icreckon.simulation.truth.terrain import Patch as Patch
 from icreckon.simulation.truth.terrain import Payload as Payload
+from icreckon.simulation.truth.terrain import Terrain as Terrain
 
 __version__: str

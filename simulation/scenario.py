@@ -20,7 +20,7 @@ from icreckon.simulation.drives.trajectories import (
 )
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec, noise_preset
 from icreckon.simulation.truth.by_name import make_truth
-from icreckon.simulation.truth.terrain import Patch, Payload
+from icreckon.simulation.truth.terrain import Patch, Payload, Terrain
 from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
@@ -52,7 +52,8 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         slip_noise: factor on the slip residual of the true motion, which no model explains; None for
             the truth's default [-].
         track_lag: time constant of the tracks behind their commands; None for the truth's default [s].
-        patches: terrain along the way.
+        terrain: shape of the ground of the whole run.
+        patches: ground that differs along the way.
         payloads: loads along the way.
         track_rate: track-speed samples per second [Hz].
         imu_rate: IMU samples per second [Hz].
@@ -79,6 +80,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     truth_spread: NotNegative = DEFAULT_SPREAD
     slip_noise: NotNegative | None = None
     track_lag: NotNegative | None = None
+    terrain: Terrain = Terrain()
     patches: tuple[Patch, ...] = ()
     payloads: tuple[Payload, ...] = ()
     track_rate: Positive = 50.0
@@ -122,6 +124,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             self.truth_spread,
             slip_noise=self.slip_noise,
             track_lag=self.track_lag,
+            terrain=self.terrain,
             patches=self.patches,
             payloads=self.payloads,
         )

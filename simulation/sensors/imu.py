@@ -140,8 +140,8 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
 
     About z it is that of the true motion. About x and y it is the rotation of the ground under the
     robot. A direction g that is fixed in the world changes in body axes as dg/dt = -omega x g. In axes
-    that follow the body but not its yaw, G = R_z(yaw) g changes only by the sought rates
-    O = R_z(yaw) omega_xy: dG_x/dt = -G_z O_y and dG_y/dt = G_z O_x. On a plane G is constant, however
+    that follow the body but not its turns a about z, G = R_z(a) g changes only by the sought rates
+    O = R_z(a) omega_xy: dG_x/dt = -G_z O_y and dG_y/dt = G_z O_x. On a plane G is constant, however
     the robot turns on it.
 
     Args:
@@ -157,8 +157,8 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
         )
         start, _, end = _window(motion, times, window)
         change = (after - before)[:, :2] / (end - start)[:, None] / now[:, 2:]
-        yaw = motion.poses_at(times)[:, 2]
-        rates[:, :2] = rotate(np.stack([change[:, 1], -change[:, 0]], axis=-1), -yaw)
+        turns = motion.turns_at(times)
+        rates[:, :2] = rotate(np.stack([change[:, 1], -change[:, 0]], axis=-1), -turns)
     return rates
 
 
@@ -187,7 +187,7 @@ def specific_forces(
         before, after = (angular_velocities(motion, at, window) for at in (start, end))
         omega_rate[:, :2] = (after - before)[:, :2] / (end - start)[:, None]
         gravity = _unturned_gravity(motion, motion.gravity, times)
-        gravity[:, :2] = rotate(gravity[:, :2], -motion.poses_at(times)[:, 2])
+        gravity[:, :2] = rotate(gravity[:, :2], -motion.turns_at(times))
     r = np.array(position)
     # omega x (omega x r), by the rule for double cross products.
     inward = omega * (omega @ r)[:, None] - r * (omega**2).sum(axis=1)[:, None]
@@ -201,9 +201,10 @@ def _window(motion: TrueMotion, times: Floats, window: float) -> tuple[Floats, F
 
 
 def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Floats:
-    """Gravity (n, 3) in axes that follow the body but not its yaw [m/s²]."""
+    """Gravity (n, 3) in axes that follow the body but not its turns about z [m/s²]."""
     grid = np.arange(len(gravity)) / motion.rate
-    unturned = np.column_stack([rotate(gravity[:, :2], motion.poses[:, 2]), gravity[:, 2]])
+    turns = motion.poses[:, 2] if motion.turns is None else motion.turns
+    unturned = np.column_stack([rotate(gravity[:, :2], turns), gravity[:, 2]])
     return np.stack([np.interp(times, grid, column) for column in unturned.T], axis=-1)
 
 

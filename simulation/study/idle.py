@@ -29,10 +29,13 @@ WHY = {
     "history": "nothing comes late in a simulation",
     "engine": "both come to the same, to rounding",
     "gyro_axes": "with this mounting all axes but z read nothing",
-    "misalignment_sigma": "on level ground a level gyro turns about z alone",
+    "misalignment_sigma": "on a plane a level gyro turns about z alone",
     "outlier_sigma": "there are no outliers: give outlier_share",
     "dropout_duration": "there are no dropouts: give dropouts_per_hour",
     "dropout_reads": "there are no dropouts: give dropouts_per_hour",
+    "uphill_deg": "level ground has no direction: give slope_deg, rolling_deg or kerb_height",
+    "wavelength": "the ground does not roll: give rolling_deg",
+    "kerb_every": "there are no kerbs: give kerb_height",
     "bias_instability_time": "there is no instability: give bias_instability",
 }
 

@@ -32,6 +32,7 @@ from icreckon.simulation.sensors.specs import (
     noise_preset,
 )
 from icreckon.simulation.study.cells import Cell, Filter
+from icreckon.simulation.truth.terrain import Terrain
 
 # Numbers that agree to so many digits count as equal: sums in another order differ by more.
 DIGITS = 12
@@ -57,8 +58,9 @@ def cell_inputs(cell: Cell) -> Inputs:
         # No filter reads the gyro, so its axes do not matter.
         sensors["gyro_axes"] = None
         up = cell.robot.imu_rotation[2].tolist()
-        if not (up[0] or up[1] or cell.scenario.patches):
-            # On level ground a level gyro turns about z alone.
+        uneven = cell.scenario.patches or cell.scenario.terrain.is_curved
+        if not (up[0] or up[1] or uneven):
+            # On a plane a gyro square to it turns about z alone.
             del sensors["imu"][1][0]["misalignment_sigma"]
     return {
         "truth": _truth(cell.scenario, cell.robot),
@@ -184,12 +186,25 @@ def _truth(scenario: Scenario, robot: Robot) -> Inputs:
         "yaw_inertia_per_mass": robot.yaw_inertia / mass,
         "load_lag": vehicle.load_lag,
         "track_lag": truth.track_lag,
+        "terrain": None if truth.terrain is None else _terrain(truth.terrain),
         "patches": msgspec.to_builtins(truth.patches),
         # Forces of friction and inertia both grow with the mass, which cancels unless it changes.
         "payloads": [mass, msgspec.to_builtins(truth.payloads)] if truth.payloads else None,
     }
+    if truth.terrain is not None and truth.terrain.kerb_height:
+        found["contact_length"] = vehicle.half_contact_length
     if truth.slip_noise:
         found["effective_gauge"] = gauge
+    return found
+
+
+def _terrain(terrain: Terrain) -> Inputs:
+    """Inputs of ground that is not level."""
+    found: Inputs = {"uphill": terrain.uphill_deg, "slope": terrain.slope_deg}
+    if terrain.rolling_deg:
+        found["rolling"] = [terrain.rolling_deg, terrain.wavelength]
+    if terrain.kerb_height:
+        found["kerbs"] = [terrain.kerb_height, terrain.kerb_every]
     return found
 
 

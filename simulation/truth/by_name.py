@@ -8,7 +8,7 @@ from icreckon.estimator.base.errors import nearest_hint
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.truth.friction import FrictionTruth
 from icreckon.simulation.truth.kinematic import KinematicTruth
-from icreckon.simulation.truth.terrain import Patch, Payload
+from icreckon.simulation.truth.terrain import Patch, Payload, Terrain
 from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
 
 TRUTHS: dict[str, type[FrictionTruth] | type[KinematicTruth]] = {
@@ -23,6 +23,7 @@ def make_truth(
     *,
     slip_noise: float | None = None,
     track_lag: float | None = None,
+    terrain: Terrain | None = None,
     patches: tuple[Patch, ...] = (),
     payloads: tuple[Payload, ...] = (),
 ) -> TruthModel:
@@ -33,6 +34,7 @@ def make_truth(
         spread: relative spread of the true robot about its file.
         slip_noise: factor on the slip residual `simulation.truth.true_motion.TRUE_SLIP` [-].
         track_lag: time constant of the tracks behind their commands [s].
+        terrain: shape of the ground; level is None, too.
         patches: terrain along the way.
         payloads: loads along the way.
 
@@ -45,6 +47,7 @@ def make_truth(
     options: dict[str, Any] = {
         "slip_noise": slip_noise,
         "track_lag": track_lag,
+        "terrain": None if terrain is None or terrain.is_level else terrain,
         "patches": patches or None,
         "payloads": payloads or None,
     }

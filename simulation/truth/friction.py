@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,15 +23,26 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import LOAD_LAG, Robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.trajectories import Command
-from icreckon.simulation.truth.terrain import Patch, Payload, loaded, patch_rows
+from icreckon.simulation.truth.terrain import (
+    Patch,
+    Payload,
+    Terrain,
+    draw_surface,
+    loaded,
+    patch_rows,
+)
 from icreckon.simulation.truth.true_motion import (
     DEFAULT_SPREAD,
     TRUE_SLIP,
     TrueMotion,
+    displacements,
     grid_times,
     slip_residual,
     true_motion,
 )
+
+if TYPE_CHECKING:
+    from icreckon.simulation.truth.surface_kernel import Surface
 
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1
@@ -54,7 +65,8 @@ class Drive(NamedTuple):
     Attributes:
         twists: (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes.
         transfer: (n, 2) force at the centre of mass that transfers load, right and forward [N].
-        slopes: (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²].
+        slopes: (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²]; on terrain, in
+            axes that turn with the ground's normal, but not by the yaw rate.
         tipping: (n,) True if the weight and that force point outside the contact; not set at the last
             point.
         steps: integration steps taken, rejected ones included.
@@ -77,7 +89,8 @@ class FrictionTruth:
             centre of mass.
         track_lag: time constant of the tracks behind their commands [s].
         slip_noise: factor on the slip residual `simulation.truth.true_motion.TRUE_SLIP` [-].
-        patches: terrain along the way.
+        terrain: shape of the ground; None for level ground.
+        patches: ground that differs along the way.
         payloads: loads along the way.
         tolerance: relative error allowed per integration step.
     """
@@ -85,6 +98,7 @@ class FrictionTruth:
     spread: float = DEFAULT_SPREAD
     track_lag: float = TRACK_LAG
     slip_noise: float = 0.0
+    terrain: Terrain | None = None
     patches: tuple[Patch, ...] = ()
     payloads: tuple[Payload, ...] = ()
     tolerance: float = TOLERANCE
@@ -106,16 +120,25 @@ class FrictionTruth:
         true_contact = draw_contact(robot, self.spread, rng)
         step = 1.0 / rate
         speeds, rates = follow(command(grid_times(duration, rate)), step, self.track_lag)
+        effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
+        surface = None
+        if self.terrain is not None and not self.terrain.is_level:
+            # A stream of its own, so that other draws are those of level ground.
+            (phases,) = rng.spawn(1)
+            surface = draw_surface(self.terrain, 2.0 * robot.vehicle.half_contact_length, phases)
+        slip = self.slip_noise * slip_residual(speeds, TRUE_SLIP, effective_gauge, step, rng)
         driven = drive(
             true_contact,
             robot.yaw_inertia,
             speeds,
             rates,
             step,
+            surface=surface,
             patches=self.patches,
             payloads=self.payloads,
             load_lag=robot.vehicle.load_lag,
             tolerance=self.tolerance,
+            slip=slip,
         )
         if driven.tipping.any():
             raise SimulationError(
@@ -124,9 +147,10 @@ class FrictionTruth:
             )
         v_x, v_y = paper_to_rep103(driven.twists[:, 0], driven.twists[:, 1])
         twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1)
-        effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
-        twists += self.slip_noise * slip_residual(speeds, TRUE_SLIP, effective_gauge, step, rng)
+        twists += slip
         motion = true_motion(rate, twists, speeds, self.name)
+        if surface is not None:
+            return on_surface(motion, surface, self.patches)
         if not driven.slopes.any():
             return motion
         return replace(motion, gravity=gravity_in_body(driven.slopes, motion.poses[:, 2]))
@@ -139,11 +163,13 @@ def drive(
     speed_rates: Floats,
     step: float,
     *,
+    surface: Surface | None = None,
     patches: tuple[Patch, ...] = (),
     payloads: tuple[Payload, ...] = (),
     load_lag: float = LOAD_LAG,
     tolerance: float = TOLERANCE,
     start: PaperState | None = None,
+    slip: Floats | None = None,
 ) -> Drive:
     """Integrate the motion of a vehicle from its track speeds.
 
@@ -153,11 +179,14 @@ def drive(
         speeds: (n, 2) left, right at an even step [m/s]; cubic in between.
         speed_rates: (n, 2) their derivatives [m/s²].
         step: time between grid points [s].
-        patches: terrain along the way; looked up at each grid point.
+        surface: height field of the ground, looked up at each grid point; None for level ground.
+        patches: ground that differs along the way; looked up at each grid point.
         payloads: loads along the way; put on and taken off at the nearest grid points.
         load_lag: time constant of the load transfer [s].
         tolerance: relative error allowed per step.
         start: initial state; None for rest.
+        slip: (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the
+            vehicle on a surface but is no part of the result; None for none.
 
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
@@ -170,13 +199,17 @@ def drive(
         Vehicle,
         integrate,
     )
+    from icreckon.simulation.truth.surface_kernel import LEVEL
 
+    surface = LEVEL if surface is None else surface
     count = len(speeds)
     states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
     tipping = np.zeros(count, dtype=bool)
-    position, steps = np.zeros(2), 0
+    residual = np.zeros((count, 3)) if slip is None else np.ascontiguousarray(slip)
+    pose, steps = np.zeros(3), 0
     if start is not None:
         states[0] = start
+        pose[2] = start[5]
     for first, last in _spans(payloads, count, step):
         on = [load for load in payloads if load.time[0] < (first + 0.5) * step < load.time[1]]
         body, inertia = loaded(contact.body, yaw_inertia, on)
@@ -198,6 +231,7 @@ def drive(
                 np.asarray(np.linalg.inv(mass), float),
                 load_lag,
             ),
+            surface,
             rows,
             DrivenTracks(
                 first * step,
@@ -206,7 +240,7 @@ def drive(
                 np.ascontiguousarray(speed_rates[part]),
             ),
             Tolerance(tolerance, tolerance * absolute),
-            GridMotion(position, states[part], slopes[part], tipping[part]),
+            GridMotion(pose, states[part], slopes[part], tipping[part], residual[part]),
         )
         if taken < 0:
             raise SimulationError(
@@ -271,6 +305,24 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
             z_CM=float(body.z_CM * np.exp(HEIGHT_SHARE * height)),
         ),
     )
+
+
+def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...]) -> TrueMotion:
+    """Motion with its twists, on a surface in place of the plane.
+
+    Args:
+        motion: planar motion; its twists are in base_link's axes.
+        surface: height field of the ground.
+        patches: ground that differs; their slopes lie over the surface.
+    """
+    from icreckon.simulation.truth.surface_kernel import ride_along
+
+    step = 1.0 / motion.rate
+    poses, gravity = np.zeros_like(motion.poses), np.empty_like(motion.poses)
+    heights = np.empty(len(poses))
+    by = displacements(motion.twists, step)
+    ride_along(surface, patch_rows(patches), step, by, poses, gravity, heights)
+    return replace(motion, poses=poses, gravity=gravity, turns=motion.poses[:, 2], heights=heights)
 
 
 def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:

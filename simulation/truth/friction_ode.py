@@ -36,6 +36,7 @@ from icreckon.estimator.motion.contact_forces import (
     point_loads,
 )
 from icreckon.estimator.tracing.jit_kernel import compiled
+from icreckon.simulation.truth.surface_kernel import Surface, gravity_on, ride, tilt
 from icreckon.simulation.truth.terrain_kernel import WIDTH, TrackGround, look_up
 
 SIZE = 6
@@ -123,16 +124,21 @@ class GridMotion(NamedTuple):
     """Motion at the grid points.
 
     Attributes:
-        position: (2,) x, y in odom at the newest grid point [m].
+        pose: (3,) x, y [m], heading [rad] in odom at the newest grid point; without terrain the heading
+            is that of the state.
         states: (n, 6) states.
-        slopes: (n, 2) acceleration of gravity along the slope in odom [m/s²].
+        slopes: (n, 2) acceleration of gravity along the ground [m/s²], in odom; on terrain, in axes that
+            turn with the ground's normal, but not by the state's yaw.
         tipping: (n,) True if the vehicle tips there.
+        slip: (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the
+            vehicle on terrain.
     """
 
-    position: Floats
+    pose: Floats
     states: Floats
     slopes: Floats
     tipping: NDArray[np.bool_]
+    slip: Floats
 
 
 class Tolerance(NamedTuple):
@@ -163,6 +169,7 @@ def lag(commands: Floats, step: float, time_constant: float, speeds: Floats) -> 
 @compiled
 def integrate(
     vehicle: Vehicle,
+    surface: Surface,
     patches: Floats,
     tracks: DrivenTracks,
     tolerance: Tolerance,
@@ -172,10 +179,11 @@ def integrate(
 
     Args:
         vehicle: constants of the vehicle.
+        surface: height field of the ground.
         patches: (k, width) terrain, see `simulation.truth.terrain_kernel`.
         tracks: track speeds.
         tolerance: error allowed per step.
-        motion: position and first state given, for the first grid point; else overwritten, except the
+        motion: pose, slip and first state given, for the first grid point; else overwritten, except the
             last value of `tipping`.
 
     Returns:
@@ -186,10 +194,11 @@ def integrate(
         ValueError: an array has the wrong size.
     """
     start, step, speeds, speed_rates = tracks
-    position, states, slopes, tipping = motion
+    pose, states, slopes, tipping, slip = motion
     n = len(speeds)
     sizes_fit = speeds.shape == speed_rates.shape == slopes.shape == (n, 2)
-    sizes_fit &= states.shape == (n, SIZE) and tipping.shape == (n,) and position.shape == (2,)
+    sizes_fit &= states.shape == (n, SIZE) and tipping.shape == (n,) and pose.shape == (3,)
+    sizes_fit &= slip.shape == (n, 3)
     if not sizes_fit or patches.shape[1] != WIDTH or tolerance.absolute.shape != (SIZE,):
         raise ValueError(WRONG_SIZE)
     count = len(vehicle.ground.x)
@@ -206,8 +215,14 @@ def integrate(
     outside = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
     h, taken = step, 0
     for k in range(len(speeds)):
-        time, pose = start + k * step, (position[0], position[1], states[k, 5])
-        look_up(patches, time, pose, ground.half_gauge, outside, under, slopes[k])
+        time = start + k * step
+        if not surface.present:
+            pose[2] = states[k, 5]
+        place = (pose[0], pose[1], pose[2])
+        look_up(patches, time, place, ground.half_gauge, outside, under, slopes[k])
+        if surface.present:
+            p_x, p_y = tilt(surface, patches, time, pose[0], pose[1])
+            _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, 5], slopes[k])
         if k + 1 == len(speeds):
             break
         pressing = _pressing(ground, slopes[k])
@@ -268,7 +283,12 @@ def integrate(
                     done = 1.0
             elif h < SMALLEST_STEP:
                 return -(k + 1)
-        _advance(position, states[k], y, step)
+        if surface.present:
+            by = _displacement(states[k], y, slip[k], slip[k + 1], step)
+            times = (time, time + step)
+            pose[0], pose[1], pose[2], _ = ride(surface, patches, times, place, by)
+        else:
+            _advance(pose, states[k], y, step)
     return taken
 
 
@@ -425,12 +445,35 @@ def _speeds_at(
 
 
 @compiled
-def _advance(position: Floats, before: Floats, after: Floats, step: float) -> None:
-    """Move the position (2,) in odom by the mean velocity of both ends of a step."""
+def _advance(pose: Floats, before: Floats, after: Floats, step: float) -> None:
+    """Move x, y in odom of a pose (3,) by the mean velocity of both ends of a step."""
     for state in (before, after):
         cos, sin = np.cos(state[5]), np.sin(state[5])
-        position[0] += 0.5 * step * (cos * state[1] + sin * state[0])
-        position[1] += 0.5 * step * (sin * state[1] - cos * state[0])
+        pose[0] += 0.5 * step * (cos * state[1] + sin * state[0])
+        pose[1] += 0.5 * step * (sin * state[1] - cos * state[0])
+
+
+@compiled
+def _set_slope(gravity: tuple[float, float, float], yaw: float, slope: Floats) -> None:
+    """Set a slope (2,) for `_in_body`, from gravity in the axes of the body."""
+    forward, left, _ = gravity
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    slope[0] = cos * forward - sin * left
+    slope[1] = sin * forward + cos * left
+
+
+@compiled
+def _displacement(
+    before: Floats, after: Floats, slip_before: Floats, slip_after: Floats, step: float
+) -> tuple[float, float, float]:
+    """Displacement forward, left [m] and turn [rad] in a step, in axes at its start."""
+    half = 0.5 * step
+    forward = half * (before[1] + after[1] + slip_before[0] + slip_after[0])
+    left = half * (slip_before[1] + slip_after[1] - before[0] - after[0])
+    turn = after[5] - before[5] + half * (slip_before[2] + slip_after[2])
+    # The chord lies half the turn to the left of the first heading.
+    cos, sin = np.cos(0.5 * turn), np.sin(0.5 * turn)
+    return cos * forward - sin * left, sin * forward + cos * left, turn
 
 
 @compiled

@@ -1,16 +1,19 @@
 """Terrain and payload along the way of a simulated vehicle.
 
-A `Patch` covers a rectangle of odom, a span of time, or both, and changes friction, rolling resistance or
-slope there. A `Payload` is put on the vehicle and taken off again. Slopes are planes: the vehicle stays
-planar, and gravity gets a part along the ground.
+`Terrain` is the shape of the ground of a whole run: a plane, rolling ground, kerbs, or all of them. The
+vehicle moves on it in three dimensions. A `Patch` covers a rectangle of odom, a span of time, or both,
+and changes friction, rolling resistance or slope there. A `Payload` is put on the vehicle and taken off
+again. Without terrain, slopes of patches are planes: the vehicle stays planar, and gravity gets a part
+along the ground.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import numpy as np
+from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Bound, NotNegative, Positive
@@ -20,8 +23,50 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
 
+if TYPE_CHECKING:
+    from icreckon.simulation.truth.surface_kernel import Surface
+
 EVERYWHERE = (-float("inf"), float("inf"))
 STEEPEST = 60.0
+# Limit of rolling ground, and of the ramp that a kerb is to a vehicle [deg].
+STEEPEST_ROLLING = 30.0
+
+
+class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Shape of the ground of a whole run: the sum of a plane, waves and kerbs.
+
+    Attributes:
+        slope_deg: steepness of a plane [deg].
+        uphill_deg: direction in which the plane rises, in odom, 0 for x and 90 for y [deg]; waves run
+            along it and across it, kerbs lie across it.
+        rolling_deg: largest slope of rolling ground, two crossed sine waves [deg].
+        wavelength: length of these waves [m].
+        kerb_height: height of kerbs, which go up and down in turn [m].
+        kerb_every: distance between them [m].
+
+    Raises:
+        SimulationError: a wrong type, or a number out of range.
+    """
+
+    slope_deg: Annotated[float, Bound("between 0 and 60 degrees", 0.0, STEEPEST)] = 0.0
+    uphill_deg: Annotated[float, Bound("a finite number")] = 0.0
+    rolling_deg: Annotated[float, Bound("between 0 and 30 degrees", 0.0, STEEPEST_ROLLING)] = 0.0
+    wavelength: Positive = 20.0
+    kerb_height: NotNegative = 0.0
+    kerb_every: Positive = 10.0
+
+    def __post_init__(self) -> None:
+        settle_types(self, "{} of the terrain")
+
+    @property
+    def is_level(self) -> bool:
+        """True if the ground is level everywhere."""
+        return not (self.slope_deg or self.is_curved)
+
+    @property
+    def is_curved(self) -> bool:
+        """True if the slope differs from place to place."""
+        return bool(self.rolling_deg or self.kerb_height)
 
 
 class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -136,6 +181,48 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
     from icreckon.simulation.truth.terrain_kernel import WIDTH
 
     return np.array(rows, dtype=float).reshape(len(rows), WIDTH)
+
+
+def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Surface:
+    """Height field of a terrain; phases of waves and kerbs are drawn at random.
+
+    Args:
+        terrain: shape of the ground.
+        contact_length: length of a track's contact with the ground, over which a kerb rises [m].
+        rng: draws three phases, whatever the terrain.
+
+    Raises:
+        SimulationError: kerbs too high or too close for a vehicle of that length.
+    """
+    from icreckon.simulation.truth.surface_kernel import Surface
+
+    # The steepest place of a kerb has twice its mean slope.
+    highest = 0.5 * contact_length * np.tan(np.radians(STEEPEST_ROLLING))
+    if terrain.kerb_height > highest:
+        raise SimulationError(
+            f"kerb_height of the terrain must be at most {highest:.3f} m for a vehicle that touches the "
+            f"ground over {contact_length:g} m, found {terrain.kerb_height!r}"
+        )
+    if terrain.kerb_height and terrain.kerb_every < contact_length:
+        raise SimulationError(
+            "kerb_every of the terrain must be at least the length over which the vehicle touches the "
+            f"ground, {contact_length:g} m, found {terrain.kerb_every!r}"
+        )
+    along, across, kerbs = rng.random(3)
+    uphill = np.radians(terrain.uphill_deg)
+    # The slopes of both waves are largest at the same places.
+    waves = np.tan(np.radians(terrain.rolling_deg)) / np.sqrt(2.0)
+    return Surface(
+        True,
+        (float(np.cos(uphill)), float(np.sin(uphill))),
+        float(np.tan(np.radians(terrain.slope_deg))),
+        float(waves),
+        float(2.0 * np.pi / terrain.wavelength),
+        (float(2.0 * np.pi * along), float(2.0 * np.pi * across), float(2.0 * kerbs)),
+        terrain.kerb_height,
+        terrain.kerb_every,
+        contact_length,
+    )
 
 
 def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Body, float]:

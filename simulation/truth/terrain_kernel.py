@@ -69,6 +69,17 @@ def look_up(
 
 
 @compiled
+def slope_cover(patch: Floats, time: float, x: float, y: float) -> tuple[float, float, float]:
+    """Weight of a patch's slope at a position and time, and the slope [m/s²].
+
+    The weight is zero for a patch without a slope.
+    """
+    if np.isnan(patch[SLOPE]):
+        return 0.0, 0.0, 0.0
+    return _cover(patch, time, x, y), patch[SLOPE], patch[SLOPE + 1]
+
+
+@compiled
 def _cover(patch: Floats, time: float, x: float, y: float) -> float:
     """Weight of a patch at a position and time, from 0 to 1 across its soft edges."""
     return (

@@ -48,6 +48,10 @@ class TrueMotion:
         parameters: the true index parameters, or None if the truth has none.
         source: name of the truth.
         gravity: (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground.
+        turns: (m,) integral of the yaw rate about base_link's own z axis [rad], on terrain; None if it is
+            the yaw of the pose. On terrain x, y are horizontal, and yaw is the heading of the
+            projected x axis.
+        heights: (m,) z of base_link above the start [m], on terrain; else None.
     """
 
     rate: float
@@ -58,6 +62,8 @@ class TrueMotion:
     parameters: Indices | None
     source: str
     gravity: Floats | None = None
+    turns: Floats | None = None
+    heights: Floats | None = None
 
     @property
     def end(self) -> float:
@@ -65,10 +71,34 @@ class TrueMotion:
         return (len(self.poses) - 1) / self.rate
 
     def poses_at(self, times: Floats) -> Floats:
-        """Poses (n, 3) at times (n,) [s]: arcs of the mean twist since a grid point."""
+        """Poses (n, 3) at times (n,) [s]: arcs of the mean twist since a grid point.
+
+        On terrain, where the twist is not in the plane of the pose, they are linear in between.
+        """
+        if self.turns is not None:
+            return self._linear(self.poses, times)
         at, rest = self._locate(times)
         mean = 0.5 * (self.twists[at] + self.twists_at(times))
         return compose(self.poses[at], exponential(mean * rest[:, None]))
+
+    def attitudes_at(self, times: Floats) -> Floats:
+        """Roll, pitch, yaw (n, 3) [rad] of base_link in odom at times (n,) [s], as in tf."""
+        poses = self.poses_at(times)
+        roll_pitch = np.zeros((len(times), 2))
+        if self.gravity is not None:
+            forward, left, up = -self._linear(self.gravity, times).T
+            roll_pitch = np.stack(
+                [np.arctan2(left, up), -np.arctan2(forward, np.hypot(left, up))], axis=-1
+            )
+        return np.column_stack([roll_pitch, poses[:, 2]])
+
+    def turns_at(self, times: Floats) -> Floats:
+        """Integral (n,) of the yaw rate about base_link's z axis [rad] at times (n,) [s]."""
+        if self.turns is None:
+            return np.asarray(self.poses_at(times)[:, 2])
+        at, rest = self._locate(times)
+        w = 0.5 * (self.twists[at, 2] + self.twists_at(times)[:, 2])
+        return np.asarray(self.turns[at] + w * rest)
 
     def twists_at(self, times: Floats) -> Floats:
         """Twists (n, 3) at times (n,) [s], linear between grid points."""
@@ -214,6 +244,15 @@ def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) 
     return noise
 
 
+def displacements(twists: Floats, step: float) -> Floats:
+    """Displacements (n - 1, 3) of each step in its own axes; see `integrate_twists`."""
+    motion = integrals(twists, step)
+    (a_x, a_y, a_w), (b_x, b_y, b_w) = twists[:-1].T, twists[1:].T
+    motion[:, 0] += step**2 / 12.0 * (b_w * a_y - a_w * b_y)
+    motion[:, 1] += step**2 / 12.0 * (a_w * b_x - b_w * a_x)
+    return exponential(motion)
+
+
 def integrate_twists(twists: Floats, step: float) -> Floats:
     """Poses from twists sampled at an even step, starting at the origin.
 
@@ -228,11 +267,7 @@ def integrate_twists(twists: Floats, step: float) -> Floats:
     Returns:
         (n, 3) x, y [m], yaw [rad], not wrapped.
     """
-    motion = integrals(twists, step)
-    (a_x, a_y, a_w), (b_x, b_y, b_w) = twists[:-1].T, twists[1:].T
-    motion[:, 0] += step**2 / 12.0 * (b_w * a_y - a_w * b_y)
-    motion[:, 1] += step**2 / 12.0 * (a_w * b_x - b_w * a_x)
-    steps = exponential(motion)
+    steps = displacements(twists, step)
     poses = np.zeros_like(twists)
     poses[1:, 2] = np.cumsum(steps[:, 2])
     cos, sin = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])

@@ -307,6 +307,12 @@ def test_a_scenario_is_read_from_a_file(tmp_path):
         ("duration = -1", "duration must be a positive number, found -1.0"),
         ("trajectory = 'spin'\n[trajectory_options]\nsped = 1", "did you mean 'speed'?"),
         ("[trajectory_options]\nhold = 'x'", "Expected `float`, got `str` - at `$.trajectory_opt"),
+        (
+            "[terrain]\nroll_deg = 3",
+            "unknown key 'roll_deg' in [terrain]; did you mean 'rolling_deg'?",
+        ),
+        ("[terrain]\nslope_deg = 90", "slope_deg of the terrain must be between 0 and 60 degrees"),
+        ("[[terrain]]\nslope_deg = 3", "Expected `object`, got `array` - at `$.terrain`"),
         ("[[patches]]", "a patch changes nothing"),
         ("[[patches]]\nuphill_deg = 90", "has uphill_deg = 90.0 but no slope_deg"),
         ("seed = 99999999999999999999999", "seed must be a whole number from 0"),

@@ -12,7 +12,7 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-STUDIES = ("driving-style", "mis-calibration", "outage-length", "ten-thousand")
+STUDIES = ("driving-style", "mis-calibration", "outage-length", "slopes", "ten-thousand")
 
 
 def icreckon(cache: Path, folder: Path, *arguments: str) -> subprocess.Popen[str]:

@@ -187,7 +187,7 @@ def test_what_cannot_be_done_is_said(
 
 def test_the_shipped_studies_are_listed(here: Path) -> None:
     done = study("--list", cwd=here)
-    for name in ("driving-style", "imu-grades", "mis-calibration", "outage-length"):
+    for name in ("driving-style", "imu-grades", "mis-calibration", "outage-length", "slopes"):
         assert name in done.stdout
 
 

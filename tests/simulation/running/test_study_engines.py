@@ -30,6 +30,7 @@ from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.statistics import statistics
+from icreckon.simulation.truth.terrain import Terrain
 
 VARIANTS = ("constant-online", "inertia-online")
 
@@ -54,11 +55,12 @@ def plan_of(variants=VARIANTS, **changes: object) -> Plan:
         {"fix_rate": 0.0, "outages": ()},
         {"fixes": {"heading_sigma": 0.02, "outlier_share": 0.2}, "fix_rate": 3.0},
         {"encoders": {"resolution": 0.002, "dropouts_per_hour": 300.0}, "trajectory": "aggressive"},
+        {"terrain": {"rolling_deg": 5.0, "wavelength": 10.0, "slope_deg": 2.0}},
     ],
-    ids=["outage", "no fixes", "between samples", "poor encoders"],
+    ids=["outage", "no fixes", "between samples", "poor encoders", "rolling ground"],
 )
 def test_side_by_side_and_one_after_the_other_come_to_the_same(changes: dict[str, object]) -> None:
-    kinds = {"fixes": FixSpec, "encoders": EncoderSpec}
+    kinds = {"fixes": FixSpec, "encoders": EncoderSpec, "terrain": Terrain}
     made = {
         key: msgspec.convert(value, kinds[key]) if key in kinds else value
         for key, value in changes.items()

@@ -28,7 +28,7 @@ from icreckon.simulation.study.plan import (
 )
 from icreckon.simulation.study.results import Runs, cell_summaries, study_results
 from icreckon.simulation.study.statistics import statistics
-from icreckon.simulation.truth.terrain import Payload
+from icreckon.simulation.truth.terrain import Payload, Terrain
 from readme import code_blocks
 
 SCENARIO = Scenario(duration=12.0, outages=((6.0, 12.0),))
@@ -59,6 +59,9 @@ def check(
         ("filter.imu.gyro_axes", ["xyz", "z"], "all axes but z"),
         ("gyro.bias_instability_time", [100.0, 200.0], "give bias_instability"),
         ("gyro.misalignment_sigma", [0.01, 0.02], "level gyro"),
+        ("terrain.uphill_deg", [0.0, 90.0], "give slope_deg, rolling_deg or kerb_height"),
+        ("terrain.wavelength", [10.0, 20.0], "give rolling_deg"),
+        ("terrain.kerb_every", [5.0, 10.0], "give kerb_height"),
         ("fixes.outlier_sigma", [1.0, 2.0], "give outlier_share"),
         ("encoders.dropout_duration", [1.0, 2.0], "give dropouts_per_hour"),
         ("encoders.dropout_reads", ["last", "zero"], "give dropouts_per_hour"),
@@ -86,6 +89,12 @@ def test_a_swept_key_that_reaches_nothing_is_refused(key: str, values: list[Any]
         ("true_robot.soil.friction", [0.5, 0.9], {}),
         ("fixes.outlier_sigma", [1.0, 2.0], {"fixes": FixSpec(outlier_share=0.1)}),
         ("encoders.dropout_duration", [1.0, 2.0], {"encoders": EncoderSpec(dropouts_per_hour=9.0)}),
+        ("terrain.slope_deg", [0.0, 3.0], {}),
+        ("terrain.uphill_deg", [0.0, 90.0], {"terrain": Terrain(slope_deg=3.0)}),
+        ("terrain.rolling_deg", [0.0, 3.0], {}),
+        ("terrain.wavelength", [10.0, 20.0], {"terrain": Terrain(rolling_deg=3.0)}),
+        ("terrain.kerb_every", [5.0, 10.0], {"terrain": Terrain(kerb_height=0.05)}),
+        ("gyro.misalignment_sigma", [0.01, 0.02], {"terrain": Terrain(rolling_deg=3.0)}),
         ("filter.vehicle.max_track_speed", [0.01, 1.2], {}),
         ("trajectory_options.tightest", [0.2, 0.4], {"trajectory": "arcs"}),
     ],

@@ -302,7 +302,14 @@ def test_shipped_studies_load_and_their_first_block_runs(name):
 
 
 def test_there_are_the_studies_that_were_promised():
-    promised = ["driving-style", "imu-grades", "mis-calibration", "outage-length", "ten-thousand"]
+    promised = [
+        "driving-style",
+        "imu-grades",
+        "mis-calibration",
+        "outage-length",
+        "slopes",
+        "ten-thousand",
+    ]
     assert study_names() == promised
 
 

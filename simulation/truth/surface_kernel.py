@@ -1,0 +1,257 @@
+"""Height field of the ground, and the way of a vehicle on it, compiled.
+
+The ground is z = h(x, y) in odom; `simulation.truth.terrain.Terrain` describes its shape. With its
+gradient (p_x, p_y) the normal is n = (-p_x, -p_y, 1) / sqrt(1 + p²). The vehicle's z axis is n. Its x
+axis lies in the tangent plane above the heading yaw, e_x = (cos yaw, sin yaw, s) / sqrt(1 + s²), where s
+and t are the slopes ahead and to the left:
+
+    s = p_x cos yaw + p_y sin yaw,    t = p_y cos yaw - p_x sin yaw.
+
+From grid point to grid point the vehicle turns about its normal by the integral of its yaw rate w, and
+with the normal by the smallest rotation. So w is the rate about the vehicle's own z axis, which a gyro
+reads, and not the rate of the heading.
+
+Import this module inside functions only: numba takes half a second to load.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.tracing.jit_kernel import compiled
+from icreckon.simulation.truth.terrain_kernel import slope_cover
+
+Vector = tuple[float, float, float]
+
+
+class Surface(NamedTuple):
+    """Height field as plain numbers.
+
+    The coordinate u runs along its direction, v to the left of it.
+
+    Attributes:
+        present: False for a run without terrain; nothing else counts then.
+        direction: cosine and sine of the direction of u in odom.
+        plane: slope of the plane along u [-].
+        waves: largest slope of each of the waves along u and along v [-].
+        wave_number: of both waves [rad/m].
+        phases: of the waves along u and along v [rad], and of the kerbs, as a share of their distance.
+        kerb_height: height of each kerb [m]; 0 for none.
+        kerb_every: distance between kerbs, up and down in turn [m].
+        kerb_length: length over which a kerb rises [m].
+    """
+
+    present: bool
+    direction: tuple[float, float]
+    plane: float
+    waves: float
+    wave_number: float
+    phases: tuple[float, float, float]
+    kerb_height: float
+    kerb_every: float
+    kerb_length: float
+
+
+LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0)
+
+
+@compiled
+def height(surface: Surface, x: float, y: float) -> float:
+    """Height h(x, y) of the ground [m]."""
+    cos, sin = surface.direction
+    u, v = cos * x + sin * y, cos * y - sin * x
+    k, (along, across, _) = surface.wave_number, surface.phases
+    risen, _ = _kerbs(surface, u)
+    waves = surface.waves / k * (np.sin(k * u + along) + np.sin(k * v + across))
+    return float(surface.plane * u + waves + risen)
+
+
+@compiled
+def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
+    """Gradient (p_x, p_y) of the height [-]."""
+    cos, sin = surface.direction
+    u, v = cos * x + sin * y, cos * y - sin * x
+    k, (along, across, _) = surface.wave_number, surface.phases
+    _, rise = _kerbs(surface, u)
+    by_u = surface.plane + surface.waves * np.cos(k * u + along) + rise
+    by_v = surface.waves * np.cos(k * v + across)
+    return cos * by_u - sin * by_v, sin * by_u + cos * by_v
+
+
+@compiled
+def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> tuple[float, float]:
+    """Gradient under the vehicle's origin, with the slopes of patches over it.
+
+    Args:
+        surface: the height field.
+        patches: (k, width), see `simulation.truth.terrain_kernel`.
+        time: time since the start of the run [s].
+        x: of the origin in odom [m].
+        y: of the origin in odom [m].
+    """
+    p_x, p_y = gradient(surface, x, y)
+    for patch in patches:
+        share, along_x, along_y = slope_cover(patch, time, x, y)
+        if share > 0.0:
+            down = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
+            p_x += share * (-along_x / down - p_x)
+            p_y += share * (-along_y / down - p_y)
+    return p_x, p_y
+
+
+@compiled
+def gravity_on(p_x: float, p_y: float, yaw: float) -> Vector:
+    """Acceleration of gravity forward, left and up in base_link's axes [m/s²].
+
+    Args:
+        p_x: gradient of the ground in x [-].
+        p_y: gradient of the ground in y [-].
+        yaw: heading of the vehicle [rad].
+    """
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    s, t = p_x * cos + p_y * sin, p_y * cos - p_x * sin
+    ahead, all_round = 1.0 + s * s, 1.0 + s * s + t * t
+    return (
+        -GRAVITY * s / np.sqrt(ahead),
+        -GRAVITY * t / np.sqrt(ahead * all_round),
+        -GRAVITY / np.sqrt(all_round),
+    )
+
+
+@compiled
+def ride(
+    surface: Surface, patches: Floats, time: tuple[float, float], pose: Vector, by: Vector
+) -> tuple[float, float, float, float]:
+    """Move a vehicle on the ground by a small displacement in its own axes.
+
+    Args:
+        surface: the height field.
+        patches: (k, width), see `simulation.truth.terrain_kernel`.
+        time: from, and to, since the start of the run [s].
+        pose: x, y [m], heading [rad] before.
+        by: forward, left [m], turn about the normal [rad].
+
+    Returns:
+        x, y [m], heading [rad] after, not wrapped, and the height gained [m].
+    """
+    x, y, yaw = pose
+    before, after = time
+    p_x, p_y = tilt(surface, patches, before, x, y)
+    normal = _normal(p_x, p_y)
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    s = p_x * cos + p_y * sin
+    size = 1.0 / np.sqrt(1.0 + s * s)
+    ahead = (cos * size, sin * size, s * size)
+    left = _cross(normal, ahead)
+    forward, aside, turn = by
+    step = _sum(forward, ahead, aside, left)
+    # The displacement is that of the mean attitude; the attitude after it needs the place after it.
+    p_x, p_y = tilt(surface, patches, after, x + step[0], y + step[1])
+    carried = _carry(step, normal, _normal(p_x, p_y))
+    x += 0.5 * (step[0] + carried[0])
+    y += 0.5 * (step[1] + carried[1])
+    p_x, p_y = tilt(surface, patches, after, x, y)
+    facing = _sum(np.cos(turn), ahead, np.sin(turn), left)
+    facing = _carry(facing, normal, _normal(p_x, p_y))
+    turned = np.arctan2(cos * facing[1] - sin * facing[0], cos * facing[0] + sin * facing[1])
+    return x, y, yaw + turned, 0.5 * (step[2] + carried[2])
+
+
+@compiled
+def ride_along(
+    surface: Surface,
+    patches: Floats,
+    step: float,
+    displacements: Floats,
+    poses: Floats,
+    gravity: Floats,
+    heights: Floats,
+) -> None:
+    """Compute poses, gravity and heights on the ground from displacements, in place.
+
+    Args:
+        surface: the height field.
+        patches: (k, width), see `simulation.truth.terrain_kernel`.
+        step: time between grid points [s].
+        displacements: (n - 1, 3) forward, left [m], turn about the normal [rad] of each step.
+        poses: (n, 3) x, y [m], heading [rad]; the first is given.
+        gravity: (n, 3) forward, left, up [m/s²].
+        heights: (n,) above the first [m].
+    """
+    n = len(poses)
+    sizes_fit = displacements.shape == (n - 1, 3) and heights.shape == (n,)
+    if not sizes_fit or poses.shape != (n, 3) or gravity.shape != (n, 3):
+        raise ValueError(WRONG_SIZE)
+    heights[0] = 0.0
+    for k in range(n):
+        x, y, yaw = poses[k, 0], poses[k, 1], poses[k, 2]
+        p_x, p_y = tilt(surface, patches, k * step, x, y)
+        gravity[k, 0], gravity[k, 1], gravity[k, 2] = gravity_on(p_x, p_y, yaw)
+        if k + 1 < n:
+            by = (displacements[k, 0], displacements[k, 1], displacements[k, 2])
+            times = (k * step, (k + 1) * step)
+            x, y, yaw, risen = ride(surface, patches, times, (x, y, yaw), by)
+            poses[k + 1, 0], poses[k + 1, 1], poses[k + 1, 2] = x, y, yaw
+            heights[k + 1] = heights[k] + risen
+
+
+@compiled
+def _kerbs(surface: Surface, u: float) -> tuple[float, float]:
+    """Height [m] and slope [-] of the kerbs at u; they go up and down in turn."""
+    if surface.kerb_height == 0.0:
+        return 0.0, 0.0
+    place = u / surface.kerb_every + surface.phases[2]
+    number = np.floor(place)
+    share = min((place - number) * surface.kerb_every / surface.kerb_length, 1.0)
+    angle = 2.0 * np.pi * share
+    risen, slope = share - np.sin(angle) / (2.0 * np.pi), 1.0 - np.cos(angle)
+    if number % 2.0 == 1.0:
+        risen, slope = 1.0 - risen, -slope
+    return surface.kerb_height * risen, surface.kerb_height / surface.kerb_length * slope
+
+
+@compiled
+def _normal(p_x: float, p_y: float) -> Vector:
+    """Unit normal of the ground with a gradient."""
+    size = 1.0 / np.sqrt(1.0 + p_x * p_x + p_y * p_y)
+    return -p_x * size, -p_y * size, size
+
+
+@compiled
+def _carry(vector: Vector, normal: Vector, to: Vector) -> Vector:
+    """Turn a vector square to a normal by the smallest rotation to another normal."""
+    share = -_dot(to, vector) / (1.0 + _dot(normal, to))
+    return (
+        vector[0] + share * (normal[0] + to[0]),
+        vector[1] + share * (normal[1] + to[1]),
+        vector[2] + share * (normal[2] + to[2]),
+    )
+
+
+@compiled
+def _sum(a: float, one: Vector, b: float, other: Vector) -> Vector:
+    """Return a times one vector plus b times another."""
+    return (
+        a * one[0] + b * other[0],
+        a * one[1] + b * other[1],
+        a * one[2] + b * other[2],
+    )
+
+
+@compiled
+def _dot(one: Vector, other: Vector) -> float:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@compiled
+def _cross(one: Vector, other: Vector) -> Vector:
+    return (
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    )
