@@ -164,8 +164,8 @@ class FrictionMotion:
 
     @property
     def taught_by_imu(self) -> tuple[int, ...]:
-        """Places of the parameters that the IMU moves, as in `MotionModel`: none."""
-        return ()
+        """Places of the parameters that the IMU moves, as in `MotionModel`."""
+        return (LENGTH,)
 
     def begin_step(
         self, dt: float, V_l: float, V_r: float, parameters: Any, gravity: Gravity
