@@ -109,6 +109,7 @@ def make_case(seed: int, drive: str, options: dict[str, float], duration: float)
         "truth.left": float(lever[1]),
         "truth.lag": float(lag),
         "gyro_bias": bias * float(gyro_scale),
+        "imu.gyro_bias": bias,
     }
     changed = replace(
         log, name=f"{drive} {seed}", tracks=tracks, imu=imu, truth=Truth(late, source="simulated")

@@ -10,6 +10,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.common_values import (
+    common_bias,
     finite,
     mounting_turns,
     with_common,
@@ -183,6 +184,7 @@ def _parameters(
         _plain(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale),
     ]
     found[-1] = replace(found[-1], value=new.imu.gyro_scale)
+    found.append(_bias(robot, main))
     for name, turn, at in zip(
         ("roll", "pitch", "yaw"), mounting_turns(main), range(3), strict=True
     ):
@@ -230,6 +232,15 @@ def _parameters(
                 )
             )
     return tuple(found)
+
+
+def _bias(robot: Robot, main: Fit) -> FoundParameter:
+    """Initial gyro bias: mean over the logs."""
+    bias = common_bias(robot, main)
+    note = "" if bias.written == bias.mean else "within its error of zero: the file has 0"
+    status: Status = "held" if bias.error is None else "shown"
+    before = robot.imu.gyro_bias
+    return FoundParameter("imu.gyro_bias", "rad/s", bias.mean, bias.error, status, before, note)
 
 
 def _status(found: Fit, name: str) -> Status:

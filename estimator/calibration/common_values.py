@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -45,6 +45,50 @@ def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     return kept, f"within its error of zero: the file has {kept:.4g}"
 
 
+class CommonBias(NamedTuple):
+    """Gyro bias of all logs, of the rate after its scale is corrected [rad/s].
+
+    Attributes:
+        mean: mean over the logs.
+        error: standard error of that mean, by the logs' own errors and by how much they differ; None if
+            no log shows the bias.
+        written: initial bias for the robot file.
+        sigma: its standard deviation, for another log.
+    """
+
+    mean: float
+    error: float | None
+    written: float
+    sigma: float
+
+
+def common_bias(robot: Robot, main: Fit) -> CommonBias:
+    """Initial gyro bias for the robot file, and its standard deviation.
+
+    The mean over the logs is written if it is beyond its error, or if a log has no standstill: a filter
+    has nothing else to take it from then. Its standard deviation is that of the bias of another log,
+    about what is written. The robot file's counts as one more log, since few logs say little of others.
+    """
+    recording, imu = main.problem.recording, robot.imu
+    scale = main.value("gyro_scale")
+    logs = [log for log in range(len(recording.motions)) if main.is_free(f"gyro_bias[{log}]")]
+    if not logs:
+        return CommonBias(imu.gyro_bias, None, imu.gyro_bias, imu.gyro_bias_sigma)
+    biases = np.array([main.value(f"gyro_bias[{log}]") for log in logs]) / scale
+    errors = np.array([main.sigma(f"gyro_bias[{log}]") for log in logs]) / scale
+    count = len(logs)
+    mean = float(biases.mean())
+    spread = float(biases.var(ddof=1)) if count > 1 else 0.0
+    # The spread of the estimates has their errors in it.
+    error = float(np.sqrt(max(spread / count, np.sum(errors**2) / count**2)))
+    stood = np.bincount(recording.log[~recording.moving], minlength=len(recording.motions))
+    if abs(mean) > SURE * error or not stood[logs].all():
+        between = (np.sum((biases - mean) ** 2) + imu.gyro_bias_sigma**2) / count
+        return CommonBias(mean, error, mean, float(np.sqrt(between + error**2)))
+    about = (np.sum(biases**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
+    return CommonBias(mean, error, 0.0, float(np.sqrt(about)))
+
+
 def with_common(
     robot: Robot, main: Fit, radii: Fit, supported: Sequence[Fit], speeds_by_radius: bool
 ) -> Robot:
@@ -57,7 +101,6 @@ def with_common(
         supported: fits of all models that may be right.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
-    count = len(main.problem.recording.motions)
     vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
     scale, sigma = main.value("scale"), finite(main.sigma("scale"))
     deviation = _deviation(main, supported, "scale", tracks.scale_sigma)
@@ -77,10 +120,7 @@ def with_common(
         difference=written_difference(robot, radii)[0],
         difference_sigma=difference_sigma,
     )
-    biases = np.array([main.value(f"gyro_bias[{log}]") for log in range(count)])
-    errors = np.array([finite(main.sigma(f"gyro_bias[{log}]")) for log in range(count)])
-    # The robot file's value counts as one more log.
-    bias_sigma = np.sqrt((np.sum(biases**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0))
+    bias = common_bias(robot, main)
     rotation, tilted = _mounting(robot, main)
     gyro_scale = _righted_scale(robot, main, tilted)
     x, y, z = imu.position
@@ -98,7 +138,8 @@ def with_common(
                 _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma),
             )
         ),
-        gyro_bias_sigma=float(bias_sigma),
+        gyro_bias=bias.written,
+        gyro_bias_sigma=bias.sigma,
     )
     new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
     return _with_latency(new, main)

@@ -21,7 +21,7 @@ DIGITS = 7
 COMMENT_AT = 40
 SIGMAS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
-    "gyro_bias_sigma": "of the biases found; the previous value counts as one more log",
+    "gyro_bias_sigma": "of the bias of another log; the previous value counts as one more log",
     "scale_sigma": "standard error, and how much logs and models differ",
     "difference_sigma": "the same",
 }

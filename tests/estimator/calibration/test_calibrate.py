@@ -164,6 +164,94 @@ def test_two_logs_share_the_robot_but_not_bias_and_lag(case: Case) -> None:
     assert both.robot.indices.eta0 == pytest.approx(case.true["indices.eta0"], rel=0.03)
 
 
+def with_bias(log: Log, bias: float) -> Log:
+    """The log of a gyro that reads so much more about its z axis [rad/s]."""
+    rates = log.imu.angular_velocity + np.array([0.0, 0.0, bias])
+    return replace(log, imu=replace(log.imu, angular_velocity=rates))
+
+
+def test_the_gyro_bias_is_where_the_filter_starts(case: Case, found: Calibration) -> None:
+    """Of one log, which says nothing about others: as uncertain as the file says."""
+    bias = found.parameter("imu.gyro_bias")
+    assert bias.status == "shown"
+    assert bias.value == pytest.approx(
+        found.logs[0].gyro_bias[0] / found.robot.imu.gyro_scale, rel=0.01
+    )
+    assert found.robot.imu.gyro_bias == bias.value
+    assert bias.value == pytest.approx(case.true["imu.gyro_bias"], abs=FAR * bias.sigma)
+    assert found.robot.imu.gyro_bias_sigma == pytest.approx(
+        case.robot.imu.gyro_bias_sigma, rel=0.01
+    )
+
+
+@pytest.mark.parametrize(("apart", "largest"), [(0.0, 0.0085), (0.02, 0.02)], ids=["same", "apart"])
+def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, largest: float) -> None:
+    """The mean over the logs; its standard deviation covers a log of either kind."""
+    halves = (
+        part(case.log, 0.0, 0.5),
+        replace(with_bias(part(case.log, 0.5, 1.0), apart), name="second"),
+    )
+    found = calibrate(halves, case.robot, models=("constant", "inertia"))
+    each = np.array([log.gyro_bias[0] for log in found.logs])
+    imu = found.robot.imu
+    assert each[1] - each[0] == pytest.approx(apart, abs=0.001)
+    assert found.parameter("imu.gyro_bias").value == pytest.approx(each.mean(), rel=0.02)
+    assert found.parameter("imu.gyro_bias").sigma >= 0.4 * apart
+    assert 0.5 * apart < imu.gyro_bias_sigma < largest
+    assert imu.gyro_bias_sigma > 0.5 * case.robot.imu.gyro_bias_sigma
+
+
+def test_a_bias_within_its_error_is_left_to_standstills(case: Case) -> None:
+    """No bias in the log: written only if the log has no standstill to show that."""
+    unbiased = with_bias(case.log, -case.true["gyro_bias"])
+    moving = calibrate([unbiased], case.robot, models=("constant", "inertia"))
+    assert moving.logs[0].still == 0
+    bias = moving.parameter("imu.gyro_bias")
+    assert abs(bias.value) < FAR * bias.sigma
+    assert moving.robot.imu.gyro_bias == bias.value
+    stood = calibrate([standing_first(unbiased, 10.0)], case.robot, models=("constant", "inertia"))
+    assert stood.logs[0].still > 0
+    bias = stood.parameter("imu.gyro_bias")
+    if abs(bias.value) < 1.96 * bias.sigma:
+        assert stood.robot.imu.gyro_bias == 0.0
+        assert "within its error" in bias.note
+    else:
+        assert stood.robot.imu.gyro_bias == bias.value
+
+
+def standing_first(log: Log, seconds: float) -> Log:
+    """The log after a standstill, in which the gyro is as noisy as it is."""
+    tracks, imu, poses = log.tracks, log.imu, log.truth.poses
+    shift = round(seconds * 1e9)
+    steps = round(seconds / 0.02)
+    before = log.start + np.arange(steps) * 20_000_000
+    noise = np.random.default_rng(0).normal(0.0, 1e-3, (steps, 3))
+
+    def at_start(rows: np.ndarray) -> np.ndarray:
+        return np.repeat(rows[:1], steps, axis=0)
+
+    still = np.zeros((steps, 2))
+    up = at_start(imu.linear_acceleration.mean(axis=0, keepdims=True))
+    return replace(
+        log,
+        tracks=TrackSpeedSeries(
+            np.concatenate([before, tracks.stamps + shift]),
+            np.concatenate([still, tracks.speeds]),
+        ),
+        imu=ImuSeries(
+            np.concatenate([before, imu.stamps + shift]),
+            np.concatenate([noise, imu.angular_velocity]),
+            np.concatenate([up, imu.linear_acceleration]),
+        ),
+        truth=Truth(
+            PoseSeries(
+                np.concatenate([before, poses.stamps + shift]),
+                np.concatenate([at_start(poses.poses), poses.poses]),
+            )
+        ),
+    )
+
+
 def part(log: Log, begin: float, end: float) -> Log:
     """A share of a log."""
     low, high = (log.start + int(share * log.duration * 1e9) for share in (begin, end))
@@ -358,3 +446,7 @@ def test_real_logs_give_what_is_known_of_them(
     assert found.parameter("effective_track").value == pytest.approx(track, rel=0.03)
     assert found.logs[0].lag[0] == pytest.approx(lag, abs=0.05)
     assert found.robot.tracks.difference == pytest.approx(difference, abs=0.006)
+    # The Warthog's gyro has none, the Husky's has, and never stands still.
+    bias = -0.0156 if robot_name.startswith("husky") else 0.0
+    assert found.robot.imu.gyro_bias == pytest.approx(bias, abs=0.0005)
+    assert found.robot.imu.gyro_bias_sigma >= 0.9 * robot.imu.gyro_bias_sigma or not bias
