@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.calibration.common_values import (
+    common_bias,
+    finite,
+    mounting_turns,
+    with_common,
+    written_difference,
+)
 from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, SLIP
 from icreckon.estimator.calibration.result import (
@@ -21,16 +26,13 @@ from icreckon.estimator.calibration.result import (
     Residuals,
     Status,
 )
-from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Robot
 
 Again = Callable[[str, Robot, dict[str, float], frozenset[str]], Fit]
 
 MOVED = 1e-3
 """A larger shift of the centre of mass [m] changes the meaning of the inertia-based parameters; a larger
-change of scale [-] changes the meaning of all parameters."""
-LEAST_LATENCY = 2e-3
-"""A smaller latency of the track speeds is not written to the robot file [s]."""
+change of a scale [-] changes the meaning of all parameters."""
 CALLED = {
     "differential": "ideal differential drive",
     "constant": "constant ICRs",
@@ -43,6 +45,8 @@ PLURAL = ("constant", "inertia")
 def assembled(
     robot: Robot,
     fits: Mapping[str, Fit],
+    shared: Mapping[str, Fit],
+    radii: Fit,
     comparison: Comparison,
     again: Again,
     *,
@@ -52,24 +56,27 @@ def assembled(
 
     Args:
         robot: the robot as described by its file.
-        fits: fit of each model.
-        comparison: comparison of the models.
+        fits: fit of each model, with its own difference of the radii.
+        shared: fit of each model with the difference of the likeliest one.
+        radii: fit of the likeliest model.
+        comparison: comparison of the models in `shared`.
         again: refits a model: its name, the robot, initial values, names that are held there.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
-    main = fits[comparison.supported]
+    main = shared[comparison.supported]
     notes = []
-    new = _common(robot, main, _by_model(fits, main, comparison), speeds_by_radius)
+    may_be_right = _supported_fits(fits, comparison)
+    new = with_common(robot, main, radii, may_be_right, speeds_by_radius)
     if not speeds_by_radius and main.is_free("scale"):
         notes.append(
             f"the log's track speeds are speeds already: their scale, {main.value('scale'):.4f}, cannot "
             "go into sprocket_radius; scale_sigma covers it, or correct the unit or the controller"
         )
-    scaled = {"scale": main.value("scale")}
-    usable = dict(fits)
+    scaled = {"scale": main.value("scale"), "difference": new.tracks.difference}
+    usable = dict(shared)
     if "friction" in fits:
         if _friction_holds(comparison):
-            usable["friction"] = _at_scale(fits["friction"], "friction", robot, scaled, again)
+            usable["friction"] = _refitted(shared["friction"], "friction", robot, scaled, again)
             new = _put(usable["friction"], new)
         else:
             notes.append(
@@ -86,9 +93,9 @@ def assembled(
                 robot.vehicle, centre_of_mass=new.vehicle.centre_of_mass
             )
             of = msgspec.structs.replace(robot, vehicle=vehicle)
-        usable[name] = _at_scale(fits[name], name, of, scaled, again, of is not robot)
+        usable[name] = _refitted(shared[name], name, of, scaled, again, of is not robot)
         new = _put(usable[name], new)
-    parameters = _parameters(robot, new, fits, usable, main, speeds_by_radius)
+    parameters = _parameters(robot, new, fits, usable, main, radii, speeds_by_radius)
     names, correlations = _correlations(fits.get("inertia", fits["constant"]))
     return Calibration(
         new,
@@ -98,9 +105,17 @@ def assembled(
         _logs(main),
         comparison,
         _verdict(comparison),
-        _residuals(fits["constant"], main),
+        _residuals(shared["constant"], main),
         tuple(notes),
     )
+
+
+def with_difference(
+    fits: Mapping[str, Fit], difference: float, robot: Robot, again: Again
+) -> dict[str, Fit]:
+    """Fit of each model with a given difference of the radii [-]."""
+    given = {"difference": difference}
+    return {name: _refitted(one, name, robot, given, again) for name, one in fits.items()}
 
 
 def as_found(robot: Robot, found: Fit) -> Robot:
@@ -113,19 +128,19 @@ def _friction_holds(comparison: Comparison) -> bool:
     return comparison.difference("friction", "constant").drift_high < 0.0
 
 
-def _at_scale(
+def _refitted(
     found: Fit,
     name: str,
     robot: Robot,
-    scaled: dict[str, float],
+    given: dict[str, float],
     again: Again,
     needed: bool = False,
 ) -> Fit:
-    """Fit at the scale that goes into the robot file."""
-    if not needed and abs(found.value("scale") - scaled["scale"]) <= MOVED:
+    """Fit with given parameters; no new one if it nearly has them and none is needed."""
+    if not needed and all(abs(found.value(one) - to) <= MOVED for one, to in given.items()):
         return found
-    start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | scaled
-    return again(name, robot, start, frozenset({"scale"}))
+    start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | given
+    return again(name, robot, start, frozenset(given))
 
 
 def _put(found: Fit, robot: Robot) -> Robot:
@@ -133,149 +148,15 @@ def _put(found: Fit, robot: Robot) -> Robot:
     return found.problem.model.put_into(robot, found.values[len(found.values) - own :])
 
 
-def _by_model(fits: Mapping[str, Fit], main: Fit, comparison: Comparison) -> float:
-    """Difference of the track speeds' scale among the models that may be right."""
-    apart = []
+def _supported_fits(fits: Mapping[str, Fit], comparison: Comparison) -> list[Fit]:
+    """Fits of the models that may be right, the supported one included."""
+    may_be_right = []
     for name, one in fits.items():
         pair = {name, comparison.supported}
         known = [one for one in comparison.differences if {one.model, one.than} == pair]
         if all(one.drift_low <= 0.0 <= one.drift_high for one in known):
-            apart.append(one.value("scale") - main.value("scale"))
-    return float(np.sqrt(np.mean(np.square(apart))))
-
-
-def _common(robot: Robot, main: Fit, by_model: float, speeds_by_radius: bool) -> Robot:
-    """Robot with radius, gyro, mounting, and the uncertainty of each."""
-    count = len(main.problem.recording.motions)
-    vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
-    scale, sigma = main.value("scale"), _finite(main.sigma("scale"))
-    deviation = float(np.hypot(_sigma_over_logs(main, "scale", tracks.scale_sigma), by_model))
-    if speeds_by_radius:
-        radius = float(vehicle.sprocket_radius * scale)
-        vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
-        scale_sigma = float(np.hypot(sigma, deviation))
-    else:
-        scale_sigma = float(np.sqrt(sigma**2 + deviation**2 + (scale - 1.0) ** 2))
-    tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma)
-    biases = np.array([main.value(f"gyro_bias[{log}]") for log in range(count)])
-    errors = np.array([_finite(main.sigma(f"gyro_bias[{log}]")) for log in range(count)])
-    # The robot file's value counts as one more log.
-    bias_sigma = np.sqrt((np.sum(biases**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0))
-    rotation, tilted = _mounting(robot, main)
-    gyro_scale = _righted_scale(robot, main, tilted)
-    x, y, z = imu.position
-    if "imu_forward" in main.problem.names and main.is_free("imu_forward"):
-        x = x + main.value("imu_forward")
-        y = y + main.value("imu_left") if main.is_free("imu_left") else y
-    imu = msgspec.structs.replace(
-        imu,
-        rotation_rpy_deg=rotation,
-        position=(float(x), float(y), z),
-        gyro_scale=float(gyro_scale),
-        gyro_scale_sigma=float(
-            np.hypot(
-                _finite(main.sigma("gyro_scale")),
-                _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma),
-            )
-        ),
-        gyro_bias_sigma=float(bias_sigma),
-    )
-    new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
-    return _with_latency(new, main)
-
-
-def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
-    """Scale of the gyro with the calibrated mounting, which determines the vertical."""
-    if robot.imu.gyro_axes == "z":
-        return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
-    # Ratio of the robot's rotation about the new vertical to that about the old one.
-    both = total = 0.0
-    for motion in main.problem.recording.motions:
-        if motion.log.imu is None:
-            continue
-        rates = motion.log.imu.angular_velocity
-        apart = rates - rates.mean(axis=0)
-        old, new = apart @ robot.imu_rotation[2], apart @ rotation[2]
-        both, total = both + float(new @ old), total + float(old @ old)
-    return main.value("gyro_scale") * both / total
-
-
-def _with_latency(robot: Robot, main: Fit) -> Robot:
-    """Robot whose mapping removes the tracks' latency from logs, if it maps tracks."""
-    latency = main.value("track_latency")
-    if not main.is_free("track_latency") or abs(latency) < LEAST_LATENCY:
-        return robot
-    for path in (("tracks",), ("columns", "tracks")):
-        table: Any = robot.log
-        for key in path:
-            table = table.get(key) if isinstance(table, dict) else None
-        if not isinstance(table, dict):
-            continue
-        changed = table | {"latency": round(float(table.get("latency", 0.0)) + latency, 4)}
-        for key in reversed(path[1:]):
-            changed = {**robot.log[path[0]], key: changed}
-        return msgspec.structs.replace(robot, log={**robot.log, path[0]: changed})
-    return robot
-
-
-def _finite(sigma: float) -> float:
-    return sigma if np.isfinite(sigma) else 0.0
-
-
-def _sigma_over_logs(main: Fit, name: str, known: float) -> float:
-    """Standard deviation of a parameter over logs; the robot file counts as one more."""
-    recording = main.problem.recording
-    count, at = len(recording.motions), main.problem.place(name)
-    if count < 2 or not main.free[at]:
-        return known
-    owner = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
-    owner[recording.block] = recording.log
-    each = np.array([main.without(owner != log)[at] for log in range(count)])
-    apart = np.minimum(np.abs(each - main.values[at]), 0.1)
-    return float(np.sqrt((np.sum(apart**2) + known**2) / count))
-
-
-def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
-    """Calibrated roll, pitch, yaw [deg], and the rotation."""
-    roll, pitch, yaw = (float(one[0]) for one in _turns(main))
-    turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
-    angles = np.degrees(
-        [
-            np.arctan2(turned[2, 1], turned[2, 2]),
-            np.arctan2(-turned[2, 0], np.hypot(turned[2, 1], turned[2, 2])),
-            np.arctan2(turned[1, 0], turned[0, 0]),
-        ]
-    )
-    return (float(angles[0]), float(angles[1]), float(angles[2])), turned
-
-
-def _turns(main: Fit) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Small rotations about forward, left, up that level the IMU, with errors [rad].
-
-    The errors are standard errors.
-    """
-    problem = main.problem
-    count = len(problem.recording.motions)
-
-    def mean(name: str) -> tuple[float, float]:
-        free = [log for log in range(count) if main.is_free(f"{name}[{log}]")]
-        if not problem.force or not free:
-            return 0.0, np.inf
-        values = np.array([main.value(f"{name}[{log}]") for log in free])
-        sigmas = np.array([main.sigma(f"{name}[{log}]") for log in free])
-        deviation = values.std(ddof=1) if len(free) > 1 else 0.0
-        error = max(float(np.sqrt((sigmas**2).sum())) / len(free), deviation / np.sqrt(len(free)))
-        return float(values.mean()), error
-
-    forward, left = mean("offset_forward"), mean("offset_left")
-    yaw = (0.0, np.inf)
-    if problem.force and main.is_free("mounting_yaw"):
-        yaw = (main.value("mounting_yaw"), main.sigma("mounting_yaw"))
-    return (
-        (left[0] / GRAVITY, left[1] / GRAVITY),
-        (-forward[0] / GRAVITY, forward[1] / GRAVITY),
-        yaw,
-    )
+            may_be_right.append(one)
+    return may_be_right
 
 
 def _parameters(
@@ -284,6 +165,7 @@ def _parameters(
     fits: Mapping[str, Fit],
     usable: Mapping[str, Fit],
     main: Fit,
+    radii: Fit,
     speeds_by_radius: bool,
 ) -> tuple[FoundParameter, ...]:
     radius = robot.vehicle.sprocket_radius
@@ -291,10 +173,21 @@ def _parameters(
         _plain(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
         if speeds_by_radius
         else _plain(main, "scale", "track_scale", "-", before=1.0),
+        _plain(
+            radii,
+            "difference",
+            "tracks.difference",
+            "-",
+            before=robot.tracks.difference,
+            note=written_difference(robot, radii)[1],
+        ),
         _plain(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale),
     ]
     found[-1] = replace(found[-1], value=new.imu.gyro_scale)
-    for name, turn, at in zip(("roll", "pitch", "yaw"), _turns(main), range(3), strict=True):
+    found.append(_bias(robot, main))
+    for name, turn, at in zip(
+        ("roll", "pitch", "yaw"), mounting_turns(main), range(3), strict=True
+    ):
         known = np.isfinite(turn[1])
         found.append(
             FoundParameter(
@@ -339,6 +232,15 @@ def _parameters(
                 )
             )
     return tuple(found)
+
+
+def _bias(robot: Robot, main: Fit) -> FoundParameter:
+    """Initial gyro bias: mean over the logs."""
+    bias = common_bias(robot, main)
+    note = "" if bias.written == bias.mean else "within its error of zero: the file has 0"
+    status: Status = "held" if bias.error is None else "shown"
+    before = robot.imu.gyro_bias
+    return FoundParameter("imu.gyro_bias", "rad/s", bias.mean, bias.error, status, before, note)
 
 
 def _status(found: Fit, name: str) -> Status:
@@ -475,8 +377,8 @@ def _logs(main: Fit) -> tuple[OfLog, ...]:
         result.append(
             OfLog(
                 motion.log.name,
-                (main.value(f"gyro_bias[{log}]"), _finite(main.sigma(f"gyro_bias[{log}]"))),
-                (main.value(f"lag[{log}]"), _finite(main.sigma(f"lag[{log}]"))),
+                (main.value(f"gyro_bias[{log}]"), finite(main.sigma(f"gyro_bias[{log}]"))),
+                (main.value(f"lag[{log}]"), finite(main.sigma(f"lag[{log}]"))),
                 int((own & recording.moving).sum()),
                 int((own & ~recording.moving).sum()),
                 float(main.value("scale") * speeds[own & recording.moving].sum()),

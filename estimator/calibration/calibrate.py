@@ -9,8 +9,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.calibration.assembly import as_found, assembled
-from icreckon.estimator.calibration.cross_validation import validate
+from icreckon.estimator.calibration.assembly import as_found, assembled, with_difference
+from icreckon.estimator.calibration.cross_validation import likeliest, validate
 from icreckon.estimator.calibration.fit import Fit, fit
 from icreckon.estimator.calibration.models import MODELS, model_of
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
@@ -38,11 +38,11 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a robot's parameters from logs with a pose truth.
 
-    The method is maximum likelihood over segments. The truth may be late, and that of another point of
-    the robot than base_link. If neither this point nor the IMU's position is known (an IMU at the robot
-    file's default [0, 0, 0] counts as unknown), the turning centre in the robot is unobservable. Then
-    the parameters that place it (zeta0, epsilon0, the centre of mass forward and left) are held, and the
-    lever arm is relative to them.
+    The method is maximum likelihood over segments. The two tracks may have different effective radii.
+    The truth may be late, and that of another point of the robot than base_link. If neither this point
+    nor the IMU's position is known (an IMU at the robot file's default [0, 0, 0] counts as unknown), the
+    turning centre in the robot is unobservable. Then the parameters that place it (zeta0, epsilon0, the
+    centre of mass forward and left) are held, and the lever arm is relative to them.
 
     Args:
         logs: one or more logs of one robot, each with track speeds [m/s] made with the robot's sprocket
@@ -73,7 +73,7 @@ def calibrate(
         )
     report = progress or (lambda _: None)
     motions = [motion_of(log, robot) for log in logs]
-    recording = record(motions, robot, segment)
+    recording = record(motions, robot, segment, difference=robot.tracks.difference)
     imu_place_known = any(robot.imu.position)
 
     def problem(name: str, recording: Recording, robot: Robot) -> Problem:
@@ -94,21 +94,26 @@ def calibrate(
         for log, motion in enumerate(motions)
     ]
     report(0.1)
-    scale = first.value("scale")
-    recording = record(motions, as_found(robot, first), segment, scale=scale)
+    scale, difference = first.value("scale"), first.value("difference")
+    recording = record(motions, as_found(robot, first), segment, scale=scale, difference=difference)
     fits: dict[str, Fit] = {}
     initial = dict(zip(first.problem.names, first.values.tolist(), strict=True))
     for number, name in enumerate(chosen):
         start = initial if name != "friction" else _without_model(first)
         fits[name] = fit(problem(name, recording, robot), initial=start)
         report(0.1 + 0.6 * (number + 1) / len(chosen))
-    comparison = validate(fits)
-    report(0.9)
 
     def again(name: str, robot: Robot, start: dict[str, float], held: frozenset[str]) -> Fit:
         return fit(problem(name, recording, robot), initial=start, held=held)
 
-    found = assembled(robot, fits, comparison, again, speeds_by_radius=speeds_by_radius)
+    # The radii are the robot's, not a model's: a model that lacks an effect must not hide it in them.
+    radii = fits[likeliest(validate(fits))]
+    shared = with_difference(fits, radii.value("difference"), robot, again)
+    comparison = validate(shared)
+    report(0.9)
+    found = assembled(
+        robot, fits, shared, radii, comparison, again, speeds_by_radius=speeds_by_radius
+    )
     report(1.0)
     return found
 

@@ -112,6 +112,11 @@ def validate(fits: Mapping[str, Fit]) -> Comparison:
     )
 
 
+def likeliest(comparison: Comparison) -> str:
+    """Name of the model with the highest held-out likelihood."""
+    return max(comparison.scores, key=lambda one: one.log_likelihood).model
+
+
 def _parameters_found(fit: Fit) -> int:
     own = len(fit.problem.model.parameters)
     return int(fit.free[len(fit.free) - own :].sum())

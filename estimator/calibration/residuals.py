@@ -29,6 +29,10 @@ ROWS = FORCE + 2 * BINS
 ORIGIN = ("zeta0", "epsilon0", "forward", "left")
 """Parameters of models that place base_link in the robot. If neither the truth's lever arm nor the IMU's
 position does so, they are unobservable beside the lever arm, and are held."""
+OF_TRACKS = ("scale", "difference", "track_latency")
+"""Parameters of the track speeds: scale, difference of the radii (right less left), latency."""
+SIDES = np.array([-0.5, 0.5])
+"""Shares of the difference of the radii that the left and the right track have [-]."""
 STEP = 1e-4
 """Steps of the finite differences by lag, bias and gyro scale, in s, rad/s and 1."""
 
@@ -75,8 +79,9 @@ class Problem:
         for name in ("scale", "gyro_scale"):
             at = self.place(name)
             result[at] = np.clip(result[at], 0.2, 5.0)
-        at = self.place("track_latency")
-        result[at] = np.clip(result[at], -0.5, 0.5)
+        for name, largest in (("track_latency", 0.5), ("difference", 0.4)):
+            at = self.place(name)
+            result[at] = np.clip(result[at], -largest, largest)
         return result
 
     def rows(self, values: Floats) -> Floats:
@@ -91,20 +96,20 @@ class Problem:
         """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
         recording, own = self.recording, len(self.model.parameters)
         scale, latency = values[self.place("scale")], values[self.place("track_latency")]
+        sides = 1.0 + SIDES * values[self.place("difference")]
         raw = recording.speeds(latency)
         changing = (recording.speeds(latency + 0.01) - recording.speeds(latency - 0.01)) / 0.02
-        at = self.model.at(scale * raw, self._own(values))
-        by_scale = np.einsum("nmij,nmj->nmi", at.by_speeds, raw)
-        by_latency = np.einsum("nmij,nmj->nmi", at.by_speeds, scale * changing)
-        stacked = np.concatenate(
-            [at.twist[..., None], by_scale[..., None], by_latency[..., None], at.by_parameters], -1
-        )
+        at = self.model.at(scale * sides * raw, self._own(values))
+        # By scale, difference, latency.
+        changes = np.stack([sides * raw, scale * SIDES * raw, scale * sides * changing], axis=-1)
+        by_tracks = at.by_speeds @ changes
+        stacked = np.concatenate([at.twist[..., None], by_tracks, at.by_parameters], -1)
         rows, linear = self._assemble(values, stacked)
         jacobian = np.zeros((*rows.shape, len(values)))
-        jacobian[..., self.place("scale")] = linear[..., 0]
-        jacobian[..., self.place("track_latency")] = linear[..., 1]
+        for column, name in enumerate(OF_TRACKS):
+            jacobian[..., self.place(name)] = linear[..., column]
         if own:
-            jacobian[..., -own:] = linear[..., 2:]
+            jacobian[..., -own:] = linear[..., len(OF_TRACKS) :]
         twist = at.twist[..., None]
         shared = ["gyro_scale", "lever_arm_forward", "lever_arm_left", "mounting_yaw"]
         shared += [name for name in ("imu_forward", "imu_left") if name in self.names]
@@ -192,8 +197,8 @@ class Problem:
         return rows, linear[..., 1:]
 
     def _speeds(self, values: Floats) -> Floats:
-        latency = values[self.place("track_latency")]
-        return np.asarray(values[self.place("scale")] * self.recording.speeds(latency))
+        scale, difference, latency = (values[self.place(name)] for name in OF_TRACKS)
+        return np.asarray(scale * (1.0 + SIDES * difference) * self.recording.speeds(latency))
 
     def _own(self, values: Floats) -> Floats:
         own = len(self.model.parameters)
@@ -275,6 +280,7 @@ def problem_of(
     force = any(motion.pushed is not None for motion in recording.motions)
     common = [
         Parameter("scale", "-", 1.0, 0.05, 1),
+        Parameter("difference", "-", robot.tracks.difference, 0.05, 15),
         Parameter("track_latency", "s", 0.0, 0.1, 90),
         Parameter("gyro_scale", "-", robot.imu.gyro_scale, 0.05, 2),
         Parameter("lever_arm_forward", "m", 0.0, TELLING * gauge, 10),
@@ -282,8 +288,8 @@ def problem_of(
         Parameter("mounting_yaw", "rad", 0.0, np.radians(5.0), 85),
     ]
     if lever_arm is not None:
-        common[3] = common[3]._replace(start=lever_arm[0], threshold=0.0)
-        common[4] = common[4]._replace(start=lever_arm[1], threshold=0.0)
+        common[4] = common[4]._replace(start=lever_arm[0], threshold=0.0)
+        common[5] = common[5]._replace(start=lever_arm[1], threshold=0.0)
     if force and not imu_place_known:
         common += [
             Parameter("imu_forward", "m", 0.0, TELLING * gauge, 95),

@@ -272,7 +272,12 @@ def _seconds(stamps: Stamps, start: int) -> Floats:
 
 
 def record(
-    motions: Sequence[Motion], robot: Robot, length: float, *, scale: float = 1.0
+    motions: Sequence[Motion],
+    robot: Robot,
+    length: float,
+    *,
+    scale: float = 1.0,
+    difference: float = 0.0,
 ) -> Recording:
     """Cut logs into segments.
 
@@ -281,6 +286,7 @@ def record(
         robot: robot model of the path along which truth is carried over to knots.
         length: length of a segment [s].
         scale: scale of the track speeds, for that path [-].
+        difference: scale of the right track less that of the left, for that path [-].
 
     Raises:
         EstimatorError: too few segments that move, or too little turning.
@@ -344,7 +350,7 @@ def record(
         knot_times,
         np.concatenate([knot for knot, _ in pairs]),
         np.concatenate([pose for _, pose in pairs]),
-        tuple(_path(motion, robot, scale) for motion in motions),
+        tuple(_path(motion, robot, scale, difference) for motion in motions),
     )
 
 
@@ -420,7 +426,7 @@ def _pieces(motion: Motion) -> list[tuple[float, float]]:
     return pieces
 
 
-def _path(motion: Motion, robot: Robot, scale: float) -> tuple[Floats, Floats]:
+def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> tuple[Floats, Floats]:
     """Times [s] and poses of dead reckoning by gyro and the robot's constant ICRs."""
     times = np.arange(motion.track_times[0], motion.track_times[-1], 0.02)
     ways = np.stack([np.interp(times, motion.track_times, way) for way in motion.track_ways.T], -1)
@@ -429,7 +435,8 @@ def _path(motion: Motion, robot: Robot, scale: float) -> tuple[Floats, Floats]:
     )
     indices = robot.constant_indices
     turned = np.diff(rate)
-    forward = scale * np.diff(ways, axis=0).mean(axis=1) - turned * indices.epsilon0
+    sides = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
+    forward = np.diff(ways, axis=0) @ sides - turned * indices.epsilon0
     left = -turned * indices.zeta0
     middle = 0.5 * (rate[1:] + rate[:-1])
     cos, sin = np.cos(middle), np.sin(middle)

@@ -1,8 +1,21 @@
-"""Lag search: sub-step minimum of a cost sampled on an even grid."""
+"""Lag search: sub-step minimum of a cost on an even grid, and its standard error."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from icreckon.estimator.base.array_types import Floats
+
+BLOCKS = 8
+"""Blocks of a log that are left out in turn for a standard error (jackknife)."""
+BEYOND = 2.36
+"""Standard errors of `BLOCKS` blocks in half a 95 % interval (Student's t)."""
+
+
+def jackknife_sigma(without: Floats) -> float:
+    """Standard error of an estimate, from estimates (b,) without one block each."""
+    blocks = len(without)
+    return float(np.sqrt((blocks - 1) / blocks * ((without - without.mean()) ** 2).sum()))
 
 
 def beside_lowest(costs: Floats, lowest: int) -> float:

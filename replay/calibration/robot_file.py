@@ -21,8 +21,9 @@ DIGITS = 7
 COMMENT_AT = 40
 SIGMAS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
-    "gyro_bias_sigma": "of the biases found; the previous value counts as one more log",
+    "gyro_bias_sigma": "of the bias of another log; the previous value counts as one more log",
     "scale_sigma": "standard error, and how much logs and models differ",
+    "difference_sigma": "the same",
 }
 
 
@@ -57,7 +58,8 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
     if robot.constant_icr is not None:
         lines += _table("constant_icr", robot.constant_icr, _under("constant_icr", comments))
     lines += _table("imu", robot.imu, _imu_comments(found, comments))
-    lines += _table("tracks", robot.tracks, SIGMAS)
+    lines += _table("tracks", robot.tracks, _under("tracks", comments) | SIGMAS)
+    lines += _table("slope", robot.slope, {})
     if robot.soil is not None:
         lines += _table("soil", robot.soil, _under("soil", comments))
     for variant, slip in robot.slip.items():

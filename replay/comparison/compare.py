@@ -117,7 +117,7 @@ def compare(
         unaided = _Task(replace(log, fixes=None), robot, settings, engine=engine)
         reckoned = _first_found(variants, unaided.only_run)
         alignment = align_truth(log.truth, reckoned.trajectory)
-        log = replace(log, truth=alignment.truth)
+        log = replace(log, truth=alignment.truth, notes=(*log.notes, *alignment.notes))
     if fixes is not None:
         log = with_fixes_within(log, fixes)
     start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

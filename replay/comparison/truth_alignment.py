@@ -16,7 +16,7 @@ from icreckon.estimator.base.frames import relative, rotate
 from icreckon.estimator.log.scores import interpolate_poses, pieces
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
-from icreckon.replay.base.lag_search import beside_lowest
+from icreckon.replay.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
 
 LAGS = np.arange(-0.3, 1.0, 0.01)
 GRID_STEP = 0.1
@@ -28,6 +28,10 @@ LARGEST_HOLE = 0.5
 TRIMMED_SHARE = 0.8
 # Least turning within windows at which a lever arm is observable, root mean square [rad].
 LEAST_TURNING = 0.1
+# Least turning at which a lag may be observable, root mean square [rad]; its standard error decides.
+LEAST_TURNING_FOR_LAG = 0.02
+# Lags with a smaller standard error [s] are removed even if they are within it.
+CERTAIN = 0.04
 
 
 @dataclass(frozen=True)
@@ -35,14 +39,27 @@ class TruthAlignment:
     """Lag and lever arm removed from a truth.
 
     Attributes:
-        lag: latency of its stamps [s].
+        lag: latency of its stamps [s]; 0 if not observable.
         lever_arm: position of the tracked point in base_link: x forward, y left [m].
         truth: the corrected truth of `base_link`.
+        lag_sigma: standard error of the lag [s], or None if the log shows none.
     """
 
     lag: float
     lever_arm: tuple[float, float]
     truth: Truth
+    lag_sigma: float | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Note on a lag that is taken as zero because it is not observable."""
+        if self.lag:
+            return ()
+        error = "" if self.lag_sigma is None else f" (standard error {self.lag_sigma:.2f} s)"
+        return (
+            f"whether the truth is late cannot be seen: too little turning{error}; it is taken as it is "
+            "stamped",
+        )
 
 
 def align_truth(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
@@ -55,10 +72,10 @@ def align_truth(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     Returns:
         The alignment; zero lag or lever arm if not observable (log too short, no turning).
     """
-    lag = _lag(truth.poses, reckoned.pose_series)
+    lag, sigma = _lag(truth.poses, reckoned.pose_series)
     shifted = PoseSeries(truth.poses.stamps - round(lag / NANOSECOND), truth.poses.poses)
     aligned = align_place(replace(truth, poses=shifted), reckoned)
-    return replace(aligned, lag=lag)
+    return replace(aligned, lag=lag, lag_sigma=sigma)
 
 
 def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
@@ -93,11 +110,14 @@ def _windows(
     return starts[whole], ends[whole]
 
 
-def _lag(truth: PoseSeries, reckoned: PoseSeries) -> float:
-    """Lag [s] with the smallest misfit of yaw changes, refined by a parabola."""
+def _lag(truth: PoseSeries, reckoned: PoseSeries) -> tuple[float, float | None]:
+    """Lag [s] with the smallest misfit of yaw changes, and its standard error.
+
+    If the lag is neither beyond its error nor certain, it is not observable, and zero.
+    """
     starts, ends = _windows(truth, reckoned, LAG_WINDOW, margin=float(LAGS[-1]))
     if len(starts) < 10:
-        return 0.0
+        return 0.0, None
 
     def turned(series: PoseSeries, shift: float) -> Floats:
         offset = round(shift / NANOSECOND)
@@ -105,9 +125,19 @@ def _lag(truth: PoseSeries, reckoned: PoseSeries) -> float:
         return np.asarray(later - interpolate_poses(series, starts - offset)[:, 2])
 
     true = turned(truth, 0.0)
-    if np.sqrt(np.mean(true**2)) < LEAST_TURNING:
-        return 0.0
-    costs = np.array([np.mean((true - turned(reckoned, float(lag))) ** 2) for lag in LAGS])
+    if np.sqrt(np.mean(true**2)) < LEAST_TURNING_FOR_LAG:
+        return 0.0, None
+    squares = np.array([(true - turned(reckoned, float(lag))) ** 2 for lag in LAGS])
+    lag = _lowest(squares.mean(axis=1))
+    blocks = np.array_split(np.arange(len(starts)), BLOCKS)
+    sigma = jackknife_sigma(
+        np.array([_lowest(np.delete(squares, block, axis=1).mean(axis=1)) for block in blocks])
+    )
+    return (lag if sigma <= CERTAIN or abs(lag) > BEYOND * sigma else 0.0), sigma
+
+
+def _lowest(costs: Floats) -> float:
+    """Lag [s] of the lowest of the costs at `LAGS`, refined by a parabola."""
     best = int(np.clip(np.argmin(costs), 1, len(LAGS) - 2))
     beside = np.clip(beside_lowest(costs, best), -1.0, 1.0)
     return float(LAGS[best] + beside * (LAGS[1] - LAGS[0]))

@@ -118,7 +118,7 @@ def inspect(
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
     mounting = estimate_mounting(log) if log is not None else None
     estimates = NO_ESTIMATES
-    latencies: dict[str, Latency] = {}
+    latencies: dict[str, Latency | None] = {}
     if log is not None:
         vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
         correlation = mounting.turning_correlation if mounting else None
@@ -152,17 +152,17 @@ def inspect(
     )
 
 
-def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency]:
-    """Significant latencies of streams against the gyro, by purpose."""
+def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency | None]:
+    """Latencies of streams against the gyro, by purpose; None if not observable."""
     if log.imu is None or vertical is None:
         return {}
     found = {}
-    if not len(log.tracks.speeds) or np.abs(log.tracks.speeds).max() <= ABSURD:
+    if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= ABSURD:
         found["tracks"] = track_latency(log.tracks, log.imu, vertical)
     if log.truth is not None:
         truth = log.truth.poses
         found["truth"] = heading_latency(truth.stamps, truth.poses[:, 2], log.imu, vertical)
-    return {purpose: one for purpose, one in found.items() if one is not None and one.clear}
+    return found
 
 
 def _look_through(
@@ -207,7 +207,7 @@ def _findings(
     mounting: Mounting | None,
     estimates: WheelEstimates,
     clocks: dict[str, Choice],
-    latencies: dict[str, Latency],
+    latencies: dict[str, Latency | None],
 ) -> Iterator[str]:
     for purpose, choice in clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
@@ -222,10 +222,17 @@ def _findings(
         return
     yield from (f"{note}" for note in log.notes if "out of order" in note)
     for purpose, latency in latencies.items():
+        if latency is None:
+            yield (
+                f"{purpose}: whether stamps are late against the gyro's cannot be seen: the log is too "
+                "short, turns too little, or turns otherwise than the gyro"
+            )
+            continue
         late = "late" if latency.seconds > 0.0 else "early"
         yield (
             f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
             "the gyro's, by what both turn"
+            + (f"; {latency.reason}: no latency is proposed" if latency.reason else "")
         )
     if len(log.tracks.stamps):
         stops = standstills(log)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.scores import pieces
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.replay.base.lag_search import beside_lowest
+from icreckon.replay.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
 
 LATENCIES = np.arange(-0.5, 1.0, 0.02)
 """Grid of candidate latencies [s]; negative if the gyro is late."""
@@ -27,12 +27,10 @@ LARGEST_HOLE = 0.5
 """Windows with a longer gap between samples are omitted [s]."""
 TRIMMED_SHARE = 0.8
 """Share of the windows that is used: those with the smallest residuals."""
-BLOCKS = 8
-"""Blocks of the log that are left out in turn for the standard error (jackknife)."""
 LEAST_CORRELATION = 0.7
 """Smallest correlation of tracks and gyro at which a latency is estimated [-]."""
-CERTAIN, LEAST = 0.04, 0.03
-"""Largest standard error and smallest size of a significant latency (over 3 standard errors) [s]."""
+LEAST = 0.03
+"""Smallest size of a latency that is proposed [s]."""
 
 
 class Latency(NamedTuple):
@@ -48,8 +46,15 @@ class Latency(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """True if the latency is significant and certain enough to be corrected."""
-        return self.sigma <= CERTAIN and abs(self.seconds) > max(3.0 * self.sigma, LEAST)
+        """True if the latency is beyond its error and large enough to be corrected."""
+        return not self.reason
+
+    @property
+    def reason(self) -> str:
+        """Reason not to correct the latency, empty if there is none."""
+        if abs(self.seconds) <= BEYOND * self.sigma:
+            return "within its error"
+        return "" if abs(self.seconds) > LEAST else f"less than {LEAST:g} s"
 
 
 def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Latency | None:
@@ -110,8 +115,7 @@ def _latency(stamps: Stamps, angle: Floats, imu: ImuSeries, vertical: Floats) ->
     values = np.array([part.latency for part in parts if part is not None])
     if len(values) < BLOCKS:
         return None
-    sigma = float(np.sqrt((BLOCKS - 1) / BLOCKS * ((values - values.mean()) ** 2).sum()))
-    return Latency(best.latency, sigma)
+    return Latency(best.latency, jackknife_sigma(values))
 
 
 class _Best(NamedTuple):

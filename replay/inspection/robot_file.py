@@ -18,6 +18,9 @@ from icreckon.replay.mapping.track_units import OF_GROUND
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
+USUAL_SCALE_SIGMA, LEAST_SCALE_SIGMA = 0.02, 0.01
+"""Standard deviation of an effective radius of which a log shows nothing, and the least that one log
+shows, since the ground changes it [-]."""
 FILL_IN = "# not in the log: fill in"
 
 
@@ -41,7 +44,7 @@ def robot_file_text(
         estimates: estimated effective radius and track.
         clocks: clock of each stream and the reason of its choice, by purpose.
         heading_offset: offset from a heading to the direction of driving [deg], or None.
-        track_latency: latency of the track speeds against the gyro, if significant.
+        track_latency: latency of the track speeds against the gyro, or None if not observable.
     """
     lines = [
         f"{FIRST_WORDS} {path.name}: check every line.",
@@ -51,6 +54,7 @@ def robot_file_text(
         *_vehicle(mapping, log, estimates),
         "",
         *_imu(mounting, log),
+        *_tracks(mapping, estimates),
         *_log(mapping, clocks, heading_offset, _latency_lines(track_latency)),
         *(columns_text(mapping.columns, _latency_lines(track_latency)) if mapping.columns else []),
     ]
@@ -151,6 +155,24 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
     return [*lines, ""]
 
 
+def _tracks(mapping: TopicMap, estimates: WheelEstimates) -> list[str]:
+    """Uncertainty of the effective radius, or of speeds that need none."""
+    if not has_tracks(mapping):
+        return []
+    sigma, remark = USUAL_SCALE_SIGMA, "what is usually not known of an effective radius"
+    if estimates.way_ratio is not None and estimates.way_sigma is not None:
+        if in_rates(mapping):
+            shown, of = estimates.way_sigma / estimates.way_ratio, "the effective radius above"
+        else:
+            shown = float(np.hypot(estimates.way_ratio - 1.0, estimates.way_sigma))
+            of = "the speeds"
+        if shown < sigma:
+            sigma = max(shown, LEAST_SCALE_SIGMA)
+            remark = f"of {of}, by the {estimates.way_source}; {USUAL_SCALE_SIGMA:g} for another"
+            remark = remark if in_rates(mapping) else remark.split(";")[0]
+    return ["[tracks]", f"scale_sigma = {sigma:.2g}    # relative, {remark}", ""]
+
+
 def _seen_of_noise(log: Log | None) -> str:
     if log is None or not len(log.tracks.stamps):
         return "fast vibration; slow disturbances add to it"
@@ -171,6 +193,11 @@ def _turning_comment(correlation: float | None) -> str:
 def _latency_lines(latency: Latency | None) -> list[str]:
     if latency is None:
         return []
+    if latency.reason:
+        return [
+            f"# Latency against the gyro: {latency.seconds:.3f} ± {latency.sigma:.3f} s, "
+            f"{latency.reason}: not written."
+        ]
     return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.3f}: late against the gyro"]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.replay.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.replay.inspection.imu_mounting import ABSURD, STILL_MARGIN, Mounting, standstill
 
 GRAVITY = 9.81
@@ -41,11 +42,13 @@ class WheelEstimates(NamedTuple):
         way_source: source of the distance over ground, "truth" or "fixes".
         track_ratio: V_r - V_l over the yaw rate: effective track over effective radius [-] if track
             speeds are rates, otherwise the effective track [m].
+        way_sigma: standard error of `way_ratio`, or None.
     """
 
     way_ratio: float | None
     way_source: str
     track_ratio: float | None
+    way_sigma: float | None = None
 
 
 def wheel_estimates(log: Log, vertical: Floats | None, correlation: float | None) -> WheelEstimates:
@@ -76,19 +79,19 @@ def wheel_estimates(log: Log, vertical: Floats | None, correlation: float | None
         source, stamps, places = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
     else:
         return WheelEstimates(None, "", track_ratio)
-    ratio = _distance_ratio(log, vertical, stamps, places, WINDOWS[source])
-    return WheelEstimates(ratio, source, track_ratio)
+    ratio, sigma = _distance_ratio(log, vertical, stamps, places, WINDOWS[source])
+    return WheelEstimates(ratio, source, track_ratio, sigma)
 
 
 def _distance_ratio(
     log: Log, vertical: Floats, stamps: Stamps, places: Floats, window: float
-) -> float | None:
-    """Median ratio of chord to track distance over windows [s] of gentle driving."""
+) -> tuple[float | None, float | None]:
+    """Median ratio of chord to track distance over windows [s], and its error."""
     assert log.imu is not None  # noqa: S101 - checked by the caller
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = np.arange(start, end, round(window / NANOSECOND))
     if len(edges) < FEWEST_WINDOWS + 1:
-        return None
+        return None, None
     mean = log.tracks.speeds.mean(axis=1)
     distance = np.interp(edges, log.tracks.stamps, _integral(log.tracks.stamps, mean))
     turned, yaw = (
@@ -102,8 +105,13 @@ def _distance_ratio(
     gaps = np.diff(np.searchsorted(stamps, edges)) < 2
     straight = (np.diff(turned) < STRAIGHT) & (arcs > 0.3 * np.abs(mean).max() * window) & ~gaps
     if straight.sum() < FEWEST_WINDOWS:
-        return None
-    return float(np.median(chords[straight] / arcs[straight]))
+        return None, None
+    ratios = chords[straight] / arcs[straight]
+    sigma = None
+    if len(ratios) >= 2 * BLOCKS:
+        blocks = np.array_split(np.arange(len(ratios)), BLOCKS)
+        sigma = jackknife_sigma(np.array([np.median(np.delete(ratios, one)) for one in blocks]))
+    return float(np.median(ratios)), sigma
 
 
 def _integral(stamps: Stamps, values: Floats) -> Floats:

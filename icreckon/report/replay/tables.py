@@ -75,8 +75,10 @@ def _footnotes(results: Results) -> list[str]:
         lines.append(f"Drift and yaw drift: without fixes, {parts or 'nowhere long enough'}.")
         if truth["lag_s"] or any(truth["lever_arm_m"]):
             x, y = truth["lever_arm_m"]
+            sigma = truth.get("lag_sigma_s")
+            error = "" if sigma is None else f" (± {sigma:.3f})"
             lines.append(
-                f"Taken out of the truth: {truth['lag_s']:.2f} s of lag, "
+                f"Taken out of the truth: {truth['lag_s']:.2f} s{error} of lag, "
                 f"a lever arm of {x:.2f} m forward and {y:.2f} m left (scores: each variant's own)."
             )
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]

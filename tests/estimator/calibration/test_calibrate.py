@@ -51,6 +51,7 @@ def test_everything_is_found_within_its_standard_errors(found: Calibration, case
     indices = {"zeta0", "zeta1", "epsilon0", "epsilon1", "eta0", "eta1"}
     assert {f"indices.{name}" for name in indices} <= set(errors)
     assert {"sprocket_radius", "imu.gyro_scale", "truth.forward", "truth.left"} <= set(errors)
+    assert "tracks.difference" in errors
     assert max(map(abs, errors.values())) < FAR
     assert np.mean(np.abs(list(errors.values())) < 1.96) > 0.7
 
@@ -67,6 +68,55 @@ def test_the_robot_has_what_was_found(found: Calibration, case: Case) -> None:
     assert robot.imu.gyro_bias_sigma > 0.3 * abs(case.true["gyro_bias"])
     # It is a robot that its own file format takes.
     assert msgspec.convert(msgspec.to_builtins(robot), Robot) == robot
+
+
+def with_radii(log: Log, difference: float) -> Log:
+    """The log of a robot whose right sprocket is larger by so much than the file says."""
+    radii = 1.0 + difference * np.array([-0.5, 0.5])
+    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds / radii))
+
+
+@pytest.mark.parametrize("before", [0.0, 0.03])
+def test_two_radii_are_told_apart_whatever_the_file_says(case: Case, before: float) -> None:
+    """A difference of -5 % on top of the robot's own."""
+    log = with_radii(case.log, -0.05)
+    tracks = msgspec.structs.replace(case.robot.tracks, difference=before)
+    robot = msgspec.structs.replace(case.robot, tracks=tracks)
+    found = calibrate([log], robot, models=("constant", "inertia"))
+    one = found.parameter("tracks.difference")
+    assert one.status == "shown"
+    assert one.before == before
+    assert 0.0 < one.sigma < 0.01
+    assert abs(one.value - (case.true["tracks.difference"] - 0.05)) < FAR * one.sigma
+    assert found.robot.tracks.difference == one.value
+    assert one.sigma < found.robot.tracks.difference_sigma < 0.03
+    assert found.logs[0].gyro_bias[0] == pytest.approx(case.true["gyro_bias"], abs=1e-3)
+
+
+def test_equal_radii_are_not_called_different(case: Case) -> None:
+    """Within its error of zero nothing is written, and a difference of the file is corrected."""
+    log = with_radii(case.log, -case.true["tracks.difference"])
+    for before, small in ((0.0, True), (0.05, True), (1e-4, False)):
+        tracks = msgspec.structs.replace(case.robot.tracks, difference=before)
+        robot = msgspec.structs.replace(case.robot, tracks=tracks)
+        equal = calibrate([log], robot, models=("constant", "inertia"))
+        one = equal.parameter("tracks.difference")
+        assert abs(one.value) < 1.96 * one.sigma < 0.02
+        assert equal.robot.tracks.difference == (0.0 if small else before)
+        assert one.note == f"within its error of zero: the file has {0.0 if small else before:.4g}"
+
+
+def test_the_difference_does_not_disturb_what_else_is_found(case: Case, found: Calibration) -> None:
+    """Another 5 % between the radii leave all else where it was, the verdict too."""
+    apart = calibrate([with_radii(case.log, 0.05)], case.robot, models=KINEMATIC)
+    assert apart.comparison.supported == "inertia"
+    for name in ("sprocket_radius", "indices.zeta1", "indices.eta0", "indices.eta1"):
+        one, other = apart.parameter(name), found.parameter(name)
+        assert abs(one.value - other.value) < 0.5 * other.sigma
+    for score in apart.comparison.scores[1:]:
+        assert score.drift_percent == pytest.approx(
+            found.comparison.score(score.model).drift_percent, rel=0.1
+        )
 
 
 def test_the_model_that_is_true_is_supported(found: Calibration) -> None:
@@ -112,6 +162,94 @@ def test_two_logs_share_the_robot_but_not_bias_and_lag(case: Case) -> None:
     assert other.gyro_bias[0] - one.gyro_bias[0] == pytest.approx(0.01, abs=0.001)
     assert max(abs(both.parameter(f"truth.{name}").value) for name in ("forward", "left")) < 0.35
     assert both.robot.indices.eta0 == pytest.approx(case.true["indices.eta0"], rel=0.03)
+
+
+def with_bias(log: Log, bias: float) -> Log:
+    """The log of a gyro that reads so much more about its z axis [rad/s]."""
+    rates = log.imu.angular_velocity + np.array([0.0, 0.0, bias])
+    return replace(log, imu=replace(log.imu, angular_velocity=rates))
+
+
+def test_the_gyro_bias_is_where_the_filter_starts(case: Case, found: Calibration) -> None:
+    """Of one log, which says nothing about others: as uncertain as the file says."""
+    bias = found.parameter("imu.gyro_bias")
+    assert bias.status == "shown"
+    assert bias.value == pytest.approx(
+        found.logs[0].gyro_bias[0] / found.robot.imu.gyro_scale, rel=0.01
+    )
+    assert found.robot.imu.gyro_bias == bias.value
+    assert bias.value == pytest.approx(case.true["imu.gyro_bias"], abs=FAR * bias.sigma)
+    assert found.robot.imu.gyro_bias_sigma == pytest.approx(
+        case.robot.imu.gyro_bias_sigma, rel=0.01
+    )
+
+
+@pytest.mark.parametrize(("apart", "largest"), [(0.0, 0.0085), (0.02, 0.02)], ids=["same", "apart"])
+def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, largest: float) -> None:
+    """The mean over the logs; its standard deviation covers a log of either kind."""
+    halves = (
+        part(case.log, 0.0, 0.5),
+        replace(with_bias(part(case.log, 0.5, 1.0), apart), name="second"),
+    )
+    found = calibrate(halves, case.robot, models=("constant", "inertia"))
+    each = np.array([log.gyro_bias[0] for log in found.logs])
+    imu = found.robot.imu
+    assert each[1] - each[0] == pytest.approx(apart, abs=0.001)
+    assert found.parameter("imu.gyro_bias").value == pytest.approx(each.mean(), rel=0.02)
+    assert found.parameter("imu.gyro_bias").sigma >= 0.4 * apart
+    assert 0.5 * apart < imu.gyro_bias_sigma < largest
+    assert imu.gyro_bias_sigma > 0.5 * case.robot.imu.gyro_bias_sigma
+
+
+def test_a_bias_within_its_error_is_left_to_standstills(case: Case) -> None:
+    """No bias in the log: written only if the log has no standstill to show that."""
+    unbiased = with_bias(case.log, -case.true["gyro_bias"])
+    moving = calibrate([unbiased], case.robot, models=("constant", "inertia"))
+    assert moving.logs[0].still == 0
+    bias = moving.parameter("imu.gyro_bias")
+    assert abs(bias.value) < FAR * bias.sigma
+    assert moving.robot.imu.gyro_bias == bias.value
+    stood = calibrate([standing_first(unbiased, 10.0)], case.robot, models=("constant", "inertia"))
+    assert stood.logs[0].still > 0
+    bias = stood.parameter("imu.gyro_bias")
+    if abs(bias.value) < 1.96 * bias.sigma:
+        assert stood.robot.imu.gyro_bias == 0.0
+        assert "within its error" in bias.note
+    else:
+        assert stood.robot.imu.gyro_bias == bias.value
+
+
+def standing_first(log: Log, seconds: float) -> Log:
+    """The log after a standstill, in which the gyro is as noisy as it is."""
+    tracks, imu, poses = log.tracks, log.imu, log.truth.poses
+    shift = round(seconds * 1e9)
+    steps = round(seconds / 0.02)
+    before = log.start + np.arange(steps) * 20_000_000
+    noise = np.random.default_rng(0).normal(0.0, 1e-3, (steps, 3))
+
+    def at_start(rows: np.ndarray) -> np.ndarray:
+        return np.repeat(rows[:1], steps, axis=0)
+
+    still = np.zeros((steps, 2))
+    up = at_start(imu.linear_acceleration.mean(axis=0, keepdims=True))
+    return replace(
+        log,
+        tracks=TrackSpeedSeries(
+            np.concatenate([before, tracks.stamps + shift]),
+            np.concatenate([still, tracks.speeds]),
+        ),
+        imu=ImuSeries(
+            np.concatenate([before, imu.stamps + shift]),
+            np.concatenate([noise, imu.angular_velocity]),
+            np.concatenate([up, imu.linear_acceleration]),
+        ),
+        truth=Truth(
+            PoseSeries(
+                np.concatenate([before, poses.stamps + shift]),
+                np.concatenate([at_start(poses.poses), poses.poses]),
+            )
+        ),
+    )
 
 
 def part(log: Log, begin: float, end: float) -> Log:
@@ -181,7 +319,10 @@ def test_a_circle_at_constant_speed_shows_no_effect_of_inertia() -> None:
         assert found.parameter(f"indices.{name}").status != "shown"
     assert found.parameter("indices.eta2").status == "held"
     assert found.robot.indices.eta2 == circle.robot.indices.eta2
-    assert found.parameter("effective_track").status == "shown"
+    # One circle cannot tell the track from a difference of the radii, which is held therefore.
+    assert found.parameter("tracks.difference").status == "held"
+    assert found.robot.tracks.difference == circle.robot.tracks.difference
+    assert found.parameter("effective_track").status == "conditional"
     assert found.comparison.supported == "constant"
 
 
@@ -281,15 +422,22 @@ def test_no_log_is_refused(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "robot_name", "radius", "track", "lag"),
+    ("name", "robot_name", "radius", "track", "lag", "difference"),
     [
-        # Radius and track as the README beside the logs has them, to 3 %; its lags.
-        ("warthog_grass_2024_8_8_16h11s19", "warthog", 0.286, 1.78, 0.33),
-        ("husky_deflated_part1", "husky-deflated", 0.151, 0.97, 0.16),
+        # Radius and track as the README beside the logs has them, to 3 %; its lags. Differences of the
+        # radii by least squares against the pose's heading.
+        ("warthog_grass_2024_8_8_16h11s19", "warthog", 0.286, 1.78, 0.33, 0.018),
+        ("husky_deflated_part1", "husky-deflated", 0.151, 0.97, 0.16, -0.055),
     ],
 )
 def test_real_logs_give_what_is_known_of_them(
-    name: str, robot_name: str, radius: float, track: float, lag: float, data_dir: Path
+    name: str,
+    robot_name: str,
+    radius: float,
+    track: float,
+    lag: float,
+    difference: float,
+    data_dir: Path,
 ) -> None:
     robot = load_robot(robot_name)
     log = read_log(sample_log(data_dir, name), robot)
@@ -297,3 +445,8 @@ def test_real_logs_give_what_is_known_of_them(
     assert found.robot.vehicle.sprocket_radius == pytest.approx(radius, rel=0.03)
     assert found.parameter("effective_track").value == pytest.approx(track, rel=0.03)
     assert found.logs[0].lag[0] == pytest.approx(lag, abs=0.05)
+    assert found.robot.tracks.difference == pytest.approx(difference, abs=0.006)
+    # The Warthog's gyro has none, the Husky's has, and never stands still.
+    bias = -0.0156 if robot_name.startswith("husky") else 0.0
+    assert found.robot.imu.gyro_bias == pytest.approx(bias, abs=0.0005)
+    assert found.robot.imu.gyro_bias_sigma >= 0.9 * robot.imu.gyro_bias_sigma or not bias

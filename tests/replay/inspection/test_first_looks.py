@@ -228,6 +228,11 @@ def test_sample_logs_show_their_wheels(
     _, _, estimates = looked_at(log)
     # The README beside the logs has these by least squares.
     assert estimates.way_ratio == pytest.approx(radius, rel=0.04)
+    # Few windows of straight driving show no error; then the usual one is proposed.
+    assert estimates.way_sigma is None or 0.0 < estimates.way_sigma < 0.02 * radius
+    (proposed,) = re.findall(r"^scale_sigma = (\S+)", found.proposed_robot_file, re.MULTILINE)
+    assert 0.01 <= float(proposed) <= 0.02
+    assert (float(proposed) == 0.02) == (estimates.way_sigma is None)
     assert estimates.track_ratio * estimates.way_ratio == pytest.approx(track, rel=0.06)
     assert not any(said.startswith("suspicious") for said in found.findings)
 

@@ -17,7 +17,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.inspect import inspect
-from icreckon.replay.inspection.latency import heading_latency, track_latency
+from icreckon.replay.inspection.latency import Latency, heading_latency, track_latency
 from icreckon.replay.mapping.topics import topic_map, writable_topics
 from icreckon.replay.reading.read_log import read_log
 
@@ -51,6 +51,21 @@ def test_the_latency_of_tracks_is_found(late: float) -> None:
     assert found.seconds == pytest.approx(late, abs=0.004)
     assert found.sigma < 0.005
     assert found.clear == (abs(late) > 0.03)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "sigma", "reason"),
+    [
+        (0.2, 0.08, ""),  # uncertain, but beyond its error
+        (0.2, 0.09, "within its error"),
+        (-0.2, 0.02, ""),
+        (0.02, 0.001, "less than 0.03 s"),
+    ],
+)
+def test_a_latency_beyond_its_error_is_proposed(seconds: float, sigma: float, reason: str) -> None:
+    latency = Latency(seconds, sigma)
+    assert latency.reason == reason
+    assert latency.clear == (not reason)
 
 
 def test_scale_and_bias_are_no_latency() -> None:
@@ -131,11 +146,17 @@ def test_nonsense_is_refused(latency: float) -> None:
     ],
 )
 def test_inspect_proposes_it(name: str, seconds: float | None, data_dir: Path) -> None:
-    text = inspect(sample_log(data_dir, name)).proposed_robot_file
+    inspected = inspect(sample_log(data_dir, name))
+    text = inspected.proposed_robot_file
+    (found,) = [one for one in inspected.findings if one.startswith("tracks: stamps are")]
+    assert "± 0.0" in found
     if seconds is None:
-        assert "latency" not in text
+        assert "latency =" not in text
+        assert "# Latency against the gyro: 0.0" in text
+        assert "no latency is proposed" in found
     else:
         assert f"latency = {seconds:.2f} " in text
+        assert "no latency" not in found
 
 
 def test_it_is_worth_more_than_a_model_of_slip(data_dir: Path) -> None:

@@ -1,0 +1,242 @@
+"""Values of the robot file that every model has: radius, tracks, IMU, latency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.calibration.fit import Fit
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import Robot
+
+SURE = 1.96
+"""Standard errors from zero at which a value is beyond its error."""
+LEAST_LATENCY = 2e-3
+"""A smaller latency of the track speeds is not written to the robot file [s]."""
+
+
+def _deviation(main: Fit, others: Sequence[Fit], name: str, known: float) -> float:
+    """Standard deviation of a parameter over logs and over models that may be right."""
+    by_model = np.mean([(one.value(name) - main.value(name)) ** 2 for one in others])
+    return float(np.hypot(_sigma_over_logs(main, name, known), np.sqrt(by_model)))
+
+
+def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
+    """Difference of the radii for the robot file [-], and why it is not the one found.
+
+    One within its error of zero is not written. What the file has then stays, unless the logs contradict
+    it.
+    """
+    before, value, sigma = (
+        robot.tracks.difference,
+        radii.value("difference"),
+        radii.sigma("difference"),
+    )
+    if not radii.is_free("difference"):
+        return before, ""
+    if abs(value) > SURE * sigma:
+        return float(value), ""
+    kept = before if abs(value - before) <= SURE * sigma else 0.0
+    return kept, f"within its error of zero: the file has {kept:.4g}"
+
+
+class CommonBias(NamedTuple):
+    """Gyro bias of all logs, of the rate after its scale is corrected [rad/s].
+
+    Attributes:
+        mean: mean over the logs.
+        error: standard error of that mean, by the logs' own errors and by how much they differ; None if
+            no log shows the bias.
+        written: initial bias for the robot file.
+        sigma: its standard deviation, for another log.
+    """
+
+    mean: float
+    error: float | None
+    written: float
+    sigma: float
+
+
+def common_bias(robot: Robot, main: Fit) -> CommonBias:
+    """Initial gyro bias for the robot file, and its standard deviation.
+
+    The mean over the logs is written if it is beyond its error, or if a log has no standstill: a filter
+    has nothing else to take it from then. Its standard deviation is that of the bias of another log,
+    about what is written. The robot file's counts as one more log, since few logs say little of others.
+    """
+    recording, imu = main.problem.recording, robot.imu
+    scale = main.value("gyro_scale")
+    logs = [log for log in range(len(recording.motions)) if main.is_free(f"gyro_bias[{log}]")]
+    if not logs:
+        return CommonBias(imu.gyro_bias, None, imu.gyro_bias, imu.gyro_bias_sigma)
+    biases = np.array([main.value(f"gyro_bias[{log}]") for log in logs]) / scale
+    errors = np.array([main.sigma(f"gyro_bias[{log}]") for log in logs]) / scale
+    count = len(logs)
+    mean = float(biases.mean())
+    spread = float(biases.var(ddof=1)) if count > 1 else 0.0
+    # The spread of the estimates has their errors in it.
+    error = float(np.sqrt(max(spread / count, np.sum(errors**2) / count**2)))
+    stood = np.bincount(recording.log[~recording.moving], minlength=len(recording.motions))
+    if abs(mean) > SURE * error or not stood[logs].all():
+        between = (np.sum((biases - mean) ** 2) + imu.gyro_bias_sigma**2) / count
+        return CommonBias(mean, error, mean, float(np.sqrt(between + error**2)))
+    about = (np.sum(biases**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
+    return CommonBias(mean, error, 0.0, float(np.sqrt(about)))
+
+
+def with_common(
+    robot: Robot, main: Fit, radii: Fit, supported: Sequence[Fit], speeds_by_radius: bool
+) -> Robot:
+    """Robot with radius, tracks, gyro and mounting of a fit, each with its sigma.
+
+    Args:
+        robot: the robot as described by its file.
+        main: fit of the supported model.
+        radii: fit of the likeliest model, for the difference of the radii.
+        supported: fits of all models that may be right.
+        speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
+    """
+    vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
+    scale, sigma = main.value("scale"), finite(main.sigma("scale"))
+    deviation = _deviation(main, supported, "scale", tracks.scale_sigma)
+    if speeds_by_radius:
+        radius = float(vehicle.sprocket_radius * scale)
+        vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
+        scale_sigma = float(np.hypot(sigma, deviation))
+    else:
+        scale_sigma = float(np.sqrt(sigma**2 + deviation**2 + (scale - 1.0) ** 2))
+    difference_sigma = tracks.difference_sigma
+    if radii.is_free("difference"):
+        spread = _deviation(radii, supported, "difference", difference_sigma)
+        difference_sigma = float(np.hypot(radii.sigma("difference"), spread))
+    tracks = msgspec.structs.replace(
+        tracks,
+        scale_sigma=scale_sigma,
+        difference=written_difference(robot, radii)[0],
+        difference_sigma=difference_sigma,
+    )
+    bias = common_bias(robot, main)
+    rotation, tilted = _mounting(robot, main)
+    gyro_scale = _righted_scale(robot, main, tilted)
+    x, y, z = imu.position
+    if "imu_forward" in main.problem.names and main.is_free("imu_forward"):
+        x = x + main.value("imu_forward")
+        y = y + main.value("imu_left") if main.is_free("imu_left") else y
+    imu = msgspec.structs.replace(
+        imu,
+        rotation_rpy_deg=rotation,
+        position=(float(x), float(y), z),
+        gyro_scale=float(gyro_scale),
+        gyro_scale_sigma=float(
+            np.hypot(
+                finite(main.sigma("gyro_scale")),
+                _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma),
+            )
+        ),
+        gyro_bias=bias.written,
+        gyro_bias_sigma=bias.sigma,
+    )
+    new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
+    return _with_latency(new, main)
+
+
+def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
+    """Scale of the gyro with the calibrated mounting, which determines the vertical."""
+    if robot.imu.gyro_axes == "z":
+        return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
+    # Ratio of the robot's rotation about the new vertical to that about the old one.
+    both = total = 0.0
+    for motion in main.problem.recording.motions:
+        if motion.log.imu is None:
+            continue
+        rates = motion.log.imu.angular_velocity
+        apart = rates - rates.mean(axis=0)
+        old, new = apart @ robot.imu_rotation[2], apart @ rotation[2]
+        both, total = both + float(new @ old), total + float(old @ old)
+    return main.value("gyro_scale") * both / total
+
+
+def _with_latency(robot: Robot, main: Fit) -> Robot:
+    """Robot whose mapping removes the tracks' latency from logs, if it maps tracks."""
+    latency = main.value("track_latency")
+    if not main.is_free("track_latency") or abs(latency) < LEAST_LATENCY:
+        return robot
+    for path in (("tracks",), ("columns", "tracks")):
+        table: Any = robot.log
+        for key in path:
+            table = table.get(key) if isinstance(table, dict) else None
+        if not isinstance(table, dict):
+            continue
+        changed = table | {"latency": round(float(table.get("latency", 0.0)) + latency, 4)}
+        for key in reversed(path[1:]):
+            changed = {**robot.log[path[0]], key: changed}
+        return msgspec.structs.replace(robot, log={**robot.log, path[0]: changed})
+    return robot
+
+
+def finite(sigma: float) -> float:
+    """Standard error, zero if held."""
+    return sigma if np.isfinite(sigma) else 0.0
+
+
+def _sigma_over_logs(main: Fit, name: str, known: float) -> float:
+    """Standard deviation of a parameter over logs; the robot file counts as one more."""
+    recording = main.problem.recording
+    count, at = len(recording.motions), main.problem.place(name)
+    if count < 2 or not main.free[at]:
+        return known
+    owner = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
+    owner[recording.block] = recording.log
+    each = np.array([main.without(owner != log)[at] for log in range(count)])
+    apart = np.minimum(np.abs(each - main.values[at]), 0.1)
+    return float(np.sqrt((np.sum(apart**2) + known**2) / count))
+
+
+def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
+    """Calibrated roll, pitch, yaw [deg], and the rotation."""
+    roll, pitch, yaw = (float(one[0]) for one in mounting_turns(main))
+    turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
+    angles = np.degrees(
+        [
+            np.arctan2(turned[2, 1], turned[2, 2]),
+            np.arctan2(-turned[2, 0], np.hypot(turned[2, 1], turned[2, 2])),
+            np.arctan2(turned[1, 0], turned[0, 0]),
+        ]
+    )
+    return (float(angles[0]), float(angles[1]), float(angles[2])), turned
+
+
+def mounting_turns(
+    main: Fit,
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Small rotations about forward, left, up that level the IMU, with errors [rad].
+
+    The errors are standard errors.
+    """
+    problem = main.problem
+    count = len(problem.recording.motions)
+
+    def mean(name: str) -> tuple[float, float]:
+        free = [log for log in range(count) if main.is_free(f"{name}[{log}]")]
+        if not problem.force or not free:
+            return 0.0, np.inf
+        values = np.array([main.value(f"{name}[{log}]") for log in free])
+        sigmas = np.array([main.sigma(f"{name}[{log}]") for log in free])
+        deviation = values.std(ddof=1) if len(free) > 1 else 0.0
+        error = max(float(np.sqrt((sigmas**2).sum())) / len(free), deviation / np.sqrt(len(free)))
+        return float(values.mean()), error
+
+    forward, left = mean("offset_forward"), mean("offset_left")
+    yaw = (0.0, np.inf)
+    if problem.force and main.is_free("mounting_yaw"):
+        yaw = (main.value("mounting_yaw"), main.sigma("mounting_yaw"))
+    return (
+        (left[0] / GRAVITY, left[1] / GRAVITY),
+        (-forward[0] / GRAVITY, forward[1] / GRAVITY),
+        yaw,
+    )

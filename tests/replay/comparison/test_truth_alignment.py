@@ -1,0 +1,61 @@
+"""Lag of a truth: found by its standard error, however little the robot turned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.log.series import PoseSeries, Truth
+from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.replay.comparison.truth_alignment import align_truth
+
+SECONDS, RATE = 200.0, 20.0
+
+
+def weaving(turning: float) -> tuple[Trajectory, PoseSeries]:
+    """Reckoned trajectory that weaves by a yaw rate of such a size [rad/s], and its poses."""
+    times = np.arange(0.0, SECONDS, 1.0 / RATE)
+    rng = np.random.default_rng(3)
+    knots = np.arange(0.0, SECONDS + 4.0, 2.0)
+    rate = turning * np.interp(times, knots, rng.standard_normal(len(knots)))
+    yaw = np.cumsum(rate) / RATE
+    steps = np.column_stack([np.cos(yaw), np.sin(yaw)]) / RATE
+    poses = np.column_stack([np.cumsum(steps, axis=0), yaw])
+    stamps = (times * 1e9).astype(np.int64)
+    nothing = np.zeros((len(stamps), 3, 3))
+    return (
+        Trajectory(stamps, poses, nothing, np.zeros((len(stamps), 3)), nothing),
+        PoseSeries(stamps, poses),
+    )
+
+
+def late(poses: PoseSeries, seconds: float, noise: float) -> Truth:
+    """Truth that is late, with noise of its yaw [rad]."""
+    moved = poses.poses.copy()
+    moved[:, 2] += np.random.default_rng(5).normal(0.0, noise, len(moved))
+    return Truth(PoseSeries(poses.stamps + round(seconds * 1e9), moved))
+
+
+@pytest.mark.parametrize("turning", [0.05, 0.12, 0.6])
+def test_the_lag_is_found_however_little_it_turns(turning: float) -> None:
+    reckoned, poses = weaving(turning)
+    found = align_truth(late(poses, 0.3, 0.003), reckoned)
+    assert found.lag_sigma is not None
+    assert found.lag == pytest.approx(0.3, abs=max(0.02, 4.0 * found.lag_sigma))
+    assert found.lag_sigma < 0.04
+    assert found.notes == ()
+
+
+def test_a_lag_that_does_not_show_is_taken_as_zero_with_a_word() -> None:
+    """Noise larger than all turning; and no turning at all."""
+    reckoned, poses = weaving(0.04)
+    found = align_truth(late(poses, 0.3, 0.2), reckoned)
+    assert found.lag == 0.0
+    assert found.lag_sigma is not None
+    assert found.lag_sigma > 0.1
+    assert "cannot be seen" in found.notes[0]
+    reckoned, poses = weaving(0.0)
+    found = align_truth(late(poses, 0.3, 0.0), reckoned)
+    assert found.lag == 0.0
+    assert found.lag_sigma is None
+    assert "cannot be seen" in found.notes[0]
