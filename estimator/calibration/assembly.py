@@ -353,7 +353,7 @@ def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
             parameter.name,
             f"indices.{parameter.name}",
             parameter.unit,
-            before=float(getattr(indices, parameter.name)),
+            before=parameter.start,
             sigmas=free,
         )
         for parameter in free.problem.model.parameters

@@ -10,8 +10,10 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.calibration.assembly import as_found, assembled, with_difference
+from icreckon.estimator.calibration.common_values import with_common
 from icreckon.estimator.calibration.cross_validation import likeliest, validate
 from icreckon.estimator.calibration.fit import Fit, fit
+from icreckon.estimator.calibration.ground_forces import ground_forces
 from icreckon.estimator.calibration.models import MODELS, model_of
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
@@ -95,6 +97,10 @@ def calibrate(
     ]
     report(0.1)
     scale, difference = first.value("scale"), first.value("difference")
+    known = with_common(as_found(robot, first), first, first, [first], True)
+    motions = [
+        replace(motion, forces=ground_forces(motion.log, known, scale)) for motion in motions
+    ]
     recording = record(motions, as_found(robot, first), segment, scale=scale, difference=difference)
     fits: dict[str, Fit] = {}
     initial = dict(zip(first.problem.names, first.values.tolist(), strict=True))

@@ -16,11 +16,12 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.motion.contact import ground
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.motion.index_model import linearise
+from icreckon.estimator.motion.lagged_index_model import linearise
+from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, VehicleConstants
 from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.nominal_contact import presumed_contact
 from icreckon.estimator.robot.robot_file import Indices, Robot
-from icreckon.estimator.robot.variants import TYPICAL_FORCE
+from icreckon.estimator.robot.variants import TYPICAL_FORCE, find_variant, initial_parameters
 
 MODELS = ("differential", "constant", "inertia", "friction")
 """Names, from the simplest to the most complex: a later one must be better to be chosen."""
@@ -34,6 +35,8 @@ COARSE = 3
 """Number of cells with one friction solution, at their mean speeds; first order about it."""
 SAME_PLACE = 1e-3
 """A nominal centre of mass within this distance of the robot file's is that [m]."""
+NO_MASS = (1.0, 0.0, 0.0)
+"""Mass [kg] and centre of mass [m] of a model without forces."""
 REST = 2e-3
 """Tracks slower than this count as standing [m/s]."""
 
@@ -81,10 +84,16 @@ class Model(Protocol):
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters of the model; a name has one meaning in all models."""
 
-    def at(self, speeds: Floats, values: Floats) -> TwistAt:
-        """Twists for track speeds (..., 2) [m/s] at parameters (p,)."""
+    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:
+        """Twists with derivatives.
 
-    def twist(self, speeds: Floats, values: Floats) -> Floats:
+        Args:
+            speeds: (..., 2) track speeds [m/s].
+            values: (p,) parameters.
+            forces: (..., 2) forces that the ground balances, see `Recording.ground_forces`.
+        """
+
+    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:
         """Twists (..., 3) without derivatives."""
 
     def inside(self, values: Floats) -> Floats:
@@ -105,15 +114,16 @@ class Differential:
     name: str = "differential"
     parameters: tuple[Parameter, ...] = ()
 
-    def at(self, speeds: Floats, values: Floats) -> TwistAt:  # noqa: ARG002 - a `Model`
+    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:  # noqa: ARG002
         """Twists with derivatives, as in `Model`."""
-        indices = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
-        found = _index_twist(speeds, indices, (self.gauge, 1.0, 0.0, 0.0))
+        found = _index_twist(
+            speeds, Indices().as_array(), forces, VehicleConstants(self.gauge, *NO_MASS)
+        )
         return TwistAt(found.twist, found.by_parameters[..., :0], found.by_speeds)
 
-    def twist(self, speeds: Floats, values: Floats) -> Floats:
+    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:
         """Twists (..., 3) alone, as in `Model`."""
-        return self.at(speeds, values).twist
+        return self.at(speeds, values, forces).twist
 
     def inside(self, values: Floats) -> Floats:
         """Nearest valid parameters (p,), as in `Model`."""
@@ -135,25 +145,25 @@ class IndexModel:
     Attributes:
         name: "constant" or "inertia".
         parameters: three, or all but H.
-        vehicle: L, M, x_CM, y_CM.
-        places: indices of the parameters among the eight.
+        vehicle: constants of the vehicle.
+        places: places of the parameters in `Indices`.
         H: H of the robot file [-].
     """
 
     name: str
     parameters: tuple[Parameter, ...]
-    vehicle: tuple[float, ...]
+    vehicle: VehicleConstants
     places: tuple[int, ...]
     H: float
 
-    def at(self, speeds: Floats, values: Floats) -> TwistAt:
+    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:
         """Twists with derivatives, as in `Model`."""
-        found = _index_twist(speeds, self.eight(values), self.vehicle)
+        found = _index_twist(speeds, self.nine(values), forces, self.vehicle)
         return TwistAt(found.twist, found.by_parameters[..., list(self.places)], found.by_speeds)
 
-    def twist(self, speeds: Floats, values: Floats) -> Floats:
+    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:
         """Twists (..., 3) alone, as in `Model`."""
-        return self.at(speeds, values).twist
+        return self.at(speeds, values, forces).twist
 
     def inside(self, values: Floats) -> Floats:
         """Nearest valid parameters (p,), as in `Model`."""
@@ -162,9 +172,9 @@ class IndexModel:
         result[at] = max(result[at], 1.0)
         return result
 
-    def eight(self, values: Floats) -> Floats:
-        """All eight parameters (8,), in the order of `Indices`."""
-        result = np.array([self.H, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    def nine(self, values: Floats) -> Floats:
+        """All parameters (9,), in the order of `Indices`."""
+        result = Indices(H=self.H).as_array()
         result[list(self.places)] = values
         return result
 
@@ -176,7 +186,7 @@ class IndexModel:
         """Robot with these parameters in its file, as in `Model`."""
         from icreckon.estimator.robot.robot_file import ConstantIcr
 
-        indices = Indices(*(float(value) for value in self.eight(self.inside(values))))
+        indices = Indices(*(float(value) for value in self.nine(self.inside(values))))
         if self.name == "inertia":
             return msgspec.structs.replace(robot, indices=indices)
         # A file's rounding must not bring the ICRs nearer to each other than the gauge.
@@ -206,11 +216,11 @@ class FrictionModel:
     name: str = "friction"
     nearby: dict[int, Floats] = field(default_factory=dict, repr=False, compare=False)
 
-    def at(self, speeds: Floats, values: Floats) -> TwistAt:
+    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:  # noqa: ARG002
         """Twists with derivatives, as in `Model`."""
         return self._fine(speeds, values, self.parameters)
 
-    def twist(self, speeds: Floats, values: Floats) -> Floats:
+    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:  # noqa: ARG002
         """Twists (..., 3) alone, as in `Model`."""
         return self._fine(speeds, values, ()).twist
 
@@ -316,22 +326,23 @@ def model_of(name: str, robot: Robot) -> Model:
         return Differential(gauge)
     if name in ("constant", "inertia"):
         start = robot.constant_indices if name == "constant" else robot.indices
-        eight = start.as_array()
+        nine = start.as_array()
+        if name == "inertia":
+            nine = initial_parameters(robot, find_variant("inertia-fixed"))
         names = Indices.__struct_fields__
         force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
         length = TELLING * gauge
-        eta = TELLING * max(1.0, eight[5])
+        eta = TELLING * max(1.0, nine[5])
         first = (1.0, length, length / force, length, length / force)
-        threshold = (*first, eta, eta / force, eta / force**2)
-        units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²")
-        ranks = (99, 20, 60, 21, 61, 0, 70, 80)
-        places = (1, 3, 5) if name == "constant" else (1, 2, 3, 4, 5, 6, 7)
+        threshold = (*first, eta, eta / force, eta / force**2, length / TYPICAL_FORCE)
+        units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²", "m")
+        ranks = (99, 20, 60, 21, 61, 0, 70, 80, 62)
+        places = (1, 3, 5) if name == "constant" else tuple(range(1, len(nine)))
         parameters = tuple(
-            Parameter(names[at], units[at], float(eight[at]), threshold[at], ranks[at])
+            Parameter(names[at], units[at], float(nine[at]), threshold[at], ranks[at])
             for at in places
         )
-        vehicle = robot.constants
-        return IndexModel(name, parameters, vehicle, places, robot.indices.H)
+        return IndexModel(name, parameters, robot.constants, places, robot.indices.H)
     if name == "friction":
         return _friction(robot)
     raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
@@ -369,12 +380,13 @@ def _coarse(speeds: Floats) -> tuple[Floats, Floats]:
     return mean, speeds - np.repeat(mean, step, axis=1)
 
 
-def _index_twist(speeds: Floats, eight: Floats, vehicle: tuple[float, ...]) -> TwistAt:
-    from icreckon.estimator.motion.motion_model import VehicleConstants
-
-    zero = (0.0, 0.0, 0.0)
-    constants = VehicleConstants(*vehicle)
-    found, by = linearise(speeds[..., 0], speeds[..., 1], eight, zero, constants, False, False)
+def _index_twist(
+    speeds: Floats, nine: Floats, forces: Floats, vehicle: VehicleConstants
+) -> TwistAt:
+    # P is given whole: rolling resistance and gravity are in it.
+    vehicle = vehicle._replace(rolling_resistance=0.0)
+    memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
+    found, by = linearise(speeds[..., 0], speeds[..., 1], nine, NO_SLIP, LEVEL, vehicle, memory)
     shape = speeds.shape[:-1]
 
     def turned(rows: list[Floats]) -> Floats:

@@ -12,6 +12,7 @@ errors in turning nor noise of the truth's heading affect the displacement.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,11 @@ class Problem:
     imu_position: tuple[float, float]
     force: bool
 
+    @cached_property
+    def forces(self) -> Floats:
+        """Forces that the ground balances, see `Recording.ground_forces`."""
+        return self.recording.ground_forces()
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
@@ -90,7 +96,7 @@ class Problem:
 
     def twist(self, values: Floats) -> Floats:
         """Twists (n, m, 3) of the model."""
-        return self.model.twist(self._speeds(values), self._own(values))
+        return self.model.twist(self._speeds(values), self._own(values), self.forces)
 
     def linearised(self, values: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
@@ -99,7 +105,7 @@ class Problem:
         sides = 1.0 + SIDES * values[self.place("difference")]
         raw = recording.speeds(latency)
         changing = (recording.speeds(latency + 0.01) - recording.speeds(latency - 0.01)) / 0.02
-        at = self.model.at(scale * sides * raw, self._own(values))
+        at = self.model.at(scale * sides * raw, self._own(values), self.forces)
         # By scale, difference, latency.
         changes = np.stack([sides * raw, scale * SIDES * raw, scale * sides * changing], axis=-1)
         by_tracks = at.by_speeds @ changes

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative
+from icreckon.estimator.calibration.ground_forces import GroundForces
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot
@@ -62,6 +63,7 @@ class Motion:
         truth: (t, 3) x, y [m], yaw [rad], unwrapped.
         lag: initial estimate of the truth's lag [s].
         bias: initial estimate of the gyro's bias [rad/s].
+        forces: forces that the ground balances; None before they are estimated.
     """
 
     log: Log
@@ -74,6 +76,7 @@ class Motion:
     truth: Floats
     lag: float
     bias: float
+    forces: GroundForces | None = None
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,21 @@ class Recording:
             for side in range(2):
                 ways = np.interp(times, motion.track_times, motion.track_ways[:, side])
                 result[own, :, side] = np.diff(ways, axis=1) / self.cell
+        return result
+
+    def ground_forces(self) -> Floats:
+        """Forces (n, m, 2) in the middle of each cell: S over the mass [m/s²], P [-].
+
+        They are zero if they are not estimated yet.
+        """
+        result = np.zeros((*self.edges[:, 1:].shape, 2))
+        for number, motion in enumerate(self.motions):
+            if motion.forces is None:
+                continue
+            own, (at, *forces) = self.log == number, motion.forces
+            middles = 0.5 * (self.edges[own, 1:] + self.edges[own, :-1])
+            for place, values in enumerate(forces):
+                result[own, :, place] = np.interp(middles, at, values)
         return result
 
     def mean_force(self, marks: Indexes) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import msgspec
@@ -10,7 +9,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.contact import Contact, Soil
-from icreckon.estimator.motion.icr import IndexValues
+from icreckon.estimator.motion.icr import GRAVITY, IndexValues
 from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.robot_file import Robot
 
@@ -22,7 +21,7 @@ SHORTEST, LONGEST = 0.05, 3.0
 # Bound of the centre of mass in that search, as a share of half the extent.
 OFF_CENTRE = 0.7
 # Least distance of a track from its ICR, as a share of half the contact's length.
-LEAST_AWAY = 0.05
+LEAST_AWAY = 0.5
 
 
 def presumed_contact(robot: Robot) -> Contact:
@@ -84,17 +83,20 @@ def _with_slow_turns(contact: Contact, zeta: float, epsilon: float, eta: float) 
     return of(least_squares(short_of, start, bounds=(low, high), diff_step=1e-4).x)
 
 
-def coulomb_creep(robot: Robot) -> float:
-    """Shift of both ICRs by a force along the tracks as large as the weight [m].
+def coulomb_gains(robot: Robot) -> tuple[float, float]:
+    """Gains zeta1 [m/N] and epsilon_F [m] of Coulomb friction at the contact points.
 
-    A track whose ICR is a away from it pushes across its contact's length 2 h with the share
-    phi(a) = (a / h) asinh(h / a) of its friction along the track, the mean over points that slide in
-    proportion to (a, y). A force F along the tracks shifts a by F / (mu M g phi'(a)).
+    In a turn a contact point at y along a track, whose ICR is a away from it, slides in proportion to
+    (a, y). All points together push with the shares mean(a / r) and mean(y / r) of their friction along
+    and across the track, r² = a² + y². A force along the tracks, as a share of the weight, shifts a by
+    1 / (mu mean(y² / r³)); one across them, in N, shifts y_ICR by 1 / (mu M g mean(a² / r³)).
     """
     vehicle, soil = robot.vehicle, robot.soil
     friction = Soil().friction if soil is None else soil.friction
     half = vehicle.half_contact_length
+    y = np.linspace(-half, half, vehicle.contact_points)
     away = 0.5 * (robot.constant_indices.eta0 - 1.0) * vehicle.track_gauge
-    ratio = max(away / half, LEAST_AWAY)
-    slope = (math.asinh(1.0 / ratio) - 1.0 / math.sqrt(1.0 + ratio * ratio)) / half
-    return 1.0 / (friction * slope)
+    a = max(away, LEAST_AWAY * half)
+    cube = (a * a + y * y) ** 1.5
+    across, along = float(np.mean(a * a / cube)), float(np.mean(y * y / cube))
+    return 1.0 / (friction * vehicle.mass * GRAVITY * across), 1.0 / (friction * along)

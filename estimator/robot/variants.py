@@ -30,7 +30,7 @@ from icreckon.estimator.motion.icr import GRAVITY, IndexValues
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.robot.nominal_contact import coulomb_creep, presumed_contact
+from icreckon.estimator.robot.nominal_contact import coulomb_gains, presumed_contact
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
 
 # Factors on the friction model's slip if the robot file has no ground, and if parameters are fixed.
@@ -39,6 +39,8 @@ ON_UNKNOWN_GROUND, UNLEARNT = 2.0, 1.5
 LEAST_KNOWN_HEIGHT = 0.3
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07
+# Places of the gains among the parameters: zeta1, epsilon1, eta1, eta2; and epsilon_F.
+GAINS = (2, 4, 6, 7)
 EPSILON_F = s.EPSILON_F - s.PARAMETERS.start
 
 Model = Literal["gyro", "differential", "constant", "linear", "inertia", "friction"]
@@ -255,8 +257,9 @@ def state_names(variant: Variant | str) -> tuple[str, ...]:
 def initial_parameters(robot: Robot, variant: Variant) -> Floats:
     """Initial values of the nine parameters (9,) of a variant.
 
-    They are the robot file's, as far as the variant's model has them; see
-    `estimator.robot.nominal_contact` for those of the friction model on unknown ground.
+    They are the robot file's, as far as the variant's model has them. Gains that the file lacks are those
+    of Coulomb friction; see `estimator.robot.nominal_contact`, also for the friction model on unknown
+    ground.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground.
@@ -270,8 +273,11 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
             return robot.constant_indices.as_array()
         case "inertia":
             found = robot.indices.as_array()
+            zeta1, epsilon_F = coulomb_gains(robot)
+            if not found[list(GAINS)].any():
+                found[GAINS[0]] = zeta1
             if robot.indices.epsilon_F is None:
-                found[EPSILON_F] = coulomb_creep(robot)
+                found[EPSILON_F] = epsilon_F
             return found
         case "linear":
             _, zeta, _, epsilon, _, eta, *_ = robot.constant_indices.as_array()
@@ -355,7 +361,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
             adaptation.eta0,
             adaptation.eta1 / force,
             adaptation.eta2 / force**2,
-            adaptation.epsilon_F * coulomb_creep(robot),
+            adaptation.epsilon_F * coulomb_gains(robot)[1],
         ]
     )
     if variant.model == "constant":

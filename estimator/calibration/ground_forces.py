@@ -1,0 +1,72 @@
+"""Forces that the ground balances along a log: inputs of the index models in the fit.
+
+A filter estimates twist and gravity along the ground; the forces lag as in
+`estimator.motion.lagged_index_model`. So the gains are fitted to inertia and gravity together, and a
+slope is not taken for inertia.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.motion.lagged_index_model import ROLLS_AT
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.run import run
+
+# Filter that estimates the twist: its parameters hardly matter, since the gyro measures the yaw rate.
+ESTIMATOR = "constant-online"
+
+
+class GroundForces(NamedTuple):
+    """Forces of one log, over its vehicle's mass or weight.
+
+    Attributes:
+        times: (k,) seconds since the log's start.
+        lateral: (k,) S over the mass, the signed specific force [m/s²].
+        along: (k,) P, the force along the tracks as a share of the weight [-].
+    """
+
+    times: Floats
+    lateral: Floats
+    along: Floats
+
+
+def ground_forces(log: Log, robot: Robot, scale: float) -> GroundForces:
+    """Estimate the forces along a log.
+
+    Args:
+        log: the log; its truth and fixes are not used.
+        robot: the robot, with the mounting of its IMU.
+        scale: true over logged track speeds [-].
+    """
+    tracks = TrackSpeedSeries(log.tracks.stamps, scale * log.tracks.speeds)
+    found = run(Log(log.name, tracks, log.imu), robot, ESTIMATOR)
+    times = np.asarray((found.stamps - log.start) * NANOSECOND, dtype=float)
+    forward, _, w = found.trajectory.twists.T
+    x_CM, lag = robot.constants.x_CM, robot.vehicle.load_lag
+    newest = np.searchsorted(tracks.stamps, found.stamps, side="right") - 1
+    speeds = tracks.speeds[np.maximum(newest, 0)]
+    mean = speeds.mean(axis=1)
+    acceleration = (mean - _lagged(times, mean, lag)) / lag
+    rolling = np.clip(speeds / ROLLS_AT, -1.0, 1.0).mean(axis=1)
+    along = robot.constants.rolling_resistance * rolling
+    along += (acceleration - found.states[:, s.GRAVITY_X]) / GRAVITY
+    lateral = _lagged(times, -w * (forward + x_CM * w), lag) + found.states[:, s.GRAVITY_Y]
+    return GroundForces(times, np.clip(lateral, -GRAVITY, GRAVITY), np.clip(along, -1.0, 1.0))
+
+
+def _lagged(times: Floats, values: Floats, time_constant: float) -> Floats:
+    """Values (k,) behind a first-order lag [s]; each is the mean since the time before."""
+    decays = np.exp(-np.diff(times, prepend=times[0]) / time_constant)
+    result, last = np.empty_like(values), values[0]
+    for k, (decay, value) in enumerate(zip(decays.tolist(), values.tolist(), strict=True)):
+        last = value + decay * (last - value)
+        result[k] = last
+    return result
