@@ -33,7 +33,7 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     TrackSpeeds,
 )
-from icreckon.estimator.robot.robot_file import Indices, Robot
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
@@ -43,7 +43,6 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.step_inputs import step_inputs, track_change
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
-from icreckon.simulation.truth.kinematic import has_single_motion
 from icreckon.simulation.truth.true_motion import exponential
 
 # How often to draw parameters that no vehicle has before giving up.
@@ -195,10 +194,7 @@ class ModelSampler:
             x = np.asarray(self._mean + self._spread * rng.standard_normal(s.SIZE))
             if self._variant.model == "friction":
                 return x
-            if x[s.ETA0] < 1.0:
-                continue
-            indices = Indices(*x[s.PARAMETERS].tolist())
-            if self._variant.model != "inertia" or has_single_motion(indices, self._robot):
+            if self._variant.model == "linear" or x[s.ETA0] >= 1.0:
                 return x
         raise SimulationError(f"no parameters that a vehicle can have in {DRAWS} draws")
 

@@ -2,7 +2,8 @@
 
 A filter estimates twist and gravity along the ground; the forces lag as in
 `estimator.motion.lagged_index_model`. So the gains are fitted to inertia and gravity together, and a
-slope is not taken for inertia.
+slope is not taken for inertia. What gravity has in the robot's own axes over all turns is taken to be an
+offset of the accelerometers: a robot that turns sees a slope from all sides.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from icreckon.estimator.streaming.run import run
 
 # Filter that estimates the twist: its parameters hardly matter, since the gyro measures the yaw rate.
 ESTIMATOR = "constant-online"
+# Least sum of squared yaw rates [rad²/s²].
+SLOWEST = 1e-9
 
 
 class GroundForces(NamedTuple):
@@ -56,10 +59,17 @@ def ground_forces(log: Log, robot: Robot, scale: float) -> GroundForces:
     mean = speeds.mean(axis=1)
     acceleration = (mean - _lagged(times, mean, lag)) / lag
     rolling = np.clip(speeds / ROLLS_AT, -1.0, 1.0).mean(axis=1)
+    gravity = found.states[:, s.GRAVITY] - _mean_in_turns(found.states[:, s.GRAVITY], w)
     along = robot.constants.rolling_resistance * rolling
-    along += (acceleration - found.states[:, s.GRAVITY_X]) / GRAVITY
-    lateral = _lagged(times, -w * (forward + x_CM * w), lag) + found.states[:, s.GRAVITY_Y]
+    along += (acceleration - gravity[:, 0]) / GRAVITY
+    lateral = _lagged(times, -w * (forward + x_CM * w), lag) + gravity[:, 1]
     return GroundForces(times, np.clip(lateral, -GRAVITY, GRAVITY), np.clip(along, -1.0, 1.0))
+
+
+def _mean_in_turns(values: Floats, w: Floats) -> Floats:
+    """Mean (2,) of values (k, 2), weighted by the square of the yaw rate [rad/s]."""
+    weights = w * w
+    return np.asarray(weights @ values / max(float(weights.sum()), SLOWEST))
 
 
 def _lagged(times: Floats, values: Floats, time_constant: float) -> Floats:

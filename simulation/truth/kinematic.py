@@ -12,11 +12,14 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import paper_to_rep103
-from icreckon.estimator.motion.icr import direct, indices_at_signed_inertia, signed_inertia
-from icreckon.estimator.motion.index_model import solve
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.base.state import PARAMETER_COUNT as COUNT
+from icreckon.estimator.motion.lagged_index_model import advanced, evaluate
+from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
-from icreckon.simulation.base.errors import SimulationError
+from icreckon.estimator.robot.variants import find_variant, initial_parameters
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.true_motion import (
     DEFAULT_SPREAD,
@@ -26,11 +29,6 @@ from icreckon.simulation.truth.true_motion import (
     slip_residual,
     true_motion,
 )
-
-# Number of draws of the parameters, and resolution of the search for a second motion.
-DRAWS = 100
-SPEED_GRID = 31
-FORCE_GRID = 150
 
 
 @dataclass(frozen=True)
@@ -57,67 +55,64 @@ class KinematicTruth:
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """Simulate the motion; see `TruthModel.run`, and `draw_parameters` for errors."""
+        """Simulate the motion; see `TruthModel.run`, and `draw_parameters`."""
         parameters = draw_parameters(robot, self.spread, rng)
         speeds = command(grid_times(duration, rate))
         vehicle = robot.constants
-        solved = solve(speeds[:, 0], speeds[:, 1], parameters.as_array(), vehicle).twist
-        v_x, v_y = paper_to_rep103(solved.v_x, solved.v_y)
+        from icreckon.estimator.tracing.jit_kernel import entry
+
+        solved = np.empty((len(speeds), 3))
+        keep = float(np.exp(-1.0 / (rate * vehicle.load_lag)))
+        entry(lagged_twists)(
+            np.ascontiguousarray(speeds), keep, parameters.as_array(), vehicle, solved
+        )
+        v_x, v_y = paper_to_rep103(solved[:, 0], solved[:, 1])
         effective_gauge = robot.vehicle.track_gauge * parameters.eta0
         slip = slip_residual(speeds, self.slip, effective_gauge, 1.0 / rate, rng)
-        twists = np.stack([v_x, v_y, solved.w], axis=-1) + self.slip_noise * slip
+        twists = np.stack([v_x, v_y, solved[:, 2]], axis=-1) + self.slip_noise * slip
         return true_motion(rate, twists, speeds, self.name, parameters)
 
 
 def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
     """Draw the robot's index parameters, each times its own log-normal factor.
 
-    H is not changed, and eta0 >= 1. Parameters are drawn again if some track speeds have more than one
-    steady motion: with them the vehicle would jump from one motion to the other.
+    H is not changed, and eta0 >= 1.
 
     Args:
-        robot: gives the nominal parameters, mass, geometry and speed range.
+        robot: gives the nominal parameters.
         spread: standard deviation of the logarithm of each factor [-].
         rng: draws the factors.
-
-    Raises:
-        SimulationError: none of `DRAWS` draws has a single motion.
     """
-    for _ in range(DRAWS):
-        factors = np.exp(spread * rng.standard_normal(7))
-        values = {
-            name: float(factor * getattr(robot.indices, name))
-            for name, factor in zip(Indices.__struct_fields__[1:], factors, strict=True)
-        }
-        values["eta0"] = max(values["eta0"], 1.0)
-        drawn = msgspec.structs.replace(robot.indices, **values)
-        if spread == 0.0 or has_single_motion(drawn, robot):
-            return drawn
-    raise SimulationError(
-        f"no true parameters of {robot.name!r} with a single motion for all track speeds in "
-        f"{DRAWS} draws; lower truth_spread ({spread!r}) or the robot's max_track_speed"
-    )
+    H, *others = initial_parameters(robot, find_variant("inertia-fixed")).tolist()
+    factors = np.exp(spread * rng.standard_normal(len(others)))
+    drawn = Indices(H, *(float(value) for value in others * factors))
+    return msgspec.structs.replace(drawn, eta0=max(drawn.eta0, 1.0))
 
 
-def has_single_motion(indices: Indices, robot: Robot) -> bool:
-    """Return True if the implicit model has one solution for all allowed track speeds.
-
-    Allowed are track speeds within max_track_speed.
+def lagged_twists(
+    speeds: Floats,
+    keep: float,
+    parameters: Floats,
+    vehicle: VehicleConstants,
+    twists: Floats,
+) -> None:
+    """Motion of the filter's index model on level ground, from rest.
 
     Args:
-        indices: the parameters.
-        robot: gives mass, geometry and speed range.
+        speeds: (n, 2) track speeds at an even step [m/s].
+        keep: factor exp(-step / T) on the lagged forces.
+        parameters: (9,) index parameters.
+        vehicle: constants of the vehicle.
+        twists: (n, 3) in the paper's axes, overwritten.
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
-    vehicle, top = robot.constants, robot.vehicle.max_track_speed
-    grid = np.linspace(-top, top, SPEED_GRID)
-    V_l, V_r = (speed.ravel() for speed in np.meshgrid(grid, grid))
-    # The other half is these motions backward in time, with the same force of inertia.
-    V_l, V_r = V_l[V_r > V_l, None], V_r[V_r > V_l, None]
-    largest = 3.0 * top * robot.vehicle.mass * 2.0 * top / vehicle.gauge
-    positive = np.geomspace(1e-5 * largest, largest, FORCE_GRID)
-    force = np.concatenate([-positive[::-1], positive])
-    free = indices_at_signed_inertia(force, 0.0, indices.as_array())
-    values = free._replace(eta=np.maximum(free.eta, 1.0))
-    twist = direct(V_l, V_r, values, vehicle.gauge)
-    above = force > signed_inertia(twist, vehicle.mass, vehicle.x_CM)[0]
-    return bool((np.count_nonzero(np.diff(above, axis=1), axis=1) == 1).all())
+    if speeds.shape[1] != 2 or twists.shape != (len(speeds), 3) or len(parameters) != COUNT:
+        raise ValueError(WRONG_SIZE)
+    memory, level = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0)
+    for k in range(len(speeds)):
+        V = speeds[k, 0], speeds[k, 1]
+        memory = advanced(memory, keep, V, parameters, level, vehicle)
+        twist = evaluate(V[0], V[1], parameters, level, vehicle, memory).kinematic
+        twists[k, 0], twists[k, 1], twists[k, 2] = twist.v_x, twist.v_y, twist.w
