@@ -30,7 +30,7 @@ LOGS = {
 
 
 def found_row(name: str, found: Calibration) -> list[str]:
-    """Radius, track, lags and the truth's point."""
+    """Radii, track, lags and the truth's point."""
 
     def told(parameter: str, digits: int) -> str:
         one = found.parameter(parameter)
@@ -42,6 +42,7 @@ def found_row(name: str, found: Calibration) -> list[str]:
     return [
         name,
         told("sprocket_radius", 4),
+        told("tracks.difference", 4),
         told("effective_track", 3),
         f"{low:.2f}" if high - low < 0.005 else f"{low:.2f} to {high:.2f}",
         f"{told('truth.forward', 3)}, {told('truth.left', 3)}",
@@ -69,7 +70,7 @@ def main() -> None:
     for name, (robot_name, logs) in LOGS.items():
         robot = as_made(robot_name)
         every[name] = calibrate([read_log(data / log, robot) for log in logs], robot)
-    head = ["log", "effective radius, m", "effective track, m", "truth late, s"]
+    head = ["log", "effective radius, m", "right less left", "effective track, m", "truth late, s"]
     rows = [found_row(name, found) for name, found in every.items()]
     table([*head, "its point forward, left, m", "zeta1, m/N"], rows)
     print()

@@ -267,7 +267,9 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     poses = log.truth.poses
     track_times, imu_times = (_seconds(one.stamps, log.start) for one in (log.tracks, log.imu))
     truth = np.column_stack([poses.poses[:, :2], np.unwrap(poses.poses[:, 2])])
-    ways = _integral(track_times, log.tracks.speeds)
+    # As the filter takes them: each speed holds until the next. Latency is found against the same.
+    steps = np.diff(track_times)[:, None] * log.tracks.speeds[:-1]
+    ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     turned = _integral(imu_times, _vertical(log.imu, robot)[:, None])[:, 0]
     truth_times = _seconds(poses.stamps, log.start)
     lag, bias = _first_lag(truth_times, truth[:, 2], imu_times, turned, log.name)

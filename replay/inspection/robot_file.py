@@ -266,7 +266,7 @@ def columns_text(columns: ColumnMap, track_latency: Sequence[str] = ()) -> list[
         lines += ["", f"[log.columns.{purpose}]"]
         for name in spec.__struct_fields__:
             value = getattr(spec, name)
-            if value is None or value in ((), "") or name == "latency":
+            if value is None or value in ((), "") or name in ("latency", "held"):
                 continue
             text = _texts(value) if isinstance(value, tuple) else _text(value)
             if name == "counts_per_turn":

@@ -11,7 +11,7 @@ import msgspec
 
 from icreckon.estimator.base.checks import Positive, check_bounds
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Latency, TrackUnit, check_unit
+from icreckon.replay.mapping.track_units import Held, Latency, TrackUnit, check_unit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
@@ -26,6 +26,8 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         unit: unit of their values.
         counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
         wrap: range of the counter, in `unit`; None if it does not wrap.
+        held: treatment of values that the log repeats until the next: "auto" interpolates them if they
+            are repeated regularly, "interpolate" always, "keep" never.
         time: column of their time, if other than the map's.
         latency: latency of the stamps, subtracted from them [s].
     """
@@ -35,6 +37,7 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: TrackUnit = "m/s"
     counts_per_turn: Positive | None = None
     wrap: Positive | None = None
+    held: Held = "auto"
     time: str | None = None
     latency: Latency = 0.0
 

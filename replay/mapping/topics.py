@@ -16,7 +16,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Latency, TrackUnit, check_unit
+from icreckon.replay.mapping.track_units import Held, Latency, TrackUnit, check_unit
 
 Clock = Literal["auto", "header", "recording"]
 """Clock of a stream: header stamps, time of recording, or the choice of `replay.reading.clocks`."""
@@ -44,6 +44,8 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             position of the joints.
         counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
         wrap: range of the counter, in `unit`; None if it does not wrap.
+        held: treatment of values that the log repeats until the next: "auto" interpolates them if they
+            are repeated regularly, "interpolate" always, "keep" never.
         time: clock of the stamps.
         latency: latency of the stamps, subtracted from them [s].
     """
@@ -55,6 +57,7 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: TrackUnit = "rad/s"
     counts_per_turn: Positive | None = None
     wrap: Positive | None = None
+    held: Held = "auto"
     time: Clock = "auto"
     latency: Latency = 0.0
 
@@ -229,9 +232,12 @@ def writable_topics(own: TopicMap) -> TopicMap:
     truth = msgspec.structs.replace(
         DEFAULT_TRUTH, **{key: value for key, value in given.items() if value is not None}
     )
-    # Written stamps have no latency.
+    # Written stamps have no latency, and written speeds are as they are.
     full = TopicMap(
-        _in_time(tracks), _in_time(own.imu or DEFAULT_TOPICS.imu), _in_time(fixes), _in_time(truth)
+        _in_time(msgspec.structs.replace(tracks, held="auto")),
+        _in_time(own.imu or DEFAULT_TOPICS.imu),
+        _in_time(fixes),
+        _in_time(truth),
     )
     names = [stream.topic for stream in (full.tracks, full.imu, full.fixes, truth) if stream]
     names += [name for name in (truth.twist, truth.tracks, truth.source_topic) if name]

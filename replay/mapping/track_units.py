@@ -95,6 +95,8 @@ def differences(
     return middles[keep], speeds[keep], {reason: count for reason, count in lost.items() if count}
 
 
+Held = Literal["auto", "interpolate", "keep"]
+"""Treatment of repeated track speeds, see `replay.reading.held_speeds`."""
 LONGEST = 10.0
 """Longest latency; later stamps come from another clock [s]."""
 Latency = Annotated[float, Bound(f"a number of seconds, {LONGEST:g} at most", -LONGEST, LONGEST)]

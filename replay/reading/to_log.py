@@ -25,10 +25,11 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX, ODOMETRY, TWIST
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.geodesy import east_north, on_globe
-from icreckon.replay.mapping.track_units import ADDS_UP, differences, metres
+from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences, metres
 from icreckon.replay.reading.clock_steps import doubled_times, in_both
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
+from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
@@ -87,7 +88,7 @@ class _Assembly:
             for reason, count in stream.lost.items():
                 self._drop(f"{stream.purpose}: {reason}", count)
             self.notes += stream.notes
-        return Log(
+        log = Log(
             name=name,
             tracks=tracks,
             imu=imu,
@@ -97,6 +98,16 @@ class _Assembly:
             notes=tuple(self.notes),
             others=headings,
         )
+        return without_holding(log, self._held(streams.get("tracks")))
+
+    def _held(self, stream: Stream | None) -> Held:
+        """Treatment of repeated track speeds; those of counters are left alone."""
+        mapping = self.gathered.mapping
+        columns = mapping.columns.tracks if mapping.columns else None
+        spec = columns if stream is not None and stream.msgtype == COLUMNS else mapping.tracks
+        if spec is None or spec.unit in ADDS_UP:
+            return "keep"
+        return spec.held
 
     def _drop(self, reason: str, count: int) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + count

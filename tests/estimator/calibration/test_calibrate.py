@@ -20,6 +20,7 @@ from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.inspection.latency import track_latency
 from icreckon.replay.reading.read_log import read_log
 
 KINEMATIC = ("differential", "constant", "inertia")
@@ -162,6 +163,23 @@ def test_two_logs_share_the_robot_but_not_bias_and_lag(case: Case) -> None:
     assert other.gyro_bias[0] - one.gyro_bias[0] == pytest.approx(0.01, abs=0.001)
     assert max(abs(both.parameter(f"truth.{name}").value) for name in ("forward", "left")) < 0.35
     assert both.robot.indices.eta0 == pytest.approx(case.true["indices.eta0"], rel=0.03)
+
+
+def test_latency_means_the_same_as_for_inspect_and_the_filter(
+    case: Case, found: Calibration
+) -> None:
+    """Samples at 10 Hz, of which each holds until the next, are late by one of them."""
+    tracks = case.log.tracks
+    coarse = TrackSpeedSeries(tracks.stamps[::5] + 100_000_000, tracks.speeds[::5])
+    log = replace(case.log, tracks=coarse)
+    calibrated = calibrate([log], case.robot, models=("constant", "inertia"))
+    vertical = log.imu.angular_velocity @ case.robot.imu_rotation[2]
+    shown = track_latency(coarse, log.imu, vertical)
+    assert shown is not None
+    assert calibrated.parameter("track_latency").value == pytest.approx(shown.seconds, abs=0.02)
+    before = found.parameter("track_latency").value
+    # By 0.1 s, and half the longer interval.
+    assert calibrated.parameter("track_latency").value - before == pytest.approx(0.14, abs=0.02)
 
 
 def with_bias(log: Log, bias: float) -> Log:
