@@ -1,8 +1,8 @@
-"""Inertia-based index model of the filter: forces are lagged, so that indices are explicit.
+"""Inertia-based index model of the filter, with lagged forces.
 
 Friction balances the specific force at the centre of mass: inertia and gravity. Loads follow inertia with
 the lag T of a body that rolls and pitches on its suspension, so the force at the start of a step
-determines its indices. With V_m = (V_l + V_r) / 2 and D = V_r - V_l:
+determines its indices, and the model is explicit. With V_m = (V_l + V_r) / 2 and D = V_r - V_l:
 
     w   = D / (L eta) + r_w
     v_y = V_m - D / (L eta) epsilon + r_y

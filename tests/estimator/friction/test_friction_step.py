@@ -61,7 +61,7 @@ def moving(model: FrictionMotion, state: Floats) -> FrictionMotion:
 
 
 def padded(parameters: Floats) -> list[float]:
-    return [*parameters.tolist(), 0.0, 0.0]
+    return [*parameters.tolist(), 0.0, 0.0, 0.0]
 
 
 def forces_on(model: FrictionMotion, contact: Contact, y: Floats, v: Floats, V: Floats) -> Floats:
