@@ -13,8 +13,8 @@ import argparse
 import msgspec
 import numpy as np
 
-from icreckon.estimator.robot.robot_file import Indices, load_robot
-from icreckon.simulation.truth.kinematic import has_single_motion
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.truth.kinematic import DRAWN, has_single_motion
 
 SPREADS = (0.05, 0.10, 0.15, 0.20)
 SEED = 0
@@ -26,15 +26,14 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=1000)
     draws = parser.parse_args().draws
     robot = load_robot("auriga-alpha")
-    names = Indices.__struct_fields__[1:]
-    published = np.array([getattr(robot.indices, name) for name in names])
+    published = np.array([getattr(robot.indices, name) for name in DRAWN])
     for spread in SPREADS:
         rng = np.random.default_rng(SEED)
         folded = 0
         for _ in range(draws):
-            values = published * np.exp(spread * rng.standard_normal(len(names)))
+            values = published * np.exp(spread * rng.standard_normal(len(DRAWN)))
             drawn = msgspec.structs.replace(
-                robot.indices, **dict(zip(names, values.tolist(), strict=True))
+                robot.indices, **dict(zip(DRAWN, values.tolist(), strict=True))
             )
             folded += not has_single_motion(drawn, robot)
         print(f"spread {100 * spread:.0f} %: {100 * folded / draws:.1f} % of {draws} draws fold")

@@ -15,7 +15,7 @@ from numpy.random import Generator
 from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.motion.icr import direct, indices_at_signed_inertia, signed_inertia
 from icreckon.estimator.motion.index_model import solve
-from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
+from icreckon.estimator.robot.robot_file import PAPER_PARAMETERS, Indices, Robot, Slip
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.true_motion import (
@@ -27,6 +27,8 @@ from icreckon.simulation.truth.true_motion import (
     true_motion,
 )
 
+# Parameters that are drawn: those of the paper but H.
+DRAWN = PAPER_PARAMETERS[1:]
 # Number of draws of the parameters, and resolution of the search for a second motion.
 DRAWS = 100
 SPEED_GRID = 31
@@ -84,10 +86,10 @@ def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
         SimulationError: none of `DRAWS` draws has a single motion.
     """
     for _ in range(DRAWS):
-        factors = np.exp(spread * rng.standard_normal(7))
+        factors = np.exp(spread * rng.standard_normal(len(DRAWN)))
         values = {
             name: float(factor * getattr(robot.indices, name))
-            for name, factor in zip(Indices.__struct_fields__[1:], factors, strict=True)
+            for name, factor in zip(DRAWN, factors, strict=True)
         }
         values["eta0"] = max(values["eta0"], 1.0)
         drawn = msgspec.structs.replace(robot.indices, **values)
