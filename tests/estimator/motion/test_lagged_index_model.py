@@ -1,4 +1,4 @@
-"""The filter's index model: its derivatives, its limits, its symmetries, and the paper's motion as its end."""
+"""The filter's index model: its derivatives, symmetries and limits, and the paper's motion as its end."""
 
 from __future__ import annotations
 
