@@ -29,7 +29,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import PAPER_PARAMETERS, Robot, load_robot
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec
 from icreckon.simulation.simulate import run_scenario
@@ -97,8 +97,7 @@ def make_case(seed: int, drive: str, options: dict[str, float], duration: float)
     tracks = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds / radii)
     bias = float(np.mean(run.gyro_bias[:, 2]))
     values = {
-        f"indices.{name}": float(getattr(run.true_parameters, name))
-        for name in run.true_parameters.__struct_fields__
+        f"indices.{name}": float(getattr(run.true_parameters, name)) for name in PAPER_PARAMETERS
     }
     values |= {
         "sprocket_radius": file.vehicle.sprocket_radius * float(radius),

@@ -42,7 +42,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import ConstantIcr, Robot, load_robot
+from icreckon.estimator.robot.robot_file import PAPER_PARAMETERS, ConstantIcr, Robot, load_robot
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -113,7 +113,7 @@ def with_bias(log: Log, _: int) -> Log:
 def with_wrong_parameters(robot: Robot) -> Robot:
     """What the robot file says of the motion is half as much again."""
     indices, icr, vehicle = robot.indices, robot.constant_icr, robot.vehicle
-    names = [name for name in indices.__struct_fields__ if name != "H"]
+    names = PAPER_PARAMETERS[1:]
     longer = msgspec.structs.replace(
         vehicle, half_contact_length=WRONG_BY * vehicle.half_contact_length
     )

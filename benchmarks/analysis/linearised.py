@@ -15,7 +15,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.initial_state import assumptions
-from icreckon.estimator.log.measurements import STANDSTILL_SIGMA
+from icreckon.estimator.log.measurements import STANDSTILL_SIGMA, Vector3
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -23,7 +23,6 @@ from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
-    IMU_FIXED,
     Accelerometer,
     Gyro,
     StepTwist,
@@ -38,7 +37,7 @@ class Sensors:
 
     Attributes:
         gyro: whether there is one.
-        accelerometer: whether there is one.
+        accelerometer: whether there are two, forward and to the left.
         position_sigma: of the coordinates of a position fix [m]; None for no fixes.
         heading_sigma: of the yaw of a fix [rad]; None for fixes without heading.
         velocity_sigma: of the components of a body velocity [m/s]; None for no such sensor.
@@ -105,6 +104,7 @@ class LinearisedModel:
     Attributes:
         start: (SIZE,) the state that the variant starts from.
         sigmas: (SIZE,) its standard deviations at the start; zero where nothing is estimated.
+        fixed_for_imu: states that the IMU does not move in the filter.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground.
@@ -125,7 +125,9 @@ class LinearisedModel:
         model, self.start, self.sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
-        self._gyro, self._accelerometer = Gyro(models), Accelerometer(models)
+        self.fixed_for_imu = fixed = self._ekf.fixed_for_imu
+        self._gyro = Gyro(models, fixed)
+        self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
         self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings)
         take_tracks(self._tracks, 0, 0.0, 0.0, self._inputs)
         self._sensors, self._dt, self._count = sensors, dt, 0
@@ -177,7 +179,7 @@ class LinearisedModel:
         inputs = step_inputs(tracks, start, end, self._inputs)
         density = self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma)
         noise = self._disturbances.of_step(tracks, sigma)
-        during = self._during(x, model, sigma[1], start)
+        during = self._during(x, model, sigma, start)
         self._ekf.x = np.array(x, dtype=float)
         self._ekf.predict_motion(dt, left, right, noise)
         F, Q = self._ekf.F, self._ekf.Q
@@ -189,7 +191,7 @@ class LinearisedModel:
             self._after(x if after is None else after, left, right),
         )
 
-    def _during(self, x: Floats, model: TwistModel, sideways: float, now: int) -> list[Shown]:
+    def _during(self, x: Floats, model: TwistModel, sigma: Vector3, now: int) -> list[Shown]:
         tracks, sensors = self._tracks, self._sensors
         shown = []
         stopped = tracks.left == 0.0 == tracks.right
@@ -200,9 +202,9 @@ class LinearisedModel:
         if sensors.gyro:
             found = self._gyro.linearise(0.0, at)
             shown.append(Shown(found.H[0], found.R.item()))
-        if sensors.accelerometer and not stopped:
-            rough = self._disturbances.sideways_density((0.0, sideways, 0.0))
-            found = self._accelerometer.linearise(0.0, at, x, rough)
+        for axis, model_of in enumerate(self._accelerometers if sensors.accelerometer else ()):
+            rough = self._disturbances.change_density(sigma[axis])
+            found = model_of.linearise(0.0, at, x, rough)
             shown.append(Shown(found.H[0], found.R.item()))
         return shown
 
@@ -252,15 +254,14 @@ def informed(P: Floats, shown: list[Shown], kept: tuple[int, ...] = ()) -> Float
     return P
 
 
-def stepped(P: Floats, step: LinearisedStep, *, as_filter: bool = False) -> Floats:
+def stepped(P: Floats, step: LinearisedStep, kept: tuple[int, ...] = ()) -> Floats:
     """The covariance (SIZE, SIZE) after one more step.
 
     Args:
         P: before it.
         step: the step.
-        as_filter: whether the IMU moves neither pose nor track scale, as in the filter; otherwise
-            this is the best linear estimate.
+        kept: states that the IMU does not move, `LinearisedModel.fixed_for_imu` as in the filter;
+            without any this is the best linear estimate.
     """
-    kept = IMU_FIXED if as_filter else ()
     P = informed(renewed(P, step.fast_slip), step.during, kept)
     return informed(step.transition @ P @ step.transition.T + step.noise, step.after)

@@ -100,7 +100,7 @@ def observe(
     *,
     settings: Settings | None = None,
 ) -> Observability:
-    """What a manoeuvre shows of pose, parameters, biases and scales.
+    """What a manoeuvre shows of pose, parameters, biases, scales and gravity.
 
     Biases are asked about where there is the sensor; parameters where the variant estimates them, and
     H in any case.
@@ -164,7 +164,7 @@ def _units(sigmas: Floats, sensors: Sensors) -> Floats:
     if not sensors.gyro:
         units[[s.GYRO_BIAS, s.GYRO_SCALE]] = 0.0
     if not sensors.accelerometer:
-        units[s.ACCELEROMETER_BIAS] = 0.0
+        units[[s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y]] = 0.0
     return units
 
 

@@ -24,7 +24,6 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.initial_state import assumptions
-from icreckon.estimator.filter.process_noise import share_of_walk
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -56,13 +55,13 @@ class Terms:
     Attributes:
         white_slip: white part of the slip of w.
         lateness: error of gyro and accelerometer's predictions from track speeds that come late.
-        sideways: change of the sideways slip within a sample of the accelerometer.
+        slip_change: change of the slip within a sample of the accelerometers.
         track_noise: error of the track speeds.
     """
 
     white_slip: float = 1.0
     lateness: float = 1.0
-    sideways: float = 1.0
+    slip_change: float = 1.0
     track_noise: float = 1.0
 
 
@@ -142,7 +141,9 @@ class ModelSampler:
         self._spread[s.POSE] = start_sigma
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
-        self._gyro, self._accelerometer = Gyro(models), Accelerometer(models)
+        fixed = self._ekf.fixed_for_imu
+        self._gyro = Gyro(models, fixed)
+        self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
 
     def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:
         """A run at given track speeds.
@@ -182,8 +183,8 @@ class ModelSampler:
             begin[s.FAST_SLIP] = self._draw_fast_slip(begin, left, right, sigma[2], dt, rng)
             measurements.append(TrackSpeeds(stamp, left, right))
             measurements.append(self._imu(begin, tracks, int(stamps[k - 1]), stamp, sigma, dt, rng))
-            turning = share_of_walk(tracks.smooth_left, tracks.smooth_right)
-            x = self._stepped(begin, left, right, sigma, turning, dt, rng)
+            walk = self._disturbances.of_step(tracks, sigma).walk
+            x = self._stepped(begin, left, right, sigma, walk, dt, rng)
             measurements += self._after(x, stamp, left, right, k, dt, rng)
             begins[k], states[k] = begin, x
             twists[k] = self._twist(x, left, right)
@@ -194,7 +195,8 @@ class ModelSampler:
             x = np.asarray(self._mean + self._spread * rng.standard_normal(s.SIZE))
             if self._variant.model == "friction":
                 return x
-            if self._variant.model == "linear" or x[s.ETA0] >= 1.0:
+            bounds = self._ekf.model.bounds
+            if (bounds[:, :-1] @ x[s.PARAMETERS] >= bounds[:, -1]).all():
                 return x
         raise SimulationError(f"no parameters that a vehicle can have in {DRAWS} draws")
 
@@ -222,7 +224,7 @@ class ModelSampler:
         left: float,
         right: float,
         sigma: tuple[float, float, float],
-        turning: float,
+        walk: Floats,
         dt: float,
         rng: Generator,
     ) -> Floats:
@@ -236,8 +238,9 @@ class ModelSampler:
         )
         twist = self._twist(x, left, right, 0.5 * (x[s.SLIP] + after[s.SLIP]))
         after[s.POSE] = compose(x[s.POSE], exponential(twist[None] * dt)[0])
-        known = self._disturbances
-        after += math.sqrt(dt) * (known.bias_walk + turning * known.parameter_walk) * draws
+        cos, sin = math.cos(twist[2] * dt), math.sin(twist[2] * dt)
+        after[s.GRAVITY] = [[cos, sin], [-sin, cos]] @ x[s.GRAVITY]
+        after += math.sqrt(dt) * walk * draws
         return after
 
     def _imu(
@@ -258,22 +261,24 @@ class ModelSampler:
         change = track_change(step_inputs(tracks, begun, begun, self._inputs))
         change = change._replace(speed_variance=density**2 / dt)
         calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
-        sideways = self._disturbances.sideways_density(sigma)
         at, calmly = StepTwist(model, x, dt, change), StepTwist(model, x, dt, calm)
         gyro = self._gyro.linearise(0.0, at)
         least = self._gyro.linearise(0.0, calmly).R.item()
         rate = -gyro.z.item() + rng.standard_normal() * math.sqrt(
             least + late * (gyro.R.item() - least)
         )
-        force = self._accelerometer.linearise(0.0, at, x, sideways)
-        least = self._accelerometer.linearise(0.0, calmly, x, 0.0).R.item()
-        slipped = sideways / dt
-        variance = least + self._terms.sideways * slipped
-        variance += late * (force.R.item() - least - slipped)
-        leftward = -force.z.item() + rng.standard_normal() * math.sqrt(variance)
+        along = []
+        for axis, accelerometer in enumerate(self._accelerometers):
+            density = self._disturbances.change_density(sigma[axis])
+            force = accelerometer.linearise(0.0, at, x, density)
+            least = accelerometer.linearise(0.0, calmly, x, 0.0).R.item()
+            slipped = density / dt
+            variance = least + self._terms.slip_change * slipped
+            variance += late * (force.R.item() - least - slipped)
+            along.append(-force.z.item() + rng.standard_normal() * math.sqrt(variance))
         rotation, scale = self._robot.imu_rotation, self._robot.imu.gyro_scale
         rates = (np.array([0.0, 0.0, scale * rate]) @ rotation).tolist()
-        forces = (np.array([0.0, leftward, 0.0]) @ rotation).tolist()
+        forces = (np.array([*along, 0.0]) @ rotation).tolist()
         return ImuSample(stamp, (rates[0], rates[1], rates[2]), (forces[0], forces[1], forces[2]))
 
     def _after(

@@ -185,7 +185,7 @@ def gravity(x: Any) -> tuple[Any, Any]:
 
 
 def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any) -> list[Any]:
-    """Memory of an index model after the start of a step, see `MotionModel.begin_step`.
+    """Advance the memory of an index model, see `MotionModel.begin_step`.
 
     Args:
         x: (SIZE,) the state.

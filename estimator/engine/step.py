@@ -391,7 +391,10 @@ def _noise_of_pose(
 
 
 def _transition(states: Sequence[int], decay: Any, cos: Any, sin: Any) -> dict[int, Vector]:
-    """Rows of the transition of all states but the pose: slip fades, gravity turns back."""
+    """Rows of the transition of all states but the pose.
+
+    Slip fades, and gravity turns back.
+    """
     rows: dict[int, Vector] = {i: {i: decay if _is_slip(i) else trace.lift(1.0)} for i in states}
     rows[s.GRAVITY_X] = {s.GRAVITY_X: cos, s.GRAVITY_Y: sin}
     rows[s.GRAVITY_Y] = {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos}

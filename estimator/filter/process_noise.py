@@ -66,7 +66,7 @@ class Disturbances:
 
     @property
     def slope_walk(self) -> Floats:
-        """(SIZE,) random walk of gravity along the ground, zero elsewhere, per √m of travel."""
+        """(SIZE,) random walk of gravity, zero elsewhere, per √m of travel."""
         return self._slope_walk
 
     def slip_sigma(self, tracks: TrackRecord, eta: float, *, pushed: bool) -> Vector3:

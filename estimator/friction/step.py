@@ -7,11 +7,11 @@ the force of inertia I:
     A (v' - v) = h (F(v', V, loads(q)) + I(v) + M g)
     q' = k q - (1 - k) F(v', V, loads(q)),  k = exp(-h / T)
 
-A is the mass matrix about the origin, V are the track speeds, g is gravity along the ground and q is the
-force at the centre of mass that transfers load, with the lag T of a body that rolls and pitches on its
-suspension. At given loads friction has a potential, so v' is the minimum of a convex function, which
-Newton's iteration with a line search finds from any start. The friction's regularising speed is that of
-`FrictionMotion`, well above that of the soil.
+A is the mass matrix about the origin, V are the track speeds, g is gravity along the ground (at most what
+friction holds) and q is the force at the centre of mass that transfers load, with the lag T of a body
+that rolls and pitches on its suspension. At given loads friction has a potential, so v' is the minimum of
+a convex function, which Newton's iteration with a line search finds from any start. The friction's
+regularising speed is that of `FrictionMotion`, well above that of the soil.
 
 The derivatives of v and q by parameters and gravity are integrated, too (forward sensitivities, from the
 implicit function theorem at each step), and those of v by the track speeds of the step alone.
@@ -37,6 +37,7 @@ from icreckon.estimator.friction.forces import (
 from icreckon.estimator.friction.layout import (
     AT_INPUTS,
     AT_SPEEDS,
+    FRICTION,
     INPUTS,
     OF_SENSITIVITIES,
     OF_SPEEDS,
@@ -49,6 +50,7 @@ from icreckon.estimator.friction.layout import (
     Y_CM,
 )
 from icreckon.estimator.friction.loads import pressing
+from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.trace import Table, Traced, maximum, minimum, select
 
@@ -60,6 +62,9 @@ SETTLED = {64: 1e-7, 32: 1e-5}
 # A Newton step that overshoots the minimum is shortened, unless its slope there is below this share of
 # the initial slope.
 OVERSHOOT = 0.5
+# Gravity along the ground is at most this share of what friction holds: on steeper ground the robot would
+# slide away, ever faster.
+LARGEST_PULL = 0.9
 # Slower turns do not determine indices [rad/s].
 TURNS, LARGEST_ETA = 0.1, 20.0
 
@@ -109,7 +114,8 @@ def substep(
         y = [one + slope * change for one, slope in zip(y, S[k], strict=True)]
     body = body_at(c, pairs, inputs[:PARAMETERS], sheared=sheared)
     start, q = (y[0], y[1], y[2]), (y[3], y[4])
-    pulled = zip(_force_of_inertia(body, start), _pull(body, inputs[PARAMETERS:]), strict=True)
+    held = _held(body, inputs[PARAMETERS], inputs[PARAMETERS + 1])
+    pulled = zip(_force_of_inertia(body, start), _pull(body, held.gravity), strict=True)
     inertia: Three = tuple(one + other for one, other in pulled)
     loads = pressing(body.area, body.centre, body.stretch, c["weight"], q)
     step = Substep(body, V, start, inertia, loads, rolling_loads(body, loads))
@@ -123,6 +129,7 @@ def substep(
     F = all_forces(step, v, q)
     inverse = _inverse(_minus(body.mass, h, F.by_twist))
     direct = _direct(step, v, h)
+    direct[FRICTION] = tuple(h * one for one in _pull(body, held.by_friction))
 
     def carry(slopes: Sequence[Any], by_force: Three, momentum: Three) -> list[Any]:
         """Propagate the derivatives (STATES,) of the state by one quantity.
@@ -149,8 +156,8 @@ def substep(
             by_force = tuple(is_estimated * one for one in F.by_parameters[k])
             momentum = tuple(is_estimated * one for one in direct[k])
         else:
-            by_force, unit = (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0))[k - PARAMETERS]
-            momentum = tuple(h * one for one in _pull(body, unit))
+            by_force = (0.0, 0.0, 0.0)
+            momentum = tuple(h * one for one in _pull(body, held.by_gravity[k - PARAMETERS]))
         S[k] = carry(S[k], by_force, momentum)
     after_B = []
     for track in range(2):
@@ -178,6 +185,38 @@ def _force_of_inertia(body: Body, v: Three, slopes: Three | None = None) -> Thre
         right = M * (s_w * (v_y + 2.0 * x * w) + w * s_y)
         forward = M * (s_w * (2.0 * y * w - v_x) - w * s_x)
     return right, forward, x * forward - y * right
+
+
+class _Held(NamedTuple):
+    """Gravity along the ground that friction holds, right and forward, and its derivatives.
+
+    Attributes:
+        gravity: (2,) [m/s²].
+        by_gravity: its derivatives by both components of all gravity.
+        by_friction: its derivative by the friction [m/s²].
+    """
+
+    gravity: tuple[Any, Any]
+    by_gravity: tuple[tuple[Any, Any], tuple[Any, Any]]
+    by_friction: tuple[Any, Any]
+
+
+def _held(body: Body, right: Any, forward: Any) -> _Held:
+    """Limit gravity along the ground to `LARGEST_PULL` of the least friction."""
+    left_track, right_track = body.friction[:2], body.friction[2:]
+    limit = (LARGEST_PULL * GRAVITY) * minimum(minimum(*left_track), minimum(*right_track))
+    square = right * right + forward * forward
+    steep = square > limit * limit
+    is_steep = trace.truth_as_number(steep)
+    per_size = is_steep / select(steep, square, 1.0) ** 0.5
+    share = select(steep, limit * per_size, 1.0)
+    x, y = right * per_size, forward * per_size
+    per_friction = limit / body.parameters[FRICTION]
+    return _Held(
+        (share * right, share * forward),
+        ((share * (1.0 - x * x), -share * x * y), (-share * x * y, share * (1.0 - y * y))),
+        (per_friction * x, per_friction * y),
+    )
 
 
 def _pull(body: Body, gravity: Sequence[Any]) -> Three:

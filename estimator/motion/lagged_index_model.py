@@ -1,8 +1,8 @@
-"""Inertia-based index model of the filter: forces are lagged, so that indices are explicit.
+"""Inertia-based index model of the filter, with lagged forces.
 
 Friction balances the specific force at the centre of mass: inertia and gravity. Loads follow inertia with
 the lag T of a body that rolls and pitches on its suspension, so the force at the start of a step
-determines its indices. With V_m = (V_l + V_r) / 2 and D = V_r - V_l:
+determines its indices, and the model is explicit. With V_m = (V_l + V_r) / 2 and D = V_r - V_l:
 
     w   = D / (L eta) + r_w
     v_y = V_m - D / (L eta) epsilon + r_y
@@ -155,6 +155,7 @@ class Evaluation(NamedTuple):
         Z_S: derivative of Z by S [-].
         P: force along the tracks times sign(D), as a share of the weight [-].
         by_gravity: derivatives of S by gravity to the right, of P by gravity forward.
+        by_rolling: derivatives of P by the speeds of the left and the right track [s/m].
         eta_S: derivative of eta by S [1/N].
         frees: 1 where zeta, epsilon and eta are within their limits, else 0.
     """
@@ -166,6 +167,7 @@ class Evaluation(NamedTuple):
     Z_S: Number
     P: Number
     by_gravity: tuple[Number, Number]
+    by_rolling: tuple[Number, Number]
     eta_S: Number
     frees: tuple[Number, Number, Number]
 
@@ -185,8 +187,10 @@ def evaluate(
     weight, sign_D = vehicle.mass * GRAVITY, sign(D)
     force = memory[0] - vehicle.mass * gravity[0]
     S, S_free = limited(force, weight)
-    rolling = 0.5 * vehicle.rolling_resistance * (_rolls(V_l) + _rolls(V_r))
+    half_rolling, rolls_l, rolls_r = 0.5 * vehicle.rolling_resistance, _rolls(V_l), _rolls(V_r)
+    rolling = half_rolling * (rolls_l[0] + rolls_r[0])
     P, P_free = limited(rolling + (memory[2] - gravity[1]) / GRAVITY, 1.0)
+    by_rolling = sign_D * P_free * half_rolling
     eta_sum = eta0 + eta1 * S + eta2 * S * S
     # A track never turns the vehicle more than the ideal differential drive does.
     eta_free = at_or_above(eta_sum, 1.0)
@@ -205,6 +209,7 @@ def evaluate(
         -sign_D,
         sign_D * P,
         (-vehicle.mass * S_free, -sign_D * P_free / GRAVITY),
+        (by_rolling * rolls_l[1], by_rolling * rolls_r[1]),
         eta_free * (eta1 + 2.0 * eta2 * S),
         (zeta_free, epsilon_free, eta_free),
     )
@@ -269,7 +274,12 @@ def linearise(
         (by_right * of_S[1], by_epsilon[1] * epsilon_F * by_forward),
         (by_right * of_S[2], zero),
     )
-    return Motion(twist, at.indices, at.force, at.S), by._replace(by_gravity=by_gravity)
+    of_P = by_epsilon[1] * epsilon_F
+    (x_l, x_r), (y_l, y_r), of_w = by.by_speeds
+    y_l, y_r = y_l + of_P * at.by_rolling[0], y_r + of_P * at.by_rolling[1]
+    by_speeds = ((x_l, x_r), (y_l, y_r), of_w)
+    by = by._replace(by_speeds=by_speeds, by_gravity=by_gravity)
+    return Motion(twist, at.indices, at.force, at.S), by
 
 
 def limited(value: Number, limit: Number) -> tuple[Number, Number]:
@@ -278,7 +288,7 @@ def limited(value: Number, limit: Number) -> tuple[Number, Number]:
     return (1.0 - is_above) * value + is_above * sign(value) * limit, 1.0 - is_above
 
 
-def _rolls(V: Number) -> Number:
-    """Sign of a track's speed, smooth at standstill."""
-    share, _ = limited(V / ROLLS_AT, 1.0)
-    return share
+def _rolls(V: Number) -> tuple[Number, Number]:
+    """Sign of a track's speed, smooth at standstill, and its derivative [s/m]."""
+    share, is_slow = limited(V / ROLLS_AT, 1.0)
+    return share, is_slow / ROLLS_AT

@@ -107,6 +107,10 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return np.array([*eight, 0.0 if epsilon_F is None else epsilon_F], dtype=float)
 
 
+# The paper's eight parameters: all but epsilon_F.
+PAPER_PARAMETERS = Indices.__struct_fields__[:8]
+
+
 class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Constant ICRs of the tracks in the paper's axes (X right, Y forward) [m]."""
 

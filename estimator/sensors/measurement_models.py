@@ -49,10 +49,11 @@ Quantity = Literal["pose", "twist"]
 
 
 def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
-    """States that the IMU does not move: the pose, the track scale and most parameters.
+    """States that the IMU does not move.
 
-    It sees the scale and the parameters only through other errors of the motion, and would attribute
-    these to them. Fixes and body velocities measure them.
+    They are the pose, the track scale and most parameters. It sees the scale and the parameters only
+    through other errors of the motion, and would attribute these to them. Fixes and body velocities
+    measure them.
 
     Args:
         taught: places of the parameters that it moves, see `MotionModel.taught_by_imu`.

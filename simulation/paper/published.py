@@ -12,7 +12,7 @@ from functools import cache
 
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.motion_model import VehicleConstants
-from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.estimator.robot.robot_file import PAPER_PARAMETERS, ConstantIcr, Indices
 
 # Tolerance of rounding to nearest in binary floating point, as a share of the last digit.
 ROUNDING_NOISE = 1e-9
@@ -103,7 +103,7 @@ def published(name: str) -> PublishedNumber:
 
 def published_parameters() -> Indices:
     """Eight index parameters as published (section III)."""
-    return Indices(**{name: published(name).value for name in Indices.__struct_fields__})
+    return Indices(**{name: published(name).value for name in PAPER_PARAMETERS})
 
 
 def published_mean_icrs() -> ConstantIcr:

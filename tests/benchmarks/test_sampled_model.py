@@ -20,7 +20,7 @@ ALPHA = load_robot("auriga-alpha")
 VARIANT = find_variant("inertia-online")
 SETTINGS = Settings(standstill=StandstillSettings(track_speed=0.0))
 DT = 0.02
-NO_TERMS = Terms(white_slip=0.0, lateness=0.0, sideways=0.0, track_noise=0.0)
+NO_TERMS = Terms(white_slip=0.0, lateness=0.0, slip_change=0.0, track_noise=0.0)
 
 
 def bend(seconds, dt=DT):

@@ -10,15 +10,13 @@ from hypothesis import strategies as st
 from numba import njit
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.state import PARAMETERS
 from icreckon.estimator.batch.front_end import FrontEnd, Measured
-from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance
 from icreckon.estimator.engine.filters import BatchFilter, aligned
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import steps_of, why_not_steps
 from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.motion import index_model as motion
-from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
@@ -218,7 +216,7 @@ def all_inputs(tracks, present, rates, track_rate, imu_rate, settings):
     speeds = np.where(present[: len(stamps), None], tracks[: len(stamps)], np.nan)
     none = np.zeros(0, dtype=np.int64)
     measured = Measured(
-        stamps, speeds[None], imu, rates[None], np.zeros((1, count)), none, np.zeros((1, 0, 5))
+        stamps, speeds[None], imu, rates[None], np.zeros((1, count, 2)), none, np.zeros((1, 0, 5))
     )
     steps = steps_of(stamps, imu, none, none, heading=False)
     inputs = np.zeros((len(steps.kinds), len(INPUTS), 1))
@@ -294,37 +292,6 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
         assert inputs[k, INPUTS["quiet_mean"]] == pytest.approx(mean, rel=1e-12, nan_ok=True)
 
 
-def test_the_force_of_inertia_is_found_where_newton_does_not_settle() -> None:
-    """Far from any vehicle's parameters the streaming filter bisects; so must all lanes."""
-    vehicle = VehicleConstants(0.42, 258.0, 0.0, 0.04)
-    rng = np.random.default_rng(5)
-    parameters = np.stack(
-        [
-            np.full(WIDTH, 0.67),
-            rng.uniform(-0.3, 0.3, WIDTH),
-            rng.uniform(-3e-3, 3e-3, WIDTH),
-            rng.uniform(-0.3, 0.3, WIDTH),
-            rng.uniform(-1e-2, 1e-2, WIDTH),
-            rng.uniform(1.0, 4.0, WIDTH),
-            rng.uniform(-2e-2, 2e-2, WIDTH),
-            rng.uniform(-1e-4, 1e-4, WIDTH),
-        ]
-    )
-    speeds = rng.uniform(-2.0, 2.0, (2, WIDTH))
-
-    def force(left, right, *values):
-        x = np.array([trace.lift(0.0)] * 6 + list(values) + [trace.lift(0.0)] * 7, dtype=object)
-        traced = model.traced_model(motion.InertiaMotion(vehicle))
-        inputs, states = model.ModelInputs(traced, vehicle, ()), tuple(range(6, 14))
-        return model.twist_model(x, inputs, left, right, 1.0, states, 0.0).twist[2]
-
-    (found,) = in_lanes(force, *speeds, *parameters)
-    for lane in range(WIDTH):
-        left, right = speeds[:, lane].tolist()
-        plain = motion.solve(left, right, parameters[:, lane].tolist(), vehicle)
-        assert found[lane] == pytest.approx(plain.twist.w, rel=1e-9)
-
-
 def test_stamps_that_do_not_fit_are_named() -> None:
     imu = np.arange(0, 10**9, 10**7)
     none = np.zeros(0, dtype=np.int64)
@@ -364,7 +331,7 @@ def test_parameter_walks_are_known_to_the_filters() -> None:
         filters = BatchFilter(ROBOT, variant, Settings())
         walks = parameter_walks(ROBOT, variant, DEFAULT_ADAPTATION[variant.model])
         for number, walk in enumerate(walks):
-            assert walk == 0.0 or 6 + number in filters.shape.states, name
+            assert walk == 0.0 or PARAMETERS.start + number in filters.shape.states, name
 
 
 def test_time_is_counted_in_nanoseconds_that_doubles_hold() -> None:

@@ -11,7 +11,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement, TrackSpeeds
-from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.sensors.measurement_models import (
@@ -98,7 +98,7 @@ def fed(measurements: list[Measurement], engine: str = "compiled", **gates: int)
 
 @pytest.mark.parametrize("ahead", [False, True])
 def test_its_jacobian_is_the_derivative_of_its_predicted_measurement(radar: Radar, ahead: bool):
-    ekf = IcrEkf(InertiaMotion(ALPHA.constants))
+    ekf = IcrEkf(LaggedIndexMotion(ALPHA.constants))
     ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
     ekf.x[s.SLIP] = 0.01, -0.02, 0.05
     at = ekf.x.copy()
@@ -187,7 +187,7 @@ def test_bad_readings_are_refused():
 def test_its_innovations_are_in_the_rows_of_a_run():
     log = Log.from_measurements(drive())
     found = run(log, ALPHA, "inertia-online")
-    assert found.innovation_names == ("gyro", "accelerometer", "radar")
+    assert found.innovation_names == ("gyro", "accelerometer_x", "accelerometer_y", "radar")
     radar = found.innovations[:, 2]
     assert np.isfinite(radar).sum() == 40
     assert np.abs(radar[np.isfinite(radar)][5:]).max() < 1.0

@@ -12,7 +12,7 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     TrackSpeeds,
 )
-from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.measurement_models import MODELS
@@ -30,7 +30,7 @@ NO_DENSITY = np.zeros((3, 3))
 
 def some_ekf():
     rng = np.random.default_rng(1)
-    ekf = IcrEkf(InertiaMotion(ALPHA.constants))
+    ekf = IcrEkf(LaggedIndexMotion(ALPHA.constants))
     ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
     ekf.x[s.POSE] = 1.0, -2.0, 0.7
     ekf.x[s.SLIP] = 0.01, -0.02, 0.05

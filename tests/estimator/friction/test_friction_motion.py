@@ -9,14 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from complex_step import assert_derivatives
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.friction import layout as f
 from icreckon.estimator.friction.model import FrictionMotion
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
 from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 
 ALPHA = load_robot("auriga-alpha")
-NO_SLIP = (0.0, 0.0, 0.0)
 ALL = np.ones(f.PARAMETERS)
 DT = 0.02
 
@@ -37,14 +39,20 @@ def wild(seconds: float) -> NDArray[np.float64]:
 
 
 def padded(parameters: Floats) -> list[float]:
-    return [*parameters.tolist(), 0.0, 0.0]
+    return [*parameters.tolist(), 0.0, 0.0, 0.0]
 
 
-def driven(model: FrictionMotion, speeds: Floats, parameters: Floats, dt: float = DT) -> Floats:
+def driven(
+    model: FrictionMotion,
+    speeds: Floats,
+    parameters: Floats,
+    dt: float = DT,
+    gravity: tuple[float, float] = LEVEL,
+) -> Floats:
     """Memories (n, MEMORY) after each step."""
     memories = []
     for V_l, V_r in speeds:
-        model.begin_step(dt, V_l, V_r, padded(parameters))
+        model.begin_step(dt, V_l, V_r, padded(parameters), gravity)
         memories.append(model.memory)
     return np.array(memories)
 
@@ -66,31 +74,40 @@ def test_the_first_step_settles() -> None:
     np.testing.assert_allclose(first[:3], later[:3], atol=2e-3)
 
 
-@pytest.mark.parametrize("parameter", range(f.PARAMETERS))
-def test_sensitivities_are_the_slopes_of_the_motion(parameter: int) -> None:
-    model = model_of()
-    at = model.nominal * 1.05
+@pytest.mark.parametrize("level", [True, False], ids=["level", "slope"])
+@pytest.mark.parametrize("place", range(f.INPUTS))
+def test_sensitivities_are_the_slopes_of_the_motion(place: int, level: bool) -> None:
+    """By parameters and by gravity, on ground that has always been as it is."""
+    gravity = LEVEL if level else (0.8, -0.5)
+    at = np.array([*model_of().nominal * 1.05, *gravity])
     speeds = wild(12.0)
-    found = driven(model, speeds, at)[:, f.OF_SENSITIVITIES].reshape(-1, f.STATES, f.PARAMETERS)
+    found = along(at, speeds)[:, f.OF_SENSITIVITIES].reshape(-1, f.STATES, f.INPUTS)
     step = 2e-7
     ends = []
     for sign in (1.0, -1.0):
         moved = at.copy()
-        moved[parameter] += sign * step
-        ends.append(driven(model_at(moved), speeds, moved)[:, f.OF_STATES])
+        moved[place] += sign * step
+        ends.append(along(moved, speeds)[:, f.OF_STATES])
     slopes = (ends[0] - ends[1]) / (2.0 * step)
     scale = np.abs(slopes).max(axis=0)
     assert np.all(scale[:3] > 0.05), "or there is nothing to see here"
-    np.testing.assert_allclose(found[:, :, parameter] / scale, slopes / scale, atol=1e-6)
+    np.testing.assert_allclose(found[:, :, place] / scale, slopes / scale, atol=1e-6)
 
 
-def model_at(parameters: Floats) -> FrictionMotion:
-    """A model that has known its parameters from the start."""
+def model_at(parameters: Floats, gravity: tuple[float, float] = LEVEL) -> FrictionMotion:
+    """A model that has known its parameters and gravity from the start."""
     model = model_of()
     memory = model.memory.copy()
-    memory[f.AT_PARAMETERS] = parameters
+    memory[f.AT_INPUTS] = [*parameters, *gravity]
     model.recall(memory)
     return model
+
+
+def along(inputs: Floats, speeds: Floats) -> Floats:
+    """Memories of a model that has known its inputs from the start."""
+    parameters, (right, forward) = inputs[: f.PARAMETERS], inputs[f.PARAMETERS :].tolist()
+    model = model_at(parameters, (right, forward))
+    return driven(model, speeds, parameters, gravity=(right, forward))
 
 
 def test_the_last_speeds_act_as_their_derivatives_say() -> None:
@@ -113,7 +130,7 @@ def test_what_is_learnt_on_the_way_changes_the_motion_as_if_it_had_been_known() 
     better = known.nominal * np.array([1.0, 1.01, 1.003, 1.0, 1.02, 1.002])
     last = driven(model_at(better), speeds, better)[-1]
     before = driven(learning, speeds, known.nominal)[-1]
-    learning.begin_step(1e-9, *speeds[-1], padded(better))
+    learning.begin_step(1e-9, *speeds[-1], padded(better), LEVEL)
     moved = np.abs(last[:3] - before[:3])
     left = np.abs(last[:3] - learning.memory[:3])
     assert moved.max() > 1e-3
@@ -122,24 +139,9 @@ def test_what_is_learnt_on_the_way_changes_the_motion_as_if_it_had_been_known() 
 
 def test_linearise_has_the_derivatives_of_its_twist() -> None:
     model = model_of()
-    driven(model, wild(5.3), model.nominal)
-    V_l, V_r = 0.31, 0.52
-    p = model.nominal * 1.01
-    _, by = model.linearise(V_l, V_r, padded(p), NO_SLIP)
-    h = 1e-30
-
-    def part(index: int) -> Floats:
-        arguments = [complex(value) for value in (V_l, V_r, *padded(p), *NO_SLIP)]
-        arguments[index] += 1j * h
-        slip = (arguments[10], arguments[11], arguments[12])
-        motion, _ = model.linearise(arguments[0], arguments[1], arguments[2:10], slip)
-        return np.array([number.imag / h for number in motion.twist])
-
-    np.testing.assert_allclose(np.array(by.by_speeds).T, [part(0), part(1)], rtol=1e-12)
-    np.testing.assert_allclose(
-        np.array(by.by_parameters).T, [part(2 + k) for k in range(8)], rtol=1e-12, atol=1e-300
-    )
-    np.testing.assert_allclose(np.array(by.by_slip).T, [part(10 + k) for k in range(3)], rtol=1e-12)
+    driven(model, wild(5.3), model.nominal, gravity=(0.4, -0.3))
+    p = np.array(padded(model.nominal * 1.01))
+    assert_derivatives(model, 0.31, 0.52, p, NO_SLIP, (0.5, -0.2))
 
 
 def test_parameters_that_are_not_learnt_have_no_derivatives() -> None:
@@ -147,9 +149,11 @@ def test_parameters_that_are_not_learnt_have_no_derivatives() -> None:
     one, other = model_of(estimated=some), model_of()
     mine = driven(one, wild(4.0), one.nominal)
     full = driven(other, wild(4.0), other.nominal)
-    S, all_S = (m[:, f.OF_SENSITIVITIES].reshape(-1, f.STATES, f.PARAMETERS) for m in (mine, full))
-    assert not S[:, :, some == 0.0].any()
-    np.testing.assert_array_equal(S[:, :, some != 0.0], all_S[:, :, some != 0.0])
+    S, all_S = (m[:, f.OF_SENSITIVITIES].reshape(-1, f.STATES, f.INPUTS) for m in (mine, full))
+    left_out = np.append(some == 0.0, [False, False])
+    assert not S[:, :, left_out].any()
+    np.testing.assert_array_equal(S[:, :, ~left_out], all_S[:, :, ~left_out])
+    assert S[:, :3, f.PARAMETERS :].any()
     np.testing.assert_array_equal(mine[:, f.OF_STATES], full[:, f.OF_STATES])
 
 
@@ -158,8 +162,8 @@ def test_a_mirrored_vehicle_moves_mirrored() -> None:
     vehicle = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(x, -y, z))
     mirrored = model_of(msgspec.structs.replace(ALPHA, vehicle=vehicle))
     model, speeds = model_of(), wild(9.0)
-    one = driven(model, speeds, model.nominal)[:, :3]
-    other = driven(mirrored, speeds[:, ::-1], mirrored.nominal)[:, :3]
+    one = driven(model, speeds, model.nominal, gravity=(0.6, 0.9))[:, :3]
+    other = driven(mirrored, speeds[:, ::-1], mirrored.nominal, gravity=(-0.6, 0.9))[:, :3]
     np.testing.assert_allclose(one * [-1.0, 1.0, -1.0], other, atol=1e-9)
 
 
@@ -186,8 +190,19 @@ def test_it_stands_where_its_tracks_stand() -> None:
     driven(model, wild(3.0), model.nominal)
     at_rest = driven(model, np.zeros((150, 2)), model.nominal)[-1]
     assert np.abs(at_rest[:3]).max() < 1e-6
-    S = at_rest[f.OF_SENSITIVITIES].reshape(f.STATES, f.PARAMETERS)
-    assert np.abs(S[:3]).max() < 1e-4
+    S = at_rest[f.OF_SENSITIVITIES].reshape(f.STATES, f.INPUTS)
+    assert np.abs(S[:3, : f.PARAMETERS]).max() < 1e-4
+    # Gravity makes it creep, as far as friction is regularised.
+    creep = f.REGULARISING_SPEED / (ALPHA.contact.soil.friction * GRAVITY)
+    assert np.abs(S[:3, f.PARAMETERS :]).max() == pytest.approx(creep, rel=0.01)
+
+
+def test_it_stands_on_a_slope() -> None:
+    model, gravity = model_of(), (1.5, -2.0)
+    at_rest = driven(model, np.zeros((300, 2)), model.nominal, gravity=gravity)[-1]
+    creep = f.REGULARISING_SPEED / (ALPHA.contact.soil.friction * GRAVITY)
+    np.testing.assert_allclose(at_rest[:2], np.array(gravity) * creep, rtol=0.2)
+    assert abs(at_rest[2]) < 1e-4
 
 
 def test_going_back_in_memory_repeats_the_motion_to_the_last_bit() -> None:
@@ -211,15 +226,19 @@ def test_another_model_s_memory_is_refused() -> None:
     speeds=st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=2, max_size=20),
     dt=st.sampled_from([1e-6, 1e-3, 0.01, 0.1, 1.0, 30.0]),
     factors=st.tuples(*[st.floats(0.3, 2.0)] * f.PARAMETERS),
+    gravity=st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0)),
 )
 def test_no_input_makes_it_leave_what_tracks_can_do(
-    speeds: list[tuple[float, float]], dt: float, factors: tuple[float, ...]
+    speeds: list[tuple[float, float]],
+    dt: float,
+    factors: tuple[float, ...],
+    gravity: tuple[float, float],
 ) -> None:
-    """The body never moves faster than its tracks could drag it, whatever the step."""
+    """The body never moves faster than its tracks could drag it, whatever the step and the slope."""
     model = model_of()
     parameters = model.nominal * factors
-    model = model_at(parameters)
-    memories = driven(model, np.array(speeds), parameters, dt)
+    model = model_at(parameters, gravity)
+    memories = driven(model, np.array(speeds), parameters, dt, gravity)
     assert np.isfinite(memories).all()
     assert np.abs(memories[:, 0]).max() < 3.0
     assert np.abs(memories[:, 1]).max() < 3.0
@@ -229,4 +248,4 @@ def test_no_input_makes_it_leave_what_tracks_can_do(
 def test_bounds_hold_the_nominal_vehicle() -> None:
     model = model_of()
     rows = model.bounds
-    assert np.all(rows[:, :8] @ padded(model.nominal) > rows[:, 8])
+    assert np.all(rows[:, :-1] @ padded(model.nominal) > rows[:, -1])

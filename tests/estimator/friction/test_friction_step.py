@@ -14,6 +14,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.friction import layout as f
 from icreckon.estimator.friction.kernel import OneModel
 from icreckon.estimator.friction.model import FrictionMotion
+from icreckon.estimator.friction.step import LARGEST_PULL
 from icreckon.estimator.motion.contact import Contact, ContactGeometry, ground
 from icreckon.estimator.motion.contact_forces import (
     COLUMNS,
@@ -22,6 +23,8 @@ from icreckon.estimator.motion.contact_forces import (
     mass_matrix,
     point_loads,
 )
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.motion.motion_model import LEVEL
 from icreckon.estimator.robot.robot_file import load_robot
 
 ALPHA = load_robot("auriga-alpha")
@@ -52,16 +55,19 @@ def model_of(contact: Contact, estimated: Floats | None = None) -> FrictionMotio
     return FrictionMotion(ALPHA.constants, contact, 7.0, LAG, 2.0, mask)
 
 
-def moving(model: FrictionMotion, state: Floats) -> FrictionMotion:
-    """A model in the middle of a motion."""
+def moving(
+    model: FrictionMotion, state: Floats, gravity: tuple[float, float] = LEVEL
+) -> FrictionMotion:
+    """A model in the middle of a motion, on ground that has always been as it is."""
     memory = model.memory.copy()
+    memory[f.AT_INPUTS][f.PARAMETERS :] = gravity
     memory[f.OF_STATES], memory[f.STARTED] = state, 1.0
     model.recall(memory)
     return model
 
 
 def padded(parameters: Floats) -> list[float]:
-    return [*parameters.tolist(), 0.0, 0.0]
+    return [*parameters.tolist(), 0.0, 0.0, 0.0]
 
 
 def forces_on(model: FrictionMotion, contact: Contact, y: Floats, v: Floats, V: Floats) -> Floats:
@@ -77,26 +83,30 @@ def forces_on(model: FrictionMotion, contact: Contact, y: Floats, v: Floats, V: 
 STATES = st.tuples(
     *[st.floats(-1.0, 1.0)] * 3, *[st.floats(-0.5 * 9.81 * ALPHA.vehicle.mass, 5e3)] * 2
 )
+SLOPES = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 
 
 @pytest.mark.parametrize("name", CONTACTS)
 @settings(max_examples=60, deadline=None)
-@given(state=STATES, V=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)))
+@given(state=STATES, V=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)), gravity=SLOPES)
 def test_a_step_solves_its_equations(
-    name: str, state: tuple[float, ...], V: tuple[float, float]
+    name: str, state: tuple[float, ...], V: tuple[float, float], gravity: tuple[float, float]
 ) -> None:
-    """Points that lift off and a vehicle that tips are among the states."""
+    """Points that lift off and a vehicle that tips are among the states, and ground that is steep."""
     contact = CONTACTS[name]
     model, before, speeds = model_of(contact), np.array(state), np.array(V)
-    moving(model, before).begin_step(H, *V, padded(model.nominal))
+    moving(model, before, gravity).begin_step(H, *V, padded(model.nominal), gravity)
     after = model.memory[f.OF_STATES]
+    # Of more gravity than friction holds, what it holds.
+    limit = LARGEST_PULL * GRAVITY * min(contact.soil.coefficients)
+    gravity = np.array(gravity) * min(1.0, limit / max(1e-9, np.hypot(*gravity)))
     body, (v_x, v_y, w) = contact.body, before[:3]
     A = mass_matrix(body.mass, body.x_CM, body.y_CM, 7.0)
-    right = body.mass * w * (v_y + body.x_CM * w)
-    forward = body.mass * w * (body.y_CM * w - v_x)
-    inertia = np.array([right, forward, body.x_CM * forward - body.y_CM * right])
+    right = body.mass * (w * (v_y + body.x_CM * w) + gravity[0])
+    forward = body.mass * (w * (body.y_CM * w - v_x) + gravity[1])
+    pull = np.array([right, forward, body.x_CM * forward - body.y_CM * right])
     F = forces_on(model, contact, before, after[:3], speeds)
-    wrong = np.linalg.solve(A, A @ (after[:3] - before[:3]) - H * (F + inertia))
+    wrong = np.linalg.solve(A, A @ (after[:3] - before[:3]) - H * (F + pull))
     # Newton's last step is below 1e-7; shear has no potential and may leave the iteration where it is.
     assert np.abs(wrong).max() < (1e-6 if name != "sheared" else 1e-2)
     keep = np.exp(-H / LAG)
@@ -106,26 +116,28 @@ def test_a_step_solves_its_equations(
 
 
 def after_step(contact: Contact, state: Floats, at: Floats, V: Floats) -> Floats:
-    """State after a step with parameters that were always these."""
+    """State after a step with parameters and gravity that were always these."""
     model = moving(model_of(contact), state)
     memory = model.memory.copy()
-    memory[f.AT_PARAMETERS] = at
+    memory[f.AT_INPUTS] = at
     model.recall(memory)
-    model.begin_step(H, *V, padded(at))
+    model.begin_step(H, *V, padded(at[: f.PARAMETERS]), tuple(at[f.PARAMETERS :]))
     return model.memory[f.OF_STATES]
 
 
+@pytest.mark.parametrize("steepness", [1.0, 10.0], ids=["slope", "too steep"])
 @pytest.mark.parametrize("name", CONTACTS)
-def test_its_derivatives_are_slopes(name: str) -> None:
-    """By each parameter, and by the track speeds."""
+def test_its_derivatives_are_slopes(name: str, steepness: float) -> None:
+    """By each parameter, by gravity, and by the track speeds."""
     contact, step = CONTACTS[name], 1e-5
     rng = np.random.default_rng(1)
     for _ in range(20):
         state = np.concatenate([rng.uniform(-0.6, 0.6, 3), rng.uniform(-300.0, 300.0, 2)])
-        inputs = np.concatenate([model_of(contact).nominal, rng.uniform(-0.8, 0.8, 2)])
-        model = moving(model_of(contact), state)
-        model.begin_step(H, *inputs[-2:], padded(inputs[:-2]))
-        S = model.memory[f.OF_SENSITIVITIES].reshape(f.STATES, f.PARAMETERS)
+        speeds, gravity = rng.uniform(-0.8, 0.8, 2), steepness * rng.uniform(-1.5, 1.5, 2)
+        inputs = np.concatenate([model_of(contact).nominal, gravity, speeds])
+        model = moving(model_of(contact), state, tuple(gravity))
+        model.begin_step(H, *speeds, padded(inputs[: f.PARAMETERS]), tuple(gravity))
+        S = model.memory[f.OF_SENSITIVITIES].reshape(f.STATES, f.INPUTS)
         B = model.memory[f.OF_SPEEDS].reshape(3, 2)
         for place in range(len(inputs)):
             ends = []
@@ -134,7 +146,7 @@ def test_its_derivatives_are_slopes(name: str) -> None:
                 moved[place] += sign * step
                 ends.append(after_step(contact, state, moved[:-2], moved[-2:]))
             slopes = (ends[0] - ends[1]) / (2.0 * step)
-            found = S[:, place] if place < f.PARAMETERS else B[:, place - f.PARAMETERS]
+            found = S[:, place] if place < f.INPUTS else B[:, place - f.INPUTS]
             slopes = slopes[: len(found)]
             for part in (slice(0, 3), slice(3, 5)):
                 tolerance = 3e-5 * (np.abs(slopes[part]).max(initial=0.0) + 1e-3)
@@ -145,4 +157,4 @@ def test_contact_points_that_are_missing_are_not_read() -> None:
     model = model_of(CONTACTS["plain"])
     one = OneModel(model.constants, model.pairs[1:], sheared=False)
     with pytest.raises(ValueError, match="size"):
-        one.step(model.memory, model.nominal, (0.1, 0.2), H)
+        one.step(model.memory, [*model.nominal, *LEVEL], (0.1, 0.2), H)

@@ -16,8 +16,10 @@ from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpe
 from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
+    LEVEL,
     Channels,
     GainFactors,
+    Gravity,
     Motion,
     TwistDerivatives,
     Unremembering,
@@ -55,8 +57,18 @@ class FastTurns(Unremembering):
         """Steering efficiency index at rest."""
         return float(parameters[ETA0])
 
+    @property
+    def taught_by_imu(self) -> tuple[int, ...]:
+        """Places of the parameters that the IMU moves: eta0, which the yaw rate shows."""
+        return (ETA0,)
+
     def linearise(
-        self, V_l: Number, V_r: Number, parameters: Any, slip: tuple[Number, Number, Number]
+        self,
+        V_l: Number,
+        V_r: Number,
+        parameters: Any,
+        slip: tuple[Number, Number, Number],
+        gravity: Gravity,  # noqa: ARG002 - all motion models have it
     ) -> tuple[Motion, TwistDerivatives]:
         """Compute the twist w = D / (L eta), v_x = w zeta, v_y = V_m - w epsilon and its derivatives."""
         zeta, epsilon, eta0 = parameters[1], parameters[3], parameters[ETA0]
@@ -108,7 +120,7 @@ def test_its_derivatives_are_those_of_a_complex_step():
     rng = np.random.default_rng(1)
     for V_l, V_r in rng.uniform(-1.2, 1.2, (20, 2)).tolist():
         slip = tuple(rng.normal(scale=0.1, size=3).tolist())
-        parameters = ALPHA.constant_indices.as_array() * rng.uniform(0.7, 1.3, 8)
+        parameters = ALPHA.constant_indices.as_array() * rng.uniform(0.7, 1.3, 9)
         assert_derivatives(FastTurns(ALPHA.constants), V_l, V_r, parameters, slip)
 
 
@@ -136,7 +148,7 @@ def drive(seconds: float = 40.0) -> Log:
         stamp = 1_700_000_000_000_000_000 + k * 20_000_000
         forward, apart = 0.7 - 0.5 * np.cos(0.01 * k), 0.3 * np.sin(0.05 * k)
         left, right = float(forward - apart), float(forward + apart)
-        motion, _ = truth.linearise(left, right, parameters, (0.0, 0.0, 0.0))
+        motion, _ = truth.linearise(left, right, parameters, (0.0, 0.0, 0.0), LEVEL)
         found += [TrackSpeeds(stamp, left, right), ImuSample(stamp, (0.0, 0.0, motion.twist.w))]
     return Log.from_measurements(found, "bends")
 

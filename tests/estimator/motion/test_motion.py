@@ -1,4 +1,6 @@
-"""The implicit motion model: its own equations, its derivatives, its symmetries, its uniqueness."""
+"""The paper's implicit motion model: its equations, its derivatives, its symmetries, its uniqueness."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -15,13 +17,14 @@ from icreckon.estimator.motion.icr import (
     signed_inertia,
     symmetry_coordinates,
 )
-from icreckon.estimator.motion.index_model import InertiaMotion, solve
-from icreckon.estimator.motion.motion_model import VehicleConstants
+from icreckon.estimator.motion.index_model import Form, linearise, solve
+from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, VehicleConstants
 from icreckon.estimator.robot.robot_file import load_robot
 
 ALPHA = load_robot("auriga-alpha")
 VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04)
-PUBLISHED = ALPHA.indices.as_array()
+# epsilon_F is no parameter of this model.
+PUBLISHED = ALPHA.indices.as_array()[:8]
 WEIGHT = 258.0 * 9.81
 FORMS = ("smooth", "literal")
 # The grid of the paper, section II.
@@ -38,9 +41,14 @@ def perturbed(count, seed, share=0.5):
     return (*rng.uniform(-1.0, 1.0, (2, count)), parameters)
 
 
+def nine(parameters):
+    """The eight parameters, and epsilon_F, by which nothing changes."""
+    return np.append(parameters, 0.0)
+
+
 def model(V_l, V_r, twist, parameters, form):
     """One pass from a twist through inertia and indices to a twist, from the paper's equations."""
-    gauge, mass, x_CM, y_CM = VEHICLE
+    gauge, mass, x_CM, y_CM, *_ = VEHICLE
     if form == "smooth":
         indices = indices_at_signed_inertia(*signed_inertia(twist, mass, x_CM), parameters)
     else:
@@ -53,7 +61,7 @@ def model(V_l, V_r, twist, parameters, form):
 
 def inertia_residual(u, V_l, V_r, parameters, form):
     """u less the inertia of the motion that u leads to: the scalar equation behind the model."""
-    gauge, mass, x_CM, y_CM = VEHICLE
+    gauge, mass, x_CM, y_CM, *_ = VEHICLE
     x_1, x_2 = symmetry_coordinates(V_l, V_r, parameters[0])
     if form == "smooth":
         # The turn has the sign of -x_1, so |w| w_y is -u times that sign.
@@ -231,7 +239,7 @@ def test_measured_inertia_is_that_of_the_twist_with_slip(form):
     V_l, V_r, parameters = perturbed(5000, 8, share=0.2)
     slip = tuple(np.random.default_rng(9).normal(scale=0.05, size=(3, 5000)))
     motion = solve(V_l, V_r, parameters, VEHICLE, form=form, slip=slip, slip_in_inertia=True)
-    _, mass, x_CM, y_CM = VEHICLE
+    _, mass, x_CM, y_CM, *_ = VEHICLE
     if form == "smooth":
         inertia = signed_inertia(motion.twist, mass, x_CM)[0]
     else:
@@ -276,15 +284,29 @@ def _cases():
         yield V_l, V_r, AT_THE_FLOOR, (0.01, 0.02, 0.03)
 
 
+@dataclass(frozen=True)
+class PaperMotion:
+    """The paper's model as a motion model: on level ground, without the ninth parameter."""
+
+    vehicle: VehicleConstants
+    form: Form = "smooth"
+    slip_in_inertia: bool = False
+
+    def linearise(self, V_l, V_r, parameters, slip, gravity):
+        assert not any(gravity) or np.iscomplexobj(gravity)
+        is_literal = self.form == "literal"
+        return linearise(V_l, V_r, parameters, slip, self.vehicle, is_literal, self.slip_in_inertia)
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("slip_in_inertia", [False, True], ids=["tracks", "imu"])
 def test_derivatives_are_the_complex_step_ones(form, slip_in_inertia):
     # The literal form jumps at x_1 = 0 and x_2 = 0: there it has no derivative to compare with.
-    model = InertiaMotion(VEHICLE, form, slip_in_inertia)
+    model = PaperMotion(VEHICLE, form, slip_in_inertia)
     for V_l, V_r, parameters, slip in _cases():
         if form == "literal" and (V_l == V_r or V_l == -parameters[0] * V_r):
             continue
-        assert_derivatives(model, float(V_l), float(V_r), parameters, slip)
+        assert_derivatives(model, float(V_l), float(V_r), nine(parameters), slip)
 
 
 def test_derivatives_where_the_force_is_held_at_the_weight():
@@ -292,14 +314,14 @@ def test_derivatives_where_the_force_is_held_at_the_weight():
     parameters = PUBLISHED * (1.0, 1.0, 5.0, 1.0, 5.0, 0.3, 0.0, 0.0)
     parameters[5] = 1.0
     V_l, V_r = 6.0, 9.0
-    motion, _ = InertiaMotion(heavy).linearise(V_l, V_r, parameters, (0.0, 0.0, 0.0))
+    motion = solve(V_l, V_r, parameters, heavy)
     assert abs(motion.u) > abs(motion.force) == 40.0 * 9.81
     for form in FORMS:
-        assert_derivatives(InertiaMotion(heavy, form), V_l, V_r, parameters, (0.1, 0.2, 0.3))
+        assert_derivatives(PaperMotion(heavy, form), V_l, V_r, nine(parameters), (0.1, 0.2, 0.3))
 
 
 def test_a_parameter_that_the_motion_does_not_show_has_no_derivative():
-    _, by = InertiaMotion(VEHICLE).linearise(0.5, 0.5, PUBLISHED, (0.0, 0.0, 0.0))
+    _, by = PaperMotion(VEHICLE).linearise(0.5, 0.5, PUBLISHED, NO_SLIP, LEVEL)
     assert (np.array(by.by_parameters) == 0.0).all()
     assert by.by_speeds[1] == pytest.approx((0.5, 0.5), abs=0.1)
     assert sum(by.by_speeds[1]) == pytest.approx(1.0, abs=1e-15)

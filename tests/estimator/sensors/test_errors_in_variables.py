@@ -9,7 +9,7 @@ from icreckon.estimator.base.records import assign
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING, IcrEkf
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
-from icreckon.estimator.motion.index_model import InertiaMotion
+from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, slip_of
@@ -59,7 +59,9 @@ def test_smoothed_speeds_are_remembered():
 
 
 def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
-    disturbances = Disturbances(ALPHA, slip_of(ALPHA, find_variant("inertia-online")), np.zeros(8))
+    disturbances = Disturbances(
+        ALPHA, slip_of(ALPHA, find_variant("inertia-online")), np.zeros(s.PARAMETER_COUNT)
+    )
     noisy = held([(0.2, 0.6)] * 50 + [(0.1, 0.8)], 400)
     steady = held([smooth(noisy)], 400)
     sizes = [disturbances.slip_sigma(one, 1.5, pushed=False) for one in (noisy, steady)]
@@ -67,7 +69,7 @@ def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
 
 
 def test_derivatives_by_the_parameters_follow_those_of_the_moment():
-    ekf = IcrEkf(InertiaMotion(ALPHA.constants))
+    ekf = IcrEkf(LaggedIndexMotion(ALPHA.constants))
     ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
     before, now = (ekf.twist_model(*speeds) for speeds in ((0.2, 0.6), (0.3, 0.4)))
     # At the first step they are those of the moment, from the next on they lag.
