@@ -119,6 +119,7 @@ class BatchFilter:
         self._model, self._state, self._sigmas = motion, assumed.state, assumed.sigmas
         self._disturbances = assumed.disturbances
         self.robot, self.settings = robot, settings
+        self._uses_force = settings.use_accelerometer and variant.accelerometers
         self.width, self.number = width or lanes_of_machine(bits), PRECISIONS[bits]
         self._walks = all_walks(self._disturbances)
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
@@ -319,7 +320,7 @@ class BatchFilter:
             bool(one.any()) for one in (steps.kinds == MOVE, fixes & ~ahead, ahead)
         )
         needs = Needs(
-            accelerometer=self.settings.use_accelerometer,
+            accelerometer=self._uses_force,
             heading=bool((steps.extras & HEADING).any()),
             fixes=at_steps,
             ahead=between,
@@ -378,6 +379,7 @@ def shared_constants(
     walks = all_walks(disturbances)
     named = {
         **model.vehicle._asdict(),
+        "slope_forgetting": disturbances.slope_forgetting,
         "eta": model.steering_efficiency(state[s.PARAMETERS]),
         **{name: getattr(slip, name) for name in SlipConstants._fields},
         "gyro_density": sensors.gyro_density,

@@ -34,6 +34,7 @@ CONSTANTS = (
     "y_CM",
     "rolling_resistance",
     "load_lag",
+    "slope_forgetting",
     "eta",
     "turning_x",
     "turning_y",

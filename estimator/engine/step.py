@@ -14,6 +14,7 @@ from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, x_of
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
 from icreckon.estimator.tracing import trace
+from icreckon.estimator.tracing.elementary import exponential
 from icreckon.estimator.tracing.emit import Kernel
 from icreckon.estimator.tracing.trace import select
 
@@ -295,7 +296,9 @@ class Step:
                 moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(3)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
         with_pose = _noise_of_pose(now.rows, M, walk, sigma, lane)
-        faded = _transition(lane.P.states, decay, *model.turn(step[2]))
+        cos, sin = model.turn(step[2])
+        kept = exponential(-constant("slope_forgetting") * travel * dt)
+        faded = _transition(lane.P.states, decay, kept * cos, kept * sin)
         after: dict[tuple[int, int], Any] = {}
         for i in range(3):
             # The carried row times the derivatives of the twist.

@@ -2,7 +2,7 @@
 
     pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip
     slip' = slip exp(-dt / tau) + noise   a Gauss-Markov process for each component
-    gravity' = R(w dt)' gravity + noise   its part along the ground, which is fixed in odom
+    gravity' = R(w dt)' gravity + noise   its part along the ground, fixed in odom, slowly forgotten
 
 Parameters, biases and scales are constants or random walks. The fast slip is white from one step to the
 next, and contains the error of the track speeds. It is part of the state because one error both moves the
@@ -14,6 +14,7 @@ noise is that of the track speeds, which is in the innovation, too.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -54,11 +55,13 @@ class ProcessNoise(NamedTuple):
         slip_sigma: (3,) stationary standard deviation of the slip [m/s, m/s, rad/s].
         time_constant: correlation time of the slip [s].
         walk: (SIZE,) random-walk densities of the states, per √s.
+        forgetting: rate at which gravity along the ground returns to zero [1/s].
     """
 
     slip_sigma: Floats
     time_constant: float
     walk: Floats
+    forgetting: float = 0.0
 
 
 class Observer(Protocol):
@@ -233,7 +236,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         F[s.POSITION, s.YAW] += by_yaw
         F.ravel()[SLIP_DIAGONAL] = decay
         cos, sin = turn(step[2])
-        back = np.array([[cos, sin], [-sin, cos]])
+        back = math.exp(-noise.forgetting * dt) * np.array([[cos, sin], [-sin, cos]])
         F[s.GRAVITY, s.GRAVITY] = back
 
         # Random walks and slip, and their effect on the pose within the step.

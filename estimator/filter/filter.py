@@ -114,6 +114,7 @@ class Reckoning:
         # Counts of all but the gates, which count themselves.
         self._counts = Health()
         self._settings = settings
+        self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._sensors = SensorModels(robot)
         fixed = self.ekf.fixed_for_imu
         self._gyro = Gyro(self._sensors, fixed)
@@ -325,7 +326,7 @@ class Reckoning:
             return False
         rate, force = self._sensors.yaw_rate(m), m.linear_acceleration
         along = (math.nan, math.nan)
-        if force is not None and self._settings.use_accelerometer:
+        if force is not None and self._uses_force:
             along = self._sensors.along_ground(force)
         if (m.stamp - record.stamp) * NANOSECOND > hold:
             # The sample measures the present yaw rate, not that in the gap.

@@ -35,6 +35,9 @@ class Disturbances:
         robot: the robot.
         slip: of the variant.
         parameter_walk: (9,) random walk of the parameters at its full rate, per √s.
+
+    Attributes:
+        slope_forgetting: rate at which the slope is forgotten [1/m].
     """
 
     def __init__(self, robot: Robot, slip: Slip, parameter_walk: Floats) -> None:
@@ -45,7 +48,10 @@ class Disturbances:
         self._bias_walk[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_walk
         self._bias_walk[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_walk
         self._slope_walk = np.zeros(s.SIZE)
-        self._slope_walk[s.GRAVITY] = robot.slope.walk
+        slope = robot.slope
+        self._slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
+        # A Gauss-Markov process in the distance, of this standard deviation.
+        self.slope_forgetting = 0.5 * (slope.walk / slope.sigma) ** 2 if slope.sigma > 0.0 else 0.0
         self._parameter_walk = np.zeros(s.SIZE)
         self._parameter_walk[s.PARAMETERS] = parameter_walk
 
@@ -119,8 +125,10 @@ class Disturbances:
         """
         left, right = tracks.smooth_left, tracks.smooth_right
         walk = self._bias_walk + self._parameter_walk * share_of_walk(left, right)
-        walk += self._slope_walk * math.sqrt(travel_speed(left, right))
-        return ProcessNoise(np.array(sigma), self._slip.time_constant, walk)
+        travel = travel_speed(left, right)
+        walk += self._slope_walk * math.sqrt(travel)
+        forgetting = self.slope_forgetting * travel
+        return ProcessNoise(np.array(sigma), self._slip.time_constant, walk, forgetting)
 
 
 def slip_at(

@@ -197,9 +197,12 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Slope(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Slope of the ground: gravity's acceleration along it, in each direction.
 
+    It is a Gauss-Markov process in the distance that the tracks travel; its correlation distance is
+    2 (sigma / walk)².
+
     Attributes:
-        sigma: standard deviation at the start [m/s²]; 0.17 is a slope of one degree.
-        walk: random walk with the distance that the tracks travel [m/s²/√m].
+        sigma: standard deviation [m/s²]; 0.17 is a slope of one degree. At 0 the ground is level.
+        walk: random walk with the distance [m/s²/√m].
     """
 
     sigma: NotNegative = 0.5

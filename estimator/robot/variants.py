@@ -55,18 +55,20 @@ class Variant:
         model: shipped model; parameters, initial values, adaptation and slip are those of this model.
         online: True if it estimates the parameters.
         motion: factory of its motion model for a robot; None for the motion model of `model`.
+        accelerometers: False if it does not use them, whatever the settings say.
     """
 
     name: str
     model: Model
     online: bool
     motion: Callable[[Robot], MotionModel] | None = None
+    accelerometers: bool = True
 
 
 VARIANTS = {
     variant.name: variant
     for variant in (
-        Variant("gyro", "gyro", online=False),
+        Variant("gyro", "gyro", online=False, accelerometers=False),
         Variant("differential", "differential", online=False),
         Variant("constant-fixed", "constant", online=False),
         Variant("constant-online", "constant", online=True),
@@ -139,7 +141,15 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 DEFAULT_SLIP: dict[Model, Slip] = {
     "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
     # The yaw rate is the gyro's: the tracks say little of it.
-    "gyro": Slip(turning_x=0.12, turning_y=0.05, turning_w=2.0, driving_w=2.0, time_constant=1.0),
+    "gyro": Slip(
+        turning_x=0.05,
+        turning_y=0.025,
+        turning_w=2.0,
+        driving_x=0.008,
+        driving_y=0.005,
+        driving_w=2.0,
+        time_constant=1.0,
+    ),
     "constant": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),
     "linear": Slip(turning_x=0.096, turning_y=0.019, turning_w=0.18, time_constant=0.5),
     "inertia": Slip(
@@ -152,13 +162,13 @@ DEFAULT_SLIP: dict[Model, Slip] = {
         time_constant=0.5,
     ),
     "friction": Slip(
-        turning_x=0.02,
-        turning_y=0.008,
-        turning_w=0.04,
-        driving_x=0.006,
-        driving_y=0.004,
-        driving_w=0.01,
-        time_constant=0.5,
+        turning_x=0.025,
+        turning_y=0.02,
+        turning_w=0.045,
+        driving_x=0.008,
+        driving_y=0.006,
+        driving_w=0.012,
+        time_constant=0.7,
     ),
 }
 

@@ -95,7 +95,7 @@ def filter_inputs(cell: Cell, one: Filter) -> Inputs:
         "considered": sorted(settings.considered),
         "accelerometer": None,
     }
-    if settings.use_accelerometer:
+    if settings.use_accelerometer and find_variant(one.variant).accelerometers:
         place = imu.position[:2]
         found["accelerometer"] = [forward, left, imu.accelerometer_noise_density, list(place)]
     else:
