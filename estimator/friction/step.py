@@ -188,10 +188,10 @@ def _force_of_inertia(body: Body, v: Three, slopes: Three | None = None) -> Thre
 
 
 class _Held(NamedTuple):
-    """Gravity along the ground that friction holds, right and forward, and its derivatives.
+    """Gravity along the ground that friction holds, and its derivatives.
 
     Attributes:
-        gravity: (2,) [m/s²].
+        gravity: (2,) right and forward [m/s²].
         by_gravity: its derivatives by both components of all gravity.
         by_friction: its derivative by the friction [m/s²].
     """

@@ -127,10 +127,11 @@ class _TapedEstimator(PoseEstimator):
 
 
 class _Step(NamedTuple):
-    """Transition: rows of F for the pose, and decay factor of the slip."""
+    """Transition: rows of F for the pose, decay factor of the slip, and turn (2, 2) of gravity."""
 
     pose_rows: Floats
     decay: float
+    back: Floats
 
 
 class _Renewal(NamedTuple):
@@ -188,7 +189,8 @@ class _Tape:
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
-        self._tape.append(_Step(F[s.POSE].copy(), F.item(s.SLIP_X, s.SLIP_X)))
+        decay, back = F.item(s.SLIP_X, s.SLIP_X), F[s.GRAVITY, s.GRAVITY].copy()
+        self._tape.append(_Step(F[s.POSE].copy(), decay, back))
         if P[s.YAW, s.YAW] > LOST_YAW**2:
             self._renew(s.POSE, self._optimal_P[s.POSE, s.POSE].copy())
 
@@ -293,8 +295,9 @@ def _back(
             information = information.copy()
             information[states, :] = information[:, states] = 0.0
             return adjoint, information
-        case _Step(pose_rows, decay):
+        case _Step(pose_rows, decay, back):
             F = IDENTITY.copy()
             F[s.POSE] = pose_rows
             F.ravel()[SLIP_DIAGONAL] = decay
+            F[s.GRAVITY, s.GRAVITY] = back
             return adjoint @ F, F.T @ information @ F

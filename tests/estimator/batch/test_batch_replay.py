@@ -21,6 +21,7 @@ from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison import compare as comparison
@@ -245,12 +246,10 @@ def test_a_fix_next_to_the_first_track_speeds(late: int) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        Settings(form="literal"),
-        Settings(inertia="imu"),
         Settings(use_accelerometer=False),
         Settings(hold=0.02),
     ],
-    ids=["literal", "imu", "no accelerometer", "hold"],
+    ids=["no accelerometer", "hold"],
 )
 def test_settings(settings: Settings) -> None:
     assert_same(drive(), "inertia-online", settings=settings)
@@ -261,7 +260,7 @@ def test_an_imu_without_accelerometers() -> None:
     assert log.imu is not None
     log = replace(log, imu=replace(log.imu, linear_acceleration=None))
     runs = assert_same(log, "constant-online")
-    assert "accelerometer" not in runs["constant-online"].health.sensors
+    assert not {*ACCELEROMETERS} & {*runs["constant-online"].health.sensors}
 
 
 def test_a_log_of_the_shortest_kind() -> None:
@@ -314,8 +313,6 @@ def test_what_cannot_be_taken_is_refused_by_name() -> None:
     refused(replace(log, imu=replace(log.imu, linear_acceleration=forces)), "without forces")
     broken = FixSeries(np.array([begin + 10**9]), np.zeros((1, 3)), -np.ones((1, 2)))
     refused(replace(log, fixes=broken), "fixes that are no numbers")
-    fixes = drive(fix_rate=5.0).fixes
-    refused(replace(log, fixes=fixes), "inertia = 'imu'", settings=Settings(inertia="imu"))
     stamps = log.tracks.stamps.copy()
     stamps[500:] += 200 * 10**9
     later = replace(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds), imu=log.imu)

@@ -60,7 +60,7 @@ class Radar(FixModel[GroundSpeed]):
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000
 STEP = 10_000_000
-TRUE_SPEED, TRUE_W = 0.45, 0.3
+TRUE_SPEED, TRUE_W = 0.42, 0.3
 
 
 @pytest.fixture(autouse=True)
@@ -82,7 +82,7 @@ def drive(seconds: float = 4.0, *, offset: int = 3_000_000) -> list[Measurement]
         stamp = EPOCH + k * STEP
         if k % 2 == 0:
             found.append(TrackSpeeds(stamp, 0.45, 0.60))
-        found.append(ImuSample(stamp, (0.0, 0.0, TRUE_W), (0.0, 0.13, 9.81)))
+        found.append(ImuSample(stamp, (0.0, 0.0, TRUE_W), (0.0, TRUE_SPEED * TRUE_W, 9.81)))
         if k % 10 == 5:
             found.append(seen(stamp + offset))
     return found
@@ -188,7 +188,7 @@ def test_its_innovations_are_in_the_rows_of_a_run():
     log = Log.from_measurements(drive())
     found = run(log, ALPHA, "inertia-online")
     assert found.innovation_names == ("gyro", "accelerometer_x", "accelerometer_y", "radar")
-    radar = found.innovations[:, 2]
+    radar = found.innovations[:, 3]
     assert np.isfinite(radar).sum() == 40
     assert np.abs(radar[np.isfinite(radar)][5:]).max() < 1.0
     smoothed = smooth(log, ALPHA, "inertia-online").smoothed

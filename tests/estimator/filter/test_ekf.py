@@ -9,7 +9,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.integrate import quad
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.frames import arc_factors, compose
+from icreckon.estimator.base.frames import arc_factors, compose, relative
 from icreckon.estimator.engine.lane_filter import LaneEkf
 from icreckon.estimator.filter.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.filter.update import normalised_square
@@ -145,7 +145,7 @@ def test_derivative_by_the_track_speeds(variant):
 @pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
 @MODELS
 def test_transition_is_the_derivative_of_the_prediction(dt, variant):
-    """But for the angle by which gravity turns back: it counts as known."""
+    """But for the angle by which gravity turns back: it counts as known (see the next test)."""
     rng = np.random.default_rng(3)
     for _ in range(10):
         ekf = moving(rng, variant)
@@ -158,10 +158,55 @@ def test_transition_is_the_derivative_of_the_prediction(dt, variant):
 
         scales = scales_of(ekf)
         expected = derivative(predicted, ekf.x, scales)
-        others = np.delete(np.arange(s.SIZE), s.GRAVITY)
-        expected[s.GRAVITY, others] = 0.0
         ekf.predict_motion(dt, left, right, NO_NOISE)
+        expected[s.GRAVITY] = ekf.F[s.GRAVITY]
         assert_jacobian(ekf.F, expected, scales)
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
+@MODELS
+def test_gravity_turns_back_as_the_robot_turns(dt, variant):
+    """Along the ground it stays where it is in odom, and so does its error."""
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        ekf = moving(rng, variant)
+        before, P = ekf.x.copy(), ekf.P.copy()
+        ekf.predict_motion(dt, *rng.uniform(-1.0, 1.0, 2), NO_NOISE)
+        cos, sin = np.cos(ekf.x[s.YAW] - before[s.YAW]), np.sin(ekf.x[s.YAW] - before[s.YAW])
+        back = np.array([[cos, sin], [-sin, cos]])
+        assert ekf.x[s.GRAVITY] == pytest.approx(back @ before[s.GRAVITY], abs=1e-13)
+        assert ekf.F[s.GRAVITY, s.GRAVITY] == pytest.approx(back, abs=1e-13)
+        assert np.count_nonzero(ekf.F[s.GRAVITY]) == 4
+        assert ekf.P[s.GRAVITY, s.GRAVITY] == pytest.approx(
+            back @ P[s.GRAVITY, s.GRAVITY] @ back.T, abs=1e-13
+        )
+
+
+def test_heading_and_slope_turned_together_give_the_same_motion():
+    """The filter has no preferred direction: a fix that turns the yaw leaves gravity in base_link."""
+    rng = np.random.default_rng(15)
+    one = moving(rng, INERTIA)
+    one.P[s.POSE] = one.P[:, s.POSE] = 0.0
+    one.P[s.POSE, s.POSE] = np.diag([0.04, 0.04, 0.09])
+    other = copy.deepcopy(one)
+    row = np.zeros(s.SIZE)
+    row[s.YAW] = 1.0
+    # A heading fix that is uncorrelated with the rest, and exact.
+    other.update_scalar(1.2, row, 1e-12)
+    assert other.x[s.YAW] == pytest.approx(one.x[s.YAW] + 1.2, abs=1e-9)
+    assert (other.x[s.GRAVITY] == one.x[s.GRAVITY]).all()
+    start = [ekf.x[s.POSE].copy() for ekf in (one, other)]
+    for _ in range(20):
+        speeds = rng.uniform(-1.0, 1.0, 2)
+        for ekf in (one, other):
+            ekf.begin_step(0.05, *speeds)
+            ekf.predict_motion(0.05, *speeds, noise())
+        assert other.twist_model(*speeds).twist == pytest.approx(one.twist_model(*speeds).twist)
+    moved = [relative(begin, ekf.x[s.POSE]) for begin, ekf in zip(start, (one, other), strict=True)]
+    assert moved[1] == pytest.approx(moved[0], abs=1e-9)
+    rest = slice(s.POSE.stop, None)
+    assert other.x[rest] == pytest.approx(one.x[rest], abs=1e-9)
+    assert np.abs(other.P[rest, rest] - one.P[rest, rest]).max() < 1e-9
 
 
 def test_transition_where_the_arc_becomes_a_line():
@@ -187,11 +232,14 @@ def test_constant_twist_drives_the_exact_arc():
     assert ekf.x[s.POSE] == pytest.approx(compose(start, chord), abs=1e-14)
 
 
-def test_dividing_a_step_changes_nothing_without_slip():
+@pytest.mark.parametrize("variant", [INERTIA, LINEAR], ids=lambda variant: variant.name)
+def test_dividing_a_step_changes_nothing_without_slip(variant):
     rng = np.random.default_rng(4)
-    whole = make(rng)
-    whole.x[s.SLIP] = 0.0
-    whole.P[s.SLIP, :] = whole.P[:, s.SLIP] = 0.0
+    whole = make(rng, variant)
+    # As the robot turns, gravity is another, and so is the motion of models on which it acts.
+    for known in (s.SLIP, s.GRAVITY) if variant is INERTIA else (s.SLIP,):
+        whole.x[known] = 0.0
+        whole.P[known, :] = whole.P[:, known] = 0.0
     parts = copy.deepcopy(whole)
     whole.predict_motion(1.0, 0.2, 0.8, NO_NOISE)
     for _ in range(100):
@@ -200,9 +248,13 @@ def test_dividing_a_step_changes_nothing_without_slip():
     assert np.abs(parts.P - whole.P).max() < 1e-13
 
 
-def test_dividing_a_step_changes_the_noise_to_second_order_only():
+@pytest.mark.parametrize("variant", [INERTIA, LINEAR], ids=lambda variant: variant.name)
+def test_dividing_a_step_changes_the_noise_to_second_order_only(variant):
     rng = np.random.default_rng(5)
-    start = make(rng)
+    start = make(rng, variant)
+    if variant is INERTIA:
+        start.x[s.GRAVITY] = 0.0
+        start.P[s.GRAVITY, :] = start.P[:, s.GRAVITY] = 0.0
     differences = []
     for dt in (0.1, 0.05, 0.025):
         whole, parts = copy.deepcopy(start), copy.deepcopy(start)
@@ -381,18 +433,24 @@ def test_projection_moves_along_the_covariance_to_the_nearest_point():
     assert ekf.x[s.GYRO_BIAS] == pytest.approx(0.005)
 
 
-def test_projection_moves_neither_the_pose_nor_what_only_fixes_show():
+@pytest.mark.parametrize("by_imu", [True, False])
+def test_projection_moves_neither_the_pose_nor_what_the_measurement_does_not_show(by_imu):
     rng = np.random.default_rng(13)
     ekf = make(rng)
     root = rng.normal(size=(s.SIZE, s.SIZE))
     ekf.P = root @ root.T
     ekf.x[s.ETA0] = 0.5
     before = ekf.x.copy()
-    ekf.keep_inside_bounds()
+    ekf.keep_inside_bounds(by_imu=by_imu)
     assert ekf.x[s.ETA0] >= 1.0 - ROUNDING
-    assert ekf.x[s.GYRO_BIAS] != before[s.GYRO_BIAS]
-    still = [s.X, s.Y, s.YAW, s.TRACK_SCALE]
-    assert (ekf.x[still] == before[still]).all()
+    still = {s.X, s.Y, s.YAW}
+    if by_imu:
+        # Of the parameters, the IMU shows eta0 alone.
+        others = {*range(s.PARAMETERS.start, s.PARAMETERS.stop)} - {s.ETA0}
+        still |= {s.TRACK_SCALE, *others}
+    # There is no derivative by H, and so nothing that lanes keep of it.
+    moved = set(np.flatnonzero(ekf.x != before).tolist()) | {s.PARAMETERS.start}
+    assert moved == set(range(s.SIZE)) - still | {s.PARAMETERS.start}
 
 
 def test_nothing_moves_that_is_inside_or_not_estimated():

@@ -31,13 +31,17 @@ from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 SLIP = Slip(0.05, 0.01, 0.1, driving_x=0.0, driving_y=0.0, driving_w=0.0)
-OFFSETS = {"zeta0", "epsilon0", "eta0"}
+STEP = 10_000_000
+# epsilon_F, too, acts in any turn: against the rolling resistance.
+OFFSETS = {"zeta0", "epsilon0", "eta0", "epsilon_F"}
 GAINS = {"zeta1", "epsilon1", "eta1", "eta2"}
 
 
-def excited(left, right, variant="inertia-online", **options):
-    estimator = PoseEstimator(ALPHA, variant, settings=Settings(slip=SLIP, **options))
-    estimator.feed(TrackSpeeds(0, left, right))
+def excited(left, right, variant="inertia-online"):
+    estimator = PoseEstimator(ALPHA, variant, settings=Settings(slip=SLIP))
+    # The force of inertia builds up within a second.
+    for k in range(51):
+        estimator.feed(TrackSpeeds(k * 2 * STEP, left, right))
     return {name for name, one in estimator.parameter_health.items() if one.excited}
 
 
@@ -47,8 +51,7 @@ def test_standing_and_straight_driving_show_no_parameter():
 
 
 def test_hard_turns_show_all_but_H():
-    assert excited(0.1, 0.9) == OFFSETS | GAINS
-    assert excited(0.1, 0.9, form="literal") == OFFSETS | GAINS
+    assert excited(0.1, 1.0) == OFFSETS | GAINS
 
 
 def test_gentle_turns_show_the_offsets_only():
@@ -77,7 +80,7 @@ def test_excitation_is_what_a_deviation_does_to_the_twist_against_the_slip():
 def test_the_share_falls_as_a_parameter_is_learnt():
     estimator = PoseEstimator(ALPHA)
     assert {row.share for name, row in estimator.parameter_health.items() if name != "H"} == {1.0}
-    scenario = Scenario(duration=60.0, seed=3, trajectory="aggressive", truth="kinematic")
+    scenario = Scenario(duration=120.0, seed=3, trajectory="aggressive", truth="kinematic")
     for measurement in simulate(scenario, ALPHA).measurements():
         estimator.feed(measurement)
     shares = {name: row.share for name, row in estimator.parameter_health.items()}
@@ -145,8 +148,6 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
 
 # --- innovations ------------------------------------------------------------------------------------
 
-STEP = 10_000_000
-
 
 def one_of_each(engine):
     """An estimator that was fed each kind of measurement, and what each was, by its sensor."""
@@ -174,7 +175,7 @@ def one_of_each(engine):
 def test_the_newest_innovation_of_each_sensor_is_what_its_gate_has_judged(engine):
     estimator, fed = one_of_each(engine)
     sensors = estimator.health.sensors
-    for name in ("gyro", "accelerometer", *fed):
+    for name in ("gyro", "accelerometer_x", "accelerometer_y", *fed):
         newest = sensors[name].newest
         assert newest.verdict == "admitted"
         residual, covariance = np.array(newest.residual), np.array(newest.covariance)

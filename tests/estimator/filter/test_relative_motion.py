@@ -29,7 +29,8 @@ NO_SLIP = msgspec.structs.replace(NO_SLIP, driving_x=0.0, driving_y=0.0, driving
 # White noise of each track's speed [m/s/√Hz], and nothing else that is not known.
 NOISE = 0.01
 NOISY = msgspec.structs.replace(
-    ALPHA, tracks=msgspec.structs.replace(ALPHA.tracks, speed_noise_density=NOISE)
+    ALPHA,
+    tracks=msgspec.structs.replace(ALPHA.tracks, speed_noise_density=NOISE, difference_sigma=0.0),
 )
 
 

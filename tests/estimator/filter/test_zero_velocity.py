@@ -31,7 +31,9 @@ BLIND = StandstillSettings(duration=1000.0)
 def brought_to_a_stop(
     told_every=None, *, engine="compiled", after=10.0, shift=STEP // 3, standstill=BLIND
 ):
-    """Two seconds of a bend, then at rest, with a gyro of some bias and noise; IMU at 100 Hz.
+    """Two seconds of a bend, the last half of one slowing down, then at rest; IMU at 100 Hz.
+
+    The gyro has some bias and noise.
 
     Args:
         told_every: so many IMU samples pass between two zero velocities; None for none.
@@ -47,11 +49,14 @@ def brought_to_a_stop(
     v_x, v_y, w = probe.twist
     for k in range(200 + round(100 * after)):
         stamp, moving = EPOCH + k * STEP, k < 200
+        share = min(1.0, max(0.0, (200 - k) / 50))
+        slows = 2.0 if 0.0 < share < 1.0 else 0.0
         if k % 2 == 0:
-            estimator.feed(TrackSpeeds(stamp, *((0.3, 0.6) if moving else (0.0, 0.0))))
-        rate = w if moving else 0.0
-        reading = rate + BIAS + 5e-3 * rng.normal()
-        estimator.feed(ImuSample(stamp, (0.0, 0.0, reading), (-rate * v_y, rate * v_x, 9.81)))
+            estimator.feed(TrackSpeeds(stamp, 0.3 * share, 0.6 * share))
+        reading = share * w + BIAS + 5e-3 * rng.normal()
+        turning = share**2 * w
+        force = -slows * v_x - turning * v_y, -slows * v_y + turning * v_x, 9.81
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, reading), force))
         if told_every and not moving and k % told_every == 0:
             estimator.feed(ZeroVelocity(stamp + shift))
     return estimator
