@@ -127,7 +127,7 @@ class _TapedEstimator(PoseEstimator):
 
 
 class _Step(NamedTuple):
-    """Transition: rows of F for the pose, decay factor of the slip, and turn (2, 2) of gravity."""
+    """Transition: rows of F for the pose, decay of the slip, turn (2, 2) of gravity."""
 
     pose_rows: Floats
     decay: float
