@@ -117,7 +117,9 @@ def fit_inertia(robot: Robot, motion: KnownMotion) -> Robot:
     low[4] = 1.0
     best = least_squares(residuals, np.maximum(start, low), bounds=(low, np.inf), x_scale=0.1)
     values = np.concatenate([[robot.indices.H], best.x]) / units
-    return msgspec.structs.replace(robot, indices=Indices(*(float(value) for value in values)))
+    # The motion was fitted without a shift by the force along the tracks.
+    indices = Indices(*(float(value) for value in values), epsilon_F=0.0)
+    return msgspec.structs.replace(robot, indices=indices)
 
 
 def fit_friction(robot: Robot, motion: KnownMotion) -> Robot:
