@@ -99,7 +99,7 @@ def test_the_docs_name_the_unit_of_every_parameter() -> None:
     page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
     (table,) = re.findall(r"^\| models \| parameter .*\n((?:\|.*\n)+)", page, flags=re.MULTILINE)
     named = re.findall(r"`(\w+)`", table)
-    variants = (VARIANTS["inertia-online"], VARIANTS["friction-online"])
+    variants = [VARIANTS[name] for name in ("inertia-online", "full-linear", "friction-online")]
     assert sorted(named) == sorted(name for one in variants for name in used_parameters(one))
 
 
