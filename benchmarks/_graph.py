@@ -76,6 +76,8 @@ def step_function(
                 return xp.abs(args[0])
             case "round":
                 return xp.rint(args[0])
+            case "power_of_two":
+                return 2.0 ** args[0]
             case "not" if args[0] is True or args[0] is False:
                 return not args[0]
         return OPERATIONS[node.op](*args)

@@ -1,6 +1,6 @@
 """Dead reckoning on the sample logs, with a geometry calibrated only on other logs of the same robot.
 
-    python benchmarks/accuracy.py DATA [--write BASELINE | --check BASELINE]
+    python benchmarks/accuracy.py DATA [--ablation] [--write BASELINE | --check BASELINE]
 
 DATA is a folder with these logs (public, BSD licences): warthog_grass_2024_8_8_15h56s39,
 warthog_grass_2024_8_8_16h11s19, warthog_grass_2024_7_29_14h46s15, warthog_asphalt_2024_9_25_12h8s57,
@@ -18,6 +18,11 @@ aligned at each one's start. Intervals are 95 % bootstrap intervals over blocks 
 row. NEES is that of the motion over 30 s (10 s), by its own covariance and the truth's noise, which is
 taken to be what is left over half a second; 3 is ideal. "Nominal track" is the same filter with the
 calibrated radius and the maker's track; "nothing known" has the maker's radius too, which no gyro shows.
+
+`gyro` is wheels and gyro: radius, latency, gyro scale and bias calibrated as for all others. It stands
+first, and ratios are to it and to `constant-online`. With --ablation the filters that learn also run
+without gravity along the ground (and without accelerometers), with equal radii, and without the force
+along the tracks, each with everything else as it is.
 """
 
 from __future__ import annotations
@@ -41,8 +46,9 @@ from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import drift, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries
-from icreckon.estimator.robot.robot_file import Indices, Robot, load_robot
-from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.robot.robot_file import Indices, Robot, Slope, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import VARIANTS, default_adaptation
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison.truth_alignment import align_truth
@@ -55,7 +61,7 @@ BLOCK = 60.0
 DRAWS = 5000
 # Motions whose covariance is looked at begin so often [s], and the truth's noise shows in such [s].
 MARK_EVERY, NOISE_HORIZON = 10.0, 0.5
-REFERENCE = "constant-online"
+REFERENCES = ("gyro", "constant-online")
 ONLINE = ("constant-online", "inertia-online", "friction-online")
 # The makers' wheel (sprocket) radius and track [m], from the README beside the logs.
 MAKERS = {
@@ -153,6 +159,33 @@ class Job(NamedTuple):
     fold: Fold
     variants: tuple[str, ...]
     less_known: bool = True
+    ablation: bool = False
+
+
+def without_gravity(robot: Robot, _: str) -> tuple[Robot, Settings]:
+    """Level ground for the filter, which then has no use for accelerometers."""
+    level = msgspec.structs.replace(robot, slope=Slope(sigma=0.0))
+    return level, Settings(use_accelerometer=False)
+
+
+def with_equal_radii(robot: Robot, _: str) -> tuple[Robot, Settings]:
+    """No difference of the radii, known or learnt."""
+    tracks = msgspec.structs.replace(robot.tracks, difference=0.0, difference_sigma=0.0)
+    return msgspec.structs.replace(robot, tracks=tracks), Settings()
+
+
+def without_creep(robot: Robot, name: str) -> tuple[Robot, Settings]:
+    """No shift of the ICRs by the force along the tracks, known or learnt."""
+    indices = msgspec.structs.replace(robot.indices, epsilon_F=0.0)
+    adaptation = default_adaptation(name, epsilon_F=0.0)
+    return msgspec.structs.replace(robot, indices=indices), Settings(adaptation=adaptation)
+
+
+ABLATIONS = {
+    "without gravity": without_gravity,
+    "with equal radii": with_equal_radii,
+    "without epsilon_F": without_creep,
+}
 
 
 def score(job: Job) -> list[Score]:
@@ -161,6 +194,11 @@ def score(job: Job) -> list[Score]:
     known, makers = calibrated(job.data, fold)
     log = cut(read_log(job.data / fold.scored.log, known), fold.scored)
     found = [scored(fold, log, known, name, name) for name in job.variants]
+    if job.ablation:
+        for what, change in ABLATIONS.items():
+            for name in ONLINE:
+                robot, settings = change(known, name)
+                found.append(scored(fold, log, robot, name, f"{name}, {what}", settings))
     if not job.less_known:
         return found
     track = msgspec.structs.replace(known, indices=Indices(eta0=1.0), constant_icr=None)
@@ -212,12 +250,19 @@ def cut(log: Log, piece: Piece) -> Log:
     return log.between(begin + round(piece.begin * length), begin + round(piece.end * length))
 
 
-def scored(fold: Fold, log: Log, robot: Robot, variant: str, who: str) -> Score:
+def scored(
+    fold: Fold,
+    log: Log,
+    robot: Robot,
+    variant: str,
+    who: str,
+    settings: Settings | None = None,
+) -> Score:
     """Run a variant over a log, and score it."""
     if log.truth is None:
         raise ValueError(f"{log.name} holds no truth")
     blind = replace(log, truth=None)
-    reckoned = run(blind, robot, variant).trajectory
+    reckoned = run(blind, robot, variant, settings=settings).trajectory
     found, truth = reckoned.pose_series, align_truth(log.truth, reckoned).truth.poses
     segments = {}
     for horizon in HORIZONS:
@@ -226,11 +271,17 @@ def scored(fold: Fold, log: Log, robot: Robot, variant: str, who: str) -> Score:
         blocks = np.floor((of.starts[moved] - log.start) * NANOSECOND / BLOCK)
         segments[horizon] = (of.position_errors[moved], of.distances[moved], blocks)
     return Score(
-        fold.row, fold.scored.label, who, segments, motion_nees(blind, robot, variant, truth)
+        fold.row,
+        fold.scored.label,
+        who,
+        segments,
+        motion_nees(blind, robot, variant, truth, settings),
     )
 
 
-def motion_nees(log: Log, robot: Robot, variant: str, truth: PoseSeries) -> dict[float, Floats]:
+def motion_nees(
+    log: Log, robot: Robot, variant: str, truth: PoseSeries, settings: Settings | None = None
+) -> dict[float, Floats]:
     """NEES of motions of each horizon, by the filter's own covariance and the truth's noise.
 
     Args:
@@ -238,8 +289,9 @@ def motion_nees(log: Log, robot: Robot, variant: str, truth: PoseSeries) -> dict
         robot: the robot.
         variant: of the filter.
         truth: at the right time and place.
+        settings: of the filter.
     """
-    estimator = PoseEstimator(robot, variant)
+    estimator = PoseEstimator(robot, variant, settings=settings)
     wanted: dict[float, list[tuple[Floats, Floats, Floats]]] = {h: [] for h in HORIZONS}
     short, marked, due = [], 0, log.start
     noise_mark: int | None = None
@@ -335,7 +387,7 @@ def pooled(scores: Iterable[Score], horizon: float) -> Pooled:
 
 
 class Ratio(NamedTuple):
-    """Errors over those of constant-online on the same segments, with its interval [-]."""
+    """Errors over those of another filter on the same segments, with its interval [-]."""
 
     ratio: float
     low: float
@@ -374,10 +426,11 @@ def results_of(scores: list[Score]) -> dict[str, Any]:
     def figures(some: list[Score], name: str, horizon: float) -> dict[str, float]:
         own = [one for one in some if one.who == name]
         found = pooled(own, horizon)._asdict()
-        reference = [one for one in some if one.who == REFERENCE]
-        if reference:
-            ratio = paired(own, reference, horizon)
-            found |= {f"{key}_of_{REFERENCE}": value for key, value in ratio._asdict().items()}
+        for name_of_reference in REFERENCES:
+            reference = [one for one in some if one.who == name_of_reference]
+            if reference:
+                ratio = paired(own, reference, horizon)._asdict()
+                found |= {f"{key}_of_{name_of_reference}": value for key, value in ratio.items()}
         return found
 
     return {
@@ -402,9 +455,9 @@ def show(results: dict[str, Any]) -> None:
             f"{thirty['low']:.2f} to {thirty['high']:.2f} ({ten['low']:.2f} to {ten['high']:.2f})"
         )
 
-    def ratio(of: dict[str, Any]) -> str:
+    def ratio(of: dict[str, Any], reference: str) -> str:
         thirty = of["30s"]
-        value, low, high = (thirty[f"{key}_of_{REFERENCE}"] for key in Ratio._fields)
+        value, low, high = (thirty[f"{key}_of_{reference}"] for key in Ratio._fields)
         return f"{value:.2f} ({low:.2f} to {high:.2f})"
 
     variants = [name for name in results["all logs"] if name in VARIANTS]
@@ -421,15 +474,19 @@ def show(results: dict[str, Any]) -> None:
         ([row, *(interval(results[row][name]) for name in variants)] for row in pools),
     )
     print()
-    if REFERENCE in variants:
-        table(
-            [f"30 s, ratio to {REFERENCE}", *variants],
-            ([row, *(ratio(results[row][name]) for name in variants)] for row in pools),
-        )
-        print()
+    for reference in REFERENCES:
+        if reference in variants:
+            table(
+                [f"30 s, ratio to {reference}", *variants],
+                (
+                    [row, *(ratio(results[row][name], reference) for name in variants)]
+                    for row in pools
+                ),
+            )
+            print()
     others = [name for name in results["all logs"] if name not in VARIANTS]
     table(
-        ["less known", *others],
+        ["less known, or less used", *others],
         ([row, *(figure(results[row][name]) for name in others)] for row in pools),
     )
     print()
@@ -477,9 +534,13 @@ def main() -> None:
     parser.add_argument("--write", type=Path, help="write the figures as the baseline")
     parser.add_argument("--check", type=Path, help="compare the figures with the baseline")
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS))
+    parser.add_argument("--ablation", action="store_true", help="leave out one part at a time")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
     arguments = parser.parse_args()
-    jobs = [Job(arguments.data, fold, tuple(arguments.variants)) for fold in folds()]
+    jobs = [
+        Job(arguments.data, fold, tuple(arguments.variants), ablation=arguments.ablation)
+        for fold in folds()
+    ]
     scores = [one for some in spread(score, jobs, arguments.workers) for one in some]
     results = results_of(scores)
     show(results)

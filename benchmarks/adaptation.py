@@ -37,6 +37,8 @@ from icreckon.simulation.truth.terrain import Patch, Payload
 SEED = 20_245
 CHANGE, DURATION = 60, 160
 AHEAD, STEP = 5.0, 0.1
+# Time before a prediction in which forces build up [s].
+BEFORE = 1.0
 BACK = 1.2
 LAST = float("inf")
 RESAMPLES = 500
@@ -74,11 +76,14 @@ def prediction_errors(result: Run, log: Log, robot: Robot, variant: str) -> Floa
         # A new one, since a motion model may remember.
         ekf = IcrEkf(motion_model(robot, find_variant(variant)))
         ekf.x[s.PARAMETERS] = result.states[row, s.PARAMETERS]
-        at = start + ((np.arange(int(AHEAD / STEP)) + 0.5) * STEP * second).astype(np.int64)
+        steps = np.arange(-int(BEFORE / STEP), int(AHEAD / STEP))
+        at = start + ((steps + 0.5) * STEP * second).astype(np.int64)
         speeds = [np.interp(at - start, tracks.stamps - start, one) for one in tracks.speeds.T]
         pose = np.zeros(3)
-        for left, right in zip(*(one.tolist() for one in speeds), strict=True):
+        for k, left, right in zip(steps, *(one.tolist() for one in speeds), strict=True):
             ekf.begin_step(STEP, left, right)
+            if k < 0:
+                continue
             pose = compose(pose, step_on_se2(0.0, ekf.twist_model(left, right).twist * STEP)[0])
         errors.append(np.hypot(*(pose - motion)[:2]))
     return np.array(errors)

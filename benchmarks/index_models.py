@@ -21,10 +21,9 @@ from analysis.fitting import KnownMotion, fit_constant, fit_friction, fit_inerti
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.contact import Contact
 from icreckon.estimator.motion.icr import PaperTwist
-from icreckon.estimator.motion.motion_model import NO_SLIP
+from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
 from icreckon.simulation.drives.drives import aggressive, random_driving
@@ -70,13 +69,10 @@ def modelled(model: str, robot: Robot, run: Drive) -> Floats:
     """Twists (n, 3) that a fitted robot's model gives for the track speeds of a run."""
     variant = find_variant(f"{model}-fixed")
     parameters, motion = initial_parameters(robot, variant), motion_model(robot, variant)
-    if not isinstance(motion, FrictionMotion):
-        found, _ = motion.linearise(*run.speeds.T, parameters, NO_SLIP)
-        return np.stack(found.twist, axis=-1)
     twists = []
     for V_l, V_r in run.speeds.tolist():
-        motion.begin_step(1.0 / RATE, V_l, V_r, parameters)
-        twists.append(motion.linearise(V_l, V_r, parameters, NO_SLIP)[0].twist)
+        motion.begin_step(1.0 / RATE, V_l, V_r, parameters, LEVEL)
+        twists.append(motion.linearise(V_l, V_r, parameters, NO_SLIP, LEVEL)[0].twist)
     return np.array(twists)
 
 

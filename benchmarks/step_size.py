@@ -39,7 +39,7 @@ GROUPS = {
     "pose": (0, 3),
     "parameters": (s.PARAMETERS.start, s.PARAMETERS.stop),
     "eta0": (s.ETA0, s.ETA0 + 1),
-    "biases": (s.GYRO_BIAS, s.ACCELEROMETER_BIAS + 1),
+    "biases": (s.GYRO_BIAS, s.ACCELEROMETER_BIAS_Y + 1),
 }
 Job = tuple[str, int, str, float]
 

@@ -31,7 +31,7 @@ from icreckon.estimator.base.errors import EstimatorError
 
 # What is added to the noise of a step, as a share of the standard deviation at the start: constants have
 # none, and the recursion inverts it.
-FLOOR = 1e-6
+FLOOR = 1e-5
 
 
 @dataclass(frozen=True)

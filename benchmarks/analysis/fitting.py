@@ -112,12 +112,14 @@ def fit_inertia(robot: Robot, motion: KnownMotion) -> Robot:
         found = solve(known.V_l, known.V_r, parameters, robot.constants).twist
         return _difference(found, known.twist, robot)
 
-    start = (robot.indices.as_array() * units)[1:]
+    start = (robot.indices.as_array()[:8] * units)[1:]
     low = np.full(7, -np.inf)
     low[4] = 1.0
     best = least_squares(residuals, np.maximum(start, low), bounds=(low, np.inf), x_scale=0.1)
     values = np.concatenate([[robot.indices.H], best.x]) / units
-    return msgspec.structs.replace(robot, indices=Indices(*(float(value) for value in values)))
+    # The motion was fitted without a shift by the force along the tracks.
+    indices = Indices(*(float(value) for value in values), epsilon_F=0.0)
+    return msgspec.structs.replace(robot, indices=indices)
 
 
 def fit_friction(robot: Robot, motion: KnownMotion) -> Robot:

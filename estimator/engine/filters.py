@@ -168,6 +168,7 @@ class BatchFilter:
         constants = shared_constants(
             self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
         )
+        lanes[self.rows["slip_factor"]] = 1.0
         memory = self._model.memory
         for k, value in enumerate(memory):
             lanes[self.rows[f"memory{k}"]] = value
@@ -198,6 +199,7 @@ class BatchFilter:
         for k, value in enumerate(checkpoint.model):
             workspace[rows[f"memory{k}"]] = value
         workspace[rows["stood"]] = checkpoint.stands
+        workspace[rows["slip_factor"]] = checkpoint.slip_factor
         for gate in GATES:
             workspace[rows[f"{gate}_in_a_row"]] = checkpoint.rejected_in_a_row[gate]
         lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
+from icreckon.estimator.engine.model import slip_factor_after
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.tracing import trace
@@ -71,6 +72,10 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         lane.update(rest, rows[axis], R, fixed=shape.considered, only=used)
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, tested)
+    smooth = lane.input("smooth_left"), lane.input("smooth_right")
+    factor = lane.row("slip_factor")
+    after = slip_factor_after(factor, nis, *smooth)
+    lane.stores["slip_factor"] = select(tested & admitted, after, factor)
     lane.stores.update(predicted_x=values[s.X], predicted_y=values[s.Y])
     innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
     for part, value in innovation.items():

@@ -64,6 +64,7 @@ class LanePlaces(NamedTuple):
         memory: row of the first number of the model's memory.
         memory_size: number of numbers of the memory.
         stood: row that is 1 if the robot was found standing.
+        slip_factor: row of the factor on the slip.
         gyro: rows of the gyro: rejections in a row, number admitted, innovation, its variance.
         accelerometers: the same rows of the accelerometers, forward and left.
         twist: row of the twist's first component.
@@ -84,6 +85,7 @@ class LanePlaces(NamedTuple):
     memory: int
     memory_size: int
     stood: int
+    slip_factor: int
     gyro: tuple[int, int, int, int]
     accelerometers: tuple[tuple[int, int, int, int], tuple[int, int, int, int]]
     twist: int
@@ -161,6 +163,7 @@ def _places(shape: FilterShape) -> LanePlaces:
         rows["memory0"] if memory else 0,
         memory,
         rows["stood"],
+        rows["slip_factor"],
         of_gate("gyro"),
         (of_gate(ACCELEROMETERS[0]), of_gate(ACCELEROMETERS[1])),
         rows[TWIST[0]],
@@ -237,9 +240,12 @@ def empty_lane(
 
 
 def fill_constants(
-    record: Any, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
+    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
 ) -> None:
-    """Compute the constants of a step to a stamp [ns]; the first does not smooth."""
+    """Compute the constants of a step to a stamp [ns], and the factor on the slip.
+
+    The first step does not smooth.
+    """
     dt, time_constant = (stamp - record.stamp) * NANOSECOND, constants[places.time_constant]
     values = step_constants(dt, time_constant)
     for k in range(PER_STEP):
@@ -247,6 +253,7 @@ def fill_constants(
     if is_first:
         constants[SMOOTHING] = 1.0
     constants[places.interval] = record.imu.interval
+    lane[places.slip_factor, 0] = record.slip_factor
 
 
 def set_gate(counts: Any, lane: Floats, rows: tuple[int, int, int, int]) -> None:
@@ -311,7 +318,7 @@ def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest
         record = records[0]
         fill_state(lane, constants, x, memory, places)
         fill_covariance(lane, P, regressors, places)
-        fill_constants(record, constants, stamp, is_first, places)
+        fill_constants(record, lane, constants, stamp, is_first, places)
         set_gate(record.gyro, lane, places.gyro)
         set_gate(record.accelerometer_x, lane, places.accelerometers[0])
         set_gate(record.accelerometer_y, lane, places.accelerometers[1])
@@ -347,7 +354,7 @@ def compile_time_step(kernel: Any, advance: Any, places: LanePlaces, shape_diges
         record = records[0]
         fill_state(lane, constants, x, memory, places)
         fill_covariance(lane, P, regressors, places)
-        fill_constants(record, constants, stamp, is_first, places)
+        fill_constants(record, lane, constants, stamp, is_first, places)
         lane[places.stood, 0] = 0.0
         advance(lane, inputs, constants, constants[DT])
         kernel(lane, inputs, constants)

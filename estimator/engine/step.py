@@ -134,7 +134,8 @@ class Step:
     def _sigma(self) -> Any:
         lane = self.lane
         gauge = lane.constant("gauge")
-        return model.slip_at(*self.smooth, self.slip, gauge, lane.eta, self.pushed)
+        factor = lane.row("slip_factor")
+        return model.slip_at(*self.smooth, self.slip, gauge, lane.eta, self.pushed, factor)
 
     def draw_fast_slip(self) -> None:
         """Draw the fast slip anew, independent of all states, and smooth the regressors."""

@@ -71,6 +71,7 @@ class FilterCheckpoint(
         rejected_fixes: position fixes that were rejected since one was used.
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
         regressors: (3, 9) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
+        slip_factor: factor on the slip that position fixes have shown.
     """
 
     stamp: int | None
@@ -88,18 +89,20 @@ class FilterCheckpoint(
     regressors: np.ndarray[Any, Any] | None = None
     rejected_fixes: tuple[RejectedFix, ...] = ()
     stood_at: int | None = None
+    slip_factor: float = 1.0
 
     def __post_init__(self) -> None:
         if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):
             raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")
         if self.regressors is not None and self.regressors.shape != (3, 9):
-            raise ValueError("three rows of eight derivatives by the parameters are needed")
+            raise ValueError("three rows of nine derivatives by the parameters are needed")
 
     def fill(self, record: FilterRecord) -> None:
         """Copy all that is in the record of a filter, except standstill and gates."""
         record.stamp = NEVER if self.stamp is None else self.stamp
         record.stood_at = NEVER if self.stood_at is None else self.stood_at
         record.step_under_way, record.stands = self.step_under_way, self.stands
+        record.slip_factor = self.slip_factor
         assign(record.tracks, self.tracks)
         assign(record.imu, self.imu)
 

@@ -18,8 +18,9 @@ from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
 from icreckon.estimator.filter.gate import Gate, GateRecord
-from icreckon.estimator.filter.health import Health, Judged, SensorHealth
+from icreckon.estimator.filter.health import ADMITTED, Health, Judged, SensorHealth
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
+from icreckon.estimator.filter.process_noise import slip_factor_after
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
@@ -184,6 +185,7 @@ class Reckoning:
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
             self._rejected_fixes,
             _or_none(record.stood_at),
+            float(record.slip_factor),
         )
 
     def memory(self) -> FilterMemory:
@@ -270,7 +272,8 @@ class Reckoning:
         ekf = self.ekf
         eta = ekf.model.steering_efficiency(ekf.x[s.PARAMETERS])
         may_be = self._may_be_pushed() if pushed is None else pushed
-        return self._disturbances.slip_sigma(self._tracks, eta, pushed=may_be)
+        factor = self._record.slip_factor
+        return self._disturbances.slip_sigma(self._tracks, eta, pushed=may_be, factor=factor)
 
     # --- inputs ----------------------------------------------------------------------------------
 
@@ -404,6 +407,8 @@ class Reckoning:
         if used:
             ekf.keep_inside_bounds()
 
+        if isinstance(m, PositionFix):
+            self._follow_slip(self._gates[model.name].counts)
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
         if model.standing and not used:
@@ -414,6 +419,14 @@ class Reckoning:
         if not ahead:
             self._advance(m.stamp)
         return used
+
+    def _follow_slip(self, fixes: GateRecord) -> None:
+        """Adapt the factor on the slip to the newest position fix, if the gate admitted it."""
+        record, tracks = self._record, self._tracks
+        if fixes.verdict == ADMITTED:
+            record.slip_factor = slip_factor_after(
+                record.slip_factor, fixes.newest_nis, tracks.smooth_left, tracks.smooth_right
+            )
 
     def _take_mark(self, m: Mark) -> bool:
         # The estimate is that of the newest step before the mark. Until the mark the motion is assumed

@@ -24,6 +24,7 @@ class FilterRecord(msgspec.Struct):
         stood_at: stamp of the newest zero velocity that was used [ns], or NEVER.
         stands: 1 if the robot was found standing at the newest IMU sample.
         step_under_way: 1 if the fast slip of the next step has begun, and the pose is still at its start.
+        slip_factor: factor on the slip that position fixes have shown.
         tracks: the track speeds.
         imu: clock of the IMU.
         still: the standstill.
@@ -37,6 +38,7 @@ class FilterRecord(msgspec.Struct):
     stood_at: int = NEVER
     stands: int = 0
     step_under_way: int = 0
+    slip_factor: float = 1.0
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
     still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)

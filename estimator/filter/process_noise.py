@@ -24,6 +24,8 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 PUSHED_W = 0.3
 # Least difference of track speeds at which parameters walk at their full rate [m/s].
 FULL_TURNING = 0.1
+# Weight of a position fix in the factor on the slip, at speeds above this [m/s], and its largest value.
+FACTOR_GAIN, MOVING, LARGEST_FACTOR = 1.0 / 30.0, 0.1, 6.0
 # Sideways motion that may begin in a gap, as a share of forward motion.
 SIDEWAYS_IN_GAP = 0.1
 
@@ -75,7 +77,9 @@ class Disturbances:
         """(SIZE,) random walk of gravity, zero elsewhere, per √m of travel."""
         return self._slope_walk
 
-    def slip_sigma(self, tracks: TrackRecord, eta: float, *, pushed: bool) -> Vector3:
+    def slip_sigma(
+        self, tracks: TrackRecord, eta: float, *, pushed: bool, factor: float = 1.0
+    ) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
 
         It depends on smoothed speeds, as the random walk of the parameters does. If it followed the noise
@@ -85,12 +89,16 @@ class Disturbances:
             tracks: the track speeds.
             eta: typical steering efficiency index [-].
             pushed: the robot may be turning with its tracks at rest.
+            factor: factor on the slip that the fixes have shown, see `slip_factor_after`.
         """
-        return self.slip_of(tracks.smooth_left, tracks.smooth_right, eta, pushed=pushed)
+        left, right = tracks.smooth_left, tracks.smooth_right
+        return self.slip_of(left, right, eta, pushed=pushed, factor=factor)
 
-    def slip_of(self, left: float, right: float, eta: float, *, pushed: bool = False) -> Vector3:
+    def slip_of(
+        self, left: float, right: float, eta: float, *, pushed: bool = False, factor: float = 1.0
+    ) -> Vector3:
         """Standard deviation of the slip at given track speeds [m/s]."""
-        return slip_at(left, right, self._slip, self._track_gauge, eta, pushed)
+        return slip_at(left, right, self._slip, self._track_gauge, eta, pushed, factor)
 
     def change_density(self, sigma: float) -> float:
         """Density of the change of a slip of a standard deviation [m²/s³]."""
@@ -132,7 +140,13 @@ class Disturbances:
 
 
 def slip_at(
-    left: float, right: float, slip: Any, gauge: float, eta: float, pushed: bool
+    left: float,
+    right: float,
+    slip: Any,
+    gauge: float,
+    eta: float,
+    pushed: bool,
+    factor: float,
 ) -> Vector3:
     """Standard deviation of the slip [m/s, m/s, rad/s].
 
@@ -143,9 +157,28 @@ def slip_at(
         gauge: L [m].
         eta: typical steering efficiency index [-].
         pushed: the robot may be turning with its tracks at rest.
+        factor: factor on all of it.
     """
     forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
-    return forward, sideways, select(pushed, PUSHED_W, turning)
+    return factor * forward, factor * sideways, select(pushed, PUSHED_W, factor * turning)
+
+
+def slip_factor_after(factor: float, nis: float, left: float, right: float) -> float:
+    """Factor on the slip after a position fix that the gate admitted.
+
+    If the slip is larger than assumed, the normalised innovation squared (NIS) of fixes is larger than
+    their degrees of freedom. The factor follows it, so slowly that single fixes hardly count, and is at
+    least 1: fixes whose noise is smaller than they say must not make the slip vanish.
+
+    Args:
+        factor: the factor before.
+        nis: NIS of the fix, of two degrees of freedom.
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+    """
+    share = FACTOR_GAIN * min(1.0, travel_speed(left, right) / MOVING)
+    square = factor * factor * (1.0 + share * (0.5 * nis - 1.0))
+    return min(LARGEST_FACTOR, max(1.0, math.sqrt(square)))
 
 
 def change_density(sigma: float, time_constant: float) -> float:

@@ -17,7 +17,7 @@ from icreckon.estimator.robot.robot_file import Robot
 TURNS = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 1.3], [1.3, 1.0]])
 CRAWL = 0.05
 # Bounds of the search for the contact's half length, as shares of the robot file's value.
-SHORTEST, LONGEST = 0.05, 3.0
+SHORTEST, LONGEST = 0.5, 2.0
 # Bound of the centre of mass in that search, as a share of half the extent.
 OFF_CENTRE = 0.7
 # Least distance of a track from its ICR, as a share of half the contact's length.

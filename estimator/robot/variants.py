@@ -175,9 +175,9 @@ DEFAULT_SLIP: dict[Model, Slip] = {
 DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
     "differential": Adaptation(),
     "gyro": Adaptation(),
-    "constant": Adaptation(epsilon0=0.1, walk=0.02),
+    "constant": Adaptation(epsilon0=0.1, walk=0.1),
     "linear": Adaptation(epsilon0=0.1, walk=0.02),
-    "inertia": Adaptation(walk=0.02),
+    "inertia": Adaptation(walk=0.05),
     "friction": Adaptation(walk=0.02),
 }
 

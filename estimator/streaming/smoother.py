@@ -127,7 +127,13 @@ class _TapedEstimator(PoseEstimator):
 
 
 class _Step(NamedTuple):
-    """Transition: rows of F for the pose, decay of the slip, turn (2, 2) of gravity."""
+    """Transition of a step.
+
+    Attributes:
+        pose_rows: rows of F for the pose.
+        decay: decay factor of the slip.
+        back: (2, 2) turn of gravity.
+    """
 
     pose_rows: Floats
     decay: float

@@ -6,9 +6,11 @@ from icreckon.estimator.streaming.smoother import SMOOTHED
 
 # Okabe-Ito palette, distinguishable with any colour vision; the last is a dark shade of the one before.
 COLOURS = {
+    "gyro": "#444444",
     "differential": "#999999",
     "constant-fixed": "#E69F00",
     "constant-online": "#D55E00",
+    "full-linear": "#B8A800",
     "inertia-fixed": "#56B4E9",
     "inertia-online": "#0072B2",
     "friction-fixed": "#CC79A7",

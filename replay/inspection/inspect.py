@@ -38,7 +38,6 @@ from icreckon.replay.inspection.wheels import (
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import as_paths, gather
-from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.tables import Table, is_table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
@@ -104,19 +103,16 @@ def inspect(
         mapping = replace(mapping, columns=guess_columns(tables))
         if mapping.columns is None:
             notes.append("not all tables have a column that looks like a time: none is proposed")
-    raw: Log | None = None
     log: Log | None = None
     clocks: dict[str, Choice] = {}
     try:
-        # Repetitions are counted before they are replaced.
-        gathered = gather(paths, _with_held(mapping), own_mapping=False, definitions=definitions)
+        gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
         clocks = choose_clocks(evidence_of(gathered.streams))
-        raw = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
-        log = without_holding(raw, "auto")
+        log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
     except ReplayError as problem:
         if not tables or mapping.columns is not None:
             notes.append(f"the proposed topics cannot be read: {problem}")
-    for purpose, repeated in (_repeated_shares(raw) if raw is not None else {}).items():
+    for purpose, repeated in (_repeated_shares(log) if log is not None else {}).items():
         entry = mapping.tracks if purpose == "tracks" else mapping.imu
         if entry is not None and entry.topic in reports:
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
@@ -280,14 +276,6 @@ def _with_clocks(mapping: TopicMap, clocks: dict[str, Choice]) -> TopicMap:
         if purpose in clocks and clocks[purpose].clock == "recording"
     }
     return replace(mapping, **changes)
-
-
-def _with_held(mapping: TopicMap) -> TopicMap:
-    """Mapping that leaves repeated track speeds as they are."""
-    tracks, columns = mapping.tracks, mapping.columns
-    if columns is not None and columns.tracks is not None:
-        columns = replace(columns, tracks=replace(columns.tracks, held="keep"))
-    return replace(mapping, tracks=tracks and replace(tracks, held="keep"), columns=columns)
 
 
 def _repeated_shares(log: Log) -> dict[str, float]:

@@ -37,7 +37,7 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: TrackUnit = "m/s"
     counts_per_turn: Positive | None = None
     wrap: Positive | None = None
-    held: Held = "auto"
+    held: Held = "keep"
     time: str | None = None
     latency: Latency = 0.0
 

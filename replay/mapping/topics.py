@@ -57,7 +57,7 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: TrackUnit = "rad/s"
     counts_per_turn: Positive | None = None
     wrap: Positive | None = None
-    held: Held = "auto"
+    held: Held = "keep"
     time: Clock = "auto"
     latency: Latency = 0.0
 
@@ -234,7 +234,7 @@ def writable_topics(own: TopicMap) -> TopicMap:
     )
     # Written stamps have no latency, and written speeds are as they are.
     full = TopicMap(
-        _in_time(msgspec.structs.replace(tracks, held="auto")),
+        _in_time(msgspec.structs.replace(tracks, held="keep")),
         _in_time(own.imu or DEFAULT_TOPICS.imu),
         _in_time(fixes),
         _in_time(truth),

@@ -18,7 +18,8 @@ from icreckon.simulation.simulate import simulate
 ALPHA = load_robot("auriga-alpha")
 # Parameter -> the figure of `Adaptation` that says how far it may be from where it starts.
 OF_INDICES = {
-    name: name for name in ("zeta0", "zeta1", "epsilon0", "epsilon1", "eta0", "eta1", "eta2")
+    name: name
+    for name in ("zeta0", "zeta1", "epsilon0", "epsilon1", "eta0", "eta1", "eta2", "epsilon_F")
 }
 OF_FRICTION = {
     "friction": "friction",

@@ -43,7 +43,7 @@ def test_of_one_motion_it_is_the_covariance_along_it():
     terms = bound_terms(steps, yaws, sigmas)
     bounds = posterior_bound(terms, sigmas)
     expected = covariances[:, terms.states[:, None], terms.states]
-    # What is added to the noise, and to the slip that starts from none, is a share of 1e-6 of each unit.
+    # What is added to the noise, and to the slip that starts from none, is a share of 1e-5 of each unit.
     unit = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
     error = (bounds - expected) / (unit[:, :, None] * unit[:, None, :])
     assert np.abs(error[5:]).max() < 1e-3

@@ -58,10 +58,12 @@ def test_only_fixes_show_the_pose_and_moving_under_them_the_yaw():
     assert not {"x", "y"} & set(standing)
 
 
-def test_a_standing_robot_knows_its_gyro_bias_alone():
+def test_a_standing_robot_knows_its_gyro_bias_and_gravity_less_bias_alone():
     seen = observe(ALPHA, "inertia-online", np.zeros((COUNT, 2)), DT, IMU)
-    assert seen.rank == 1
+    assert seen.rank == 3
     assert "gyro_bias" not in seen.unobservable_names
+    for axis in "xy":
+        assert f"accelerometer_bias_{axis} with gravity_{axis}" in seen.unobservable_names
     assert seen.left_of("gyro_bias") < 0.05
 
 
@@ -73,7 +75,7 @@ def test_changing_turns_with_fixes_show_all_but_h():
 
 
 def test_a_constant_circle_cannot_tell_bias_from_scale_of_the_gyro():
-    assert "gyro_scale against gyro_bias" in names(CIRCLE, POSES)
+    assert "gyro_scale against gyro_bias" in names(CIRCLE, POSES, "constant-online")
 
 
 def test_what_is_unobservable_leaves_no_trace_and_is_of_unit_length():

@@ -121,7 +121,7 @@ def test_they_agree_on_a_slope(variant: str) -> None:
     robot = msgspec.structs.replace(ROBOT, imu=imu, tracks=tracks)
     _, streams = assert_same(variant, logs_of(scenario, 2), robot=robot)
     for stream in streams:
-        assert np.hypot(*stream.state[GRAVITY]) > 0.3
+        assert variant == "gyro" or np.hypot(*stream.state[GRAVITY]) > 0.3
 
 
 def test_they_agree_without_accelerometer() -> None:

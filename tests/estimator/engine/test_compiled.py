@@ -37,6 +37,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.smoother import smooth
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Terrain
 
 ALPHA = load_robot("auriga-alpha")
 CORRELATED = ((0.04, 0.01, -0.02), (0.01, 0.05, 0.03), (-0.02, 0.03, 0.5))
@@ -152,8 +153,9 @@ def test_friction_model_is_the_same_compiled():
 def everything():
     """All kinds of measurements: standstill, wrong ones that are gated and believed, holes, late ones."""
     scenario = Scenario(
-        duration=40.0, trajectory="aggressive", track_rate=25.0, imu_rate=50.0, seed=5
-    )
+        duration=40.0, trajectory="aggressive", track_rate=25.0, imu_rate=50.0, seed=5,
+        terrain=Terrain(slope_deg=5.0, uphill_deg=40.0),
+    )  # fmt: skip
     log = simulate(scenario, ALPHA)
     rng = np.random.default_rng(6)
     measurements = []

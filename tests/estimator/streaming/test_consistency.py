@@ -18,12 +18,6 @@ from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.true_motion import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")
-# The simulated motion is that of the paper's model: no force along the tracks, and none that lags.
-ALPHA = msgspec.structs.replace(
-    ALPHA,
-    indices=msgspec.structs.replace(ALPHA.indices, epsilon_F=0.0),
-    vehicle=msgspec.structs.replace(ALPHA.vehicle, load_lag=1e-3),
-)
 RUNS = 12
 SCENARIO = Scenario(
     duration=60.0,

@@ -25,12 +25,6 @@ from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.true_motion import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")
-# As simulated by the paper's model: without force along the tracks, and without lag.
-PAPERS = msgspec.structs.replace(
-    ALPHA,
-    indices=msgspec.structs.replace(ALPHA.indices, epsilon_F=0.0),
-    vehicle=msgspec.structs.replace(ALPHA.vehicle, load_lag=1e-3),
-)
 START = {"start": (0.1, -0.1, 0.05), "start_sigma": (0.1, 0.1, 0.05)}
 
 
@@ -278,7 +272,7 @@ def nees():
     for index in range(RUNS):
         log = simulate(scenario, ALPHA, run_index=index)
         row = []
-        for one in smooth(log, PAPERS, "inertia-fixed", settings=settings):
+        for one in smooth(log, ALPHA, "inertia-fixed", settings=settings):
             at = np.searchsorted(one.stamps, log.start + 11 * 10**9)
             error = (
                 one.trajectory.poses[at] - interpolate_poses(log.truth.poses, one.stamps[[at]])[0]

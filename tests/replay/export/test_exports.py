@@ -174,7 +174,8 @@ def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) ->
 def test_every_column_with_a_unit_says_it(comparison: Comparison, robot: Robot) -> None:
     log = comparison.log
     runs = compare(log, robot, ["differential", "friction-online"]).runs | comparison.runs
-    pure = {"eta", "eta0", "H", "track_scale", "gyro_scale", "friction", "rolling_resistance"}
+    pure = {"eta", "eta0", "H", "gyro_scale", "friction", "rolling_resistance"}
+    pure |= {"track_scale", "track_difference"}
     units = (
         "_m",
         "_s",

@@ -1,0 +1,197 @@
+"""Robots on slopes: what of gravity, biases and radii the filter finds, and what it cannot tell apart."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import compose
+from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PoseFix, TrackSpeeds
+from icreckon.estimator.motion.icr import IndexValues, direct
+from icreckon.estimator.robot.robot_file import Indices, Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.truth.true_motion import exponential
+
+ALPHA = load_robot("auriga-alpha")
+# Constant ICRs, whatever the variant of the index models.
+CONSTANT = msgspec.structs.replace(
+    ALPHA,
+    indices=Indices(zeta0=0.05, epsilon0=0.1, eta0=2.5, epsilon_F=0.0),
+    constant_icr=None,
+)
+INDICES = IndexValues(0.05, 0.1, 2.5)
+EPOCH = 1_700_000_000_000_000_000
+DT = 0.02
+GRAVITY, BIAS, GYRO_BIAS = np.array([1.0, -0.6]), np.array([0.05, -0.08]), 0.008
+FIX_SIGMA = 0.02
+
+
+def driven(
+    estimator: PoseEstimator,
+    speeds: Floats,
+    seed: int = 0,
+    *,
+    yaw: float = 0.0,
+    gravity: Floats = GRAVITY,
+    difference: float = 0.0,
+    fix_every: int = 0,
+) -> Floats:
+    """Feed a drive of constant ICRs on a plane slope; returns the true pose at its end.
+
+    Args:
+        estimator: the estimator.
+        speeds: (n, 2) true track speeds of each step [m/s].
+        seed: of the noise.
+        yaw: at the start [rad].
+        gravity: gravity along the ground at the start, in base_link [m/s²].
+        difference: true over measured speed of the right track less that of the left [-].
+        fix_every: steps between poses that are fed; 0 for none.
+    """
+    rng, robot = np.random.default_rng(seed), estimator.robot
+    pose, down = np.array([0.0, 0.0, yaw]), np.array(gravity)
+    estimator.feed(TrackSpeeds(EPOCH, *speeds[0].tolist()))
+    gyro, force = (
+        density / np.sqrt(DT)
+        for density in (robot.imu.gyro_noise_density, robot.imu.accelerometer_noise_density)
+    )
+    for k, (left, right) in enumerate(speeds.tolist(), start=1):
+        stamp = EPOCH + round(k * DT * 1e9)
+        rightward, v_x, w = direct(left, right, INDICES, robot.vehicle.track_gauge)
+        twist = np.array([v_x, -rightward, w])
+        along = [-w * twist[1], w * twist[0]] - down + BIAS + force * rng.normal(size=2)
+        measured = left / (1.0 - 0.5 * difference), right / (1.0 + 0.5 * difference)
+        estimator.feed(TrackSpeeds(stamp, *measured))
+        rate = float(w + GYRO_BIAS + gyro * rng.normal())
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, rate), (*along.tolist(), 9.7)))
+        pose = compose(pose, exponential(twist[None] * DT)[0])
+        turned = np.array([[np.cos(w * DT), np.sin(w * DT)], [-np.sin(w * DT), np.cos(w * DT)]])
+        down = turned @ down
+        if fix_every and k % fix_every == 0:
+            noisy = pose + FIX_SIGMA * rng.normal(size=3)
+            estimator.feed(PoseFix(stamp, *noisy.tolist(), np.eye(3) * FIX_SIGMA**2))
+    return pose
+
+
+def fresh(
+    variant: str = "constant-online", robot: Robot = CONSTANT, **options: str
+) -> PoseEstimator:
+    return PoseEstimator(robot, variant, settings=Settings(**options))  # type: ignore[arg-type]
+
+
+ENGINES = pytest.mark.parametrize("engine", ["plain", "compiled"])
+
+
+@ENGINES
+@pytest.mark.parametrize("variant", ["inertia-online", "friction-online", "gyro"])
+def test_standing_on_a_slope_shows_gravity_less_bias_and_the_gyros_bias(
+    variant: str, engine: str
+) -> None:
+    estimator = fresh(variant, engine=engine)
+    driven(estimator, np.zeros((1500, 2)))
+    assert estimator.stands
+    assert np.abs(estimator.pose).max() < 0.02
+    sigma = np.sqrt(np.diagonal(estimator.covariance))
+    assert abs(estimator.biases["gyro_bias"] - GYRO_BIAS) < 4.0 * sigma[s.GYRO_BIAS] < 4e-3
+    for axis in range(2):
+        gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
+        row = np.zeros(s.SIZE)
+        row[[gravity, bias]] = 1.0, -1.0
+        together = float(np.sqrt(row @ estimator.covariance @ row))
+        assert together < 0.01
+        assert abs(row @ estimator.state - (GRAVITY - BIAS)[axis]) < 4.0 * together
+        # Which of them it is, a standing robot does not show.
+        assert sigma[gravity] > 0.5 * robot_sigma(estimator)
+        assert sigma[bias] > 0.5 * robot_sigma(estimator)
+
+
+def robot_sigma(estimator: PoseEstimator) -> float:
+    return float(estimator.robot.imu.accelerometer_bias_sigma)
+
+
+@ENGINES
+def test_turning_on_a_slope_tells_gravity_from_bias(engine: str) -> None:
+    estimator = fresh(engine=engine)
+    speeds = np.tile([-0.2, 0.4], (2000, 1))
+    end = driven(estimator, speeds, fix_every=50)
+    assert abs(end[2]) > 4.0 * np.pi
+    sigma = np.sqrt(np.diagonal(estimator.covariance))
+    cos, sin = np.cos(end[2]), np.sin(end[2])
+    down = np.array([[cos, sin], [-sin, cos]]) @ GRAVITY
+    for axis in range(2):
+        bias, gravity = s.ACCELEROMETER_BIAS_X + axis, s.GRAVITY_X + axis
+        assert sigma[bias] < 0.3 * robot_sigma(estimator)
+        assert abs(estimator.state[bias] - BIAS[axis]) < 4.0 * sigma[bias]
+        assert abs(estimator.state[gravity] - down[axis]) < 4.0 * sigma[gravity]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_heading_and_slope_turned_together_give_the_same_body_motion(variant: str) -> None:
+    """The filter has no preferred direction: only the yaw of its pose differs."""
+    rng = np.random.default_rng(1)
+    speeds = 0.5 + np.cumsum(0.02 * rng.normal(size=(300, 2)), axis=0)
+    one, other = (
+        PoseEstimator(CONSTANT, variant, start=(0.0, 0.0, yaw), start_sigma=(0.1, 0.1, 0.1))
+        for yaw in (0.0, 2.1)
+    )
+    for estimator, yaw in ((one, 0.0), (other, 2.1)):
+        driven(estimator, speeds, yaw=yaw)
+    rest = slice(s.POSE.stop, None)
+    sigma = np.sqrt(np.diagonal(one.covariance))
+    unit = np.where(sigma > 0.0, sigma, 1.0)
+    assert np.abs((other.state - one.state) / unit)[rest].max() < 1e-6
+    assert other.pose[2] - one.pose[2] == pytest.approx(2.1, abs=1e-6)
+    assert np.hypot(*other.pose[:2]) == pytest.approx(np.hypot(*one.pose[:2]), abs=1e-6)
+
+
+def test_a_fix_that_turns_the_yaw_leaves_gravity_in_base_link() -> None:
+    """Gravity is known in the robot's axes; where north is says nothing of it."""
+    estimator = PoseEstimator(CONSTANT, "constant-online", start_sigma=(0.0, 0.0, 1.0))
+    driven(estimator, np.tile([0.3, 0.5], (300, 1)))
+    before = estimator.state
+    assert estimator.feed(HeadingFix(estimator.stamp or 0, float(before[s.YAW]) + 0.9, 1e-4))
+    after, sigma = estimator.state, np.sqrt(np.diagonal(estimator.covariance))
+    assert after[s.YAW] - before[s.YAW] == pytest.approx(0.9, abs=0.02)
+    moved = np.abs(after - before)[s.GRAVITY] / sigma[s.GRAVITY]
+    assert moved.max() < 0.05
+
+
+# --- radii --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("difference", [0.04, -0.03])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
+def test_radii_that_differ_are_learnt(variant: str, difference: float) -> None:
+    tracks = msgspec.structs.replace(CONSTANT.tracks, difference_sigma=0.05)
+    estimator = fresh(variant, msgspec.structs.replace(CONSTANT, tracks=tracks))
+    t = DT * np.arange(3000)
+    forward = 0.5 + 0.4 * np.sin(0.2 * t)
+    speeds = forward[:, None] + 0.15 * np.sin(0.5 * t)[:, None] * [-1.0, 1.0]
+    driven(estimator, speeds, gravity=np.zeros(2), difference=difference, fix_every=50)
+    sigma = np.sqrt(estimator.covariance[s.TRACK_DIFFERENCE, s.TRACK_DIFFERENCE])
+    assert sigma < 0.3 * tracks.difference_sigma
+    assert abs(estimator.state[s.TRACK_DIFFERENCE] - difference) < 4.0 * sigma
+    assert estimator.state[s.TRACK_DIFFERENCE] * difference > 0.0
+
+
+def test_the_robot_file_gives_the_first_values() -> None:
+    tracks = msgspec.structs.replace(ALPHA.tracks, difference=0.02, difference_sigma=0.003)
+    imu = msgspec.structs.replace(ALPHA.imu, gyro_bias=-0.004)
+    slope = msgspec.structs.replace(ALPHA.slope, sigma=0.7)
+    robot = msgspec.structs.replace(ALPHA, tracks=tracks, imu=imu, slope=slope)
+    for variant in VARIANTS:
+        estimator = PoseEstimator(robot, variant)
+        sigma = np.sqrt(np.diagonal(estimator.covariance))
+        assert estimator.state[s.TRACK_DIFFERENCE] == 0.02
+        assert estimator.biases["gyro_bias"] == -0.004
+        assert sigma[s.TRACK_DIFFERENCE] == pytest.approx(0.003)
+        assert sigma[s.GRAVITY] == pytest.approx([0.7, 0.7])
+        assert not estimator.state[s.GRAVITY].any()
+        # Of the same measured speed, the right track is the faster one.
+        estimator.feed(TrackSpeeds(EPOCH, 0.5, 0.5))
+        estimator.feed(TrackSpeeds(EPOCH + 500_000_000, 0.5, 0.5))
+        assert estimator.twist[2] > 0.0
