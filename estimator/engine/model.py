@@ -45,7 +45,7 @@ class TracedModel(NamedTuple):
 
     Attributes:
         kind: kind of the model.
-        parameters: places of the parameters that the model uses among the eight.
+        parameters: places of the parameters that the model uses among the nine.
         bounds: places of the parameters in each bound.
         memory: number of values in the model's memory.
         taught: places of the parameters that the IMU moves.

@@ -87,7 +87,7 @@ class Reckoning:
 
     Attributes:
         ekf: the extended Kalman filter.
-        parameter_sigmas: (8,) initial standard deviations of the parameters.
+        parameter_sigmas: (9,) initial standard deviations of the parameters.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground, or

@@ -22,9 +22,9 @@ Judged = tuple[int, int, tuple[float, ...], tuple[tuple[float, ...], ...]]
 class JudgedInnovation(NamedTuple):
     """Innovation of a gated measurement, and the verdict of its gate.
 
-    Components by sensor: gyro [rad/s]; accelerometer, to the left [m/s²]; position x, y [m]; heading
-    [rad]; pose x, y [m], yaw [rad]; body velocity forward, left [m/s]; zero velocity v_x, v_y [m/s],
-    w [rad/s]. Positions and poses are in the axes of odom.
+    Components by sensor: gyro [rad/s]; accelerometer_x forward, _y left [m/s²]; position x, y [m];
+    heading [rad]; pose x, y [m], yaw [rad]; body velocity forward, left [m/s]; zero velocity v_x, v_y
+    [m/s], w [rad/s]. Positions and poses are in the axes of odom.
 
     Attributes:
         stamp: stamp of the measurement [ns].

@@ -7,7 +7,7 @@ from typing import Final
 # Slip and travel below which friction and rolling resistance fade [m/s].
 REGULARISING_SPEED = 1e-3
 
-# Indices of the friction parameters among the eight.
+# Places of the friction parameters among the nine.
 FRICTION, ROLLING, LENGTH, X_CM, Y_CM, Z_CM = range(6)
 
 PARAMETERS = 6

@@ -10,7 +10,7 @@ within a step act linearly, and enter the integration with the next step.
 
 The parameters are the uncertain properties of the vehicle on its ground, in physical units: friction and
 rolling resistance [-], half the contact's length and the three coordinates of the centre of mass [m]; two
-of the eight places stay empty. The model does not use indices; those that it reports are of the newest
+of the nine places stay empty. The model does not use indices; those that it reports are of the newest
 turns, averaged over a short time.
 
 Friction is that of `estimator.motion.contact`, but it fades at slip below `REGULARISING_SPEED`: track

@@ -262,7 +262,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     Attributes:
         name: name of the robot.
         vehicle: mass and geometry.
-        indices: the eight parameters of the inertia-based model.
+        indices: the parameters of the inertia-based model.
         constant_icr: the best constant ICRs; by default those of `indices` at no inertia.
         imu: mounting and noise of the IMU.
         tracks: scale and noise of the track speeds.

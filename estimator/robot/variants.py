@@ -1,6 +1,6 @@
 """Filter variants to compare: one code path, selected by configuration.
 
-A variant is an index model (the role of the eight parameters, and those it uses) with parameters that are
+A variant is a motion model (the role of the nine parameters, and those it uses) with parameters that are
 estimated (`online`) or kept (`fixed`). The slip residual, which the model leaves unexplained, is part of
 it: a poorer model needs more. The defaults here apply if the robot file has no `[slip]`.
 

@@ -35,8 +35,8 @@ Trajectory = Annotated[str, typer.Option(help=f"{TRAJECTORIES}.")]
 Variants = Annotated[
     str | None,
     typer.Option(
-        help="Filter variants, separated by commas (default: all): differential, constant-fixed, "
-        "constant-online, inertia-fixed, inertia-online, friction-fixed, friction-online."
+        help="Filter variants, separated by commas (default: all): gyro, differential, constant-fixed, "
+        "constant-online, full-linear, inertia-fixed, inertia-online, friction-fixed, friction-online."
     ),
 ]
 Logs = Annotated[
