@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Forces that the ground balances along a log, inputs of the fit of index models.
-=======
 """Forces that the ground balances along a log, for the fit of index models.
->>>>>>> main
 
 A filter estimates twist and gravity along the ground; the forces lag as in
 `estimator.motion.lagged_index_model`. So the gains are fitted to inertia and gravity together, and a
@@ -77,14 +73,10 @@ def _mean_in_turns(values: Floats, w: Floats) -> Floats:
 
 
 def _lagged(times: Floats, values: Floats, time_constant: float) -> Floats:
-<<<<<<< HEAD
-    """Values (k,), each the mean since the time before, behind a first-order lag [s]."""
-=======
     """Values (k,) behind a first-order lag [s].
 
     Each is the mean since the time before.
     """
->>>>>>> main
     decays = np.exp(-np.diff(times, prepend=times[0]) / time_constant)
     result, last = np.empty_like(values), values[0]
     for k, (decay, value) in enumerate(zip(decays.tolist(), values.tolist(), strict=True)):
