@@ -125,8 +125,9 @@ class BatchFilter:
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
         uncertain[s.POSE] = uncertain[s.SLIP] = True
         uncertain[s.FAST_SLIP] = False
-        # Standstill uses the variance of the gyro's bias, and re-acquisition inflates gravity.
-        uncertain[[s.GYRO_BIAS, s.GRAVITY_X, s.GRAVITY_Y]] = True
+        # Standstill uses the variance of the gyro's bias, re-acquisition inflates the accelerometers'.
+        uncertain[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y]] = True
+        uncertain[s.GRAVITY] = True
         parameters = np.zeros(s.SIZE, dtype=bool)
         parameters[s.PARAMETERS] = True
         absent = parameters & ~uncertain & (self._state == 0.0)

@@ -261,7 +261,7 @@ class Step:
             forecast.variance,
             (forecast.by_w, self.regressors[2]),
             (forecast.by_across, self.regressors[across]),
-            inflated=gravity,
+            inflated=bias,
             fixed=lane.fixed_for_imu,
             only=used,
         )

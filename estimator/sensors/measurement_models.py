@@ -255,7 +255,7 @@ class Accelerometer(MeasurementModel):
         self._constants, self.fixed, self._axis = sensors.constants, fixed, axis
         self.name = ACCELEROMETERS[axis]
         self.components = (self.name,)
-        self.inflated = (s.GRAVITY_X + axis,)
+        self.inflated = (s.ACCELEROMETER_BIAS_X + axis,)
 
     def linearise(self, force: float, at: StepTwist, x: Floats, slip_density: float) -> Linearised:
         """Compare a specific force with its prediction.

@@ -95,8 +95,9 @@ def ekfs(variant):
 
 
 def put_on_a_slope(ekf, number):
-    """Slopes of up to more than anything drives on, and tracks of unlike radii."""
-    ekf.x[state.GRAVITY] = 0.7 * (number % 5) - 1.0, 3.0 - 0.9 * (number % 7)
+    """Slopes of up to more than anything drives on or than there are, and tracks of unlike radii."""
+    factor = 15.0 if number % 6 == 5 else 1.0
+    ekf.x[state.GRAVITY] = factor * np.array([0.7 * (number % 5) - 1.0, 3.0 - 0.9 * (number % 7)])
     ekf.x[state.TRACK_SCALE] = 0.01 * (number % 3)
     ekf.x[state.TRACK_DIFFERENCE] = 0.02 * (number % 4) - 0.03
 

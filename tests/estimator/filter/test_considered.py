@@ -145,24 +145,22 @@ def test_ignoring_what_is_uncertain_would_be_too_sure(consistency):
 
 @pytest.mark.parametrize("engine", ["plain", "compiled"])
 def test_an_accelerometer_that_is_far_off_is_not_made_to_fit_by_what_is_known(engine):
-    """Ten times it is refused, then it shows a slope; its bias stays, and the rest is sane."""
+    """Ten times it is refused, then taken as that uncertain; its bias stays, and the rest is sane."""
     settings = Settings(engine=engine, considered=("accelerometer_bias_x", "accelerometer_bias_y"))
-    estimator = PoseEstimator(ALPHA, settings=settings)
+    slope = msgspec.structs.replace(ALPHA.slope, sigma=0.0, walk=0.0)
+    estimator = PoseEstimator(msgspec.structs.replace(ALPHA, slope=slope), settings=settings)
     for k in range(600):
         stamp = k * STEP
         estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
         estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 3.0, 9.3)))
     health = estimator.health.sensors["accelerometer_y"]
-    assert health.rejected["gate"] == 10
-    assert health.used > 500
+    assert health.rejected["gate"] > 500
+    assert health.used > 40
     for axis, index in enumerate((s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y)):
         assert estimator.biases[f"accelerometer_bias_{'xy'[axis]}"] == 0.0
         variance = ALPHA.imu.accelerometer_bias_sigma**2
         assert estimator.covariance[index, index] == pytest.approx(variance)
-    # What is known of the slope is as uncertain as the bias.
-    assert estimator.state[s.GRAVITY_Y] == pytest.approx(-3.0, abs=0.1)
-    sigma = np.sqrt(estimator.covariance[s.GRAVITY_Y, s.GRAVITY_Y])
-    assert 0.8 < sigma / ALPHA.imu.accelerometer_bias_sigma < 1.2
+    assert not estimator.state[s.GRAVITY].any()
     assert np.abs(estimator.pose[2]) < 0.05
     assert np.abs(estimator.twist[2]) < 0.05
 
