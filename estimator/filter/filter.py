@@ -421,7 +421,7 @@ class Reckoning:
         return used
 
     def _follow_slip(self, fixes: GateRecord) -> None:
-        """Adapt the factor on the slip to the newest position fix, if the gate admitted it."""
+        """Adapt the factor on the slip to the newest position fix, if admitted."""
         record, tracks = self._record, self._tracks
         if fixes.verdict == ADMITTED:
             record.slip_factor = slip_factor_after(
