@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 from numpy.random import Generator
 
@@ -16,6 +15,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.base.state import PARAMETER_COUNT as COUNT
+from icreckon.estimator.motion.bounds import ETA0
 from icreckon.estimator.motion.lagged_index_model import advanced, evaluate
 from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
@@ -85,8 +85,9 @@ def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
     """
     H, *others = initial_parameters(robot, find_variant("inertia-fixed")).tolist()
     factors = np.exp(spread * rng.standard_normal(len(others)))
-    drawn = Indices(H, *(float(value) for value in others * factors))
-    return msgspec.structs.replace(drawn, eta0=max(drawn.eta0, 1.0))
+    drawn = np.array([H, *(others * factors)])
+    drawn[ETA0] = max(drawn[ETA0], 1.0)
+    return Indices(*drawn.tolist())
 
 
 def lagged_twists(

@@ -18,10 +18,10 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.truth.true_motion import exponential
 
 ALPHA = load_robot("auriga-alpha")
-# Constant ICRs, whatever the variant of the index models.
+# Constant ICRs, whatever the variant; gains that are all zero would be those of Coulomb friction.
 CONSTANT = msgspec.structs.replace(
     ALPHA,
-    indices=Indices(zeta0=0.05, epsilon0=0.1, eta0=2.5, epsilon_F=0.0),
+    indices=Indices(zeta0=0.05, epsilon0=0.1, eta0=2.5, eta2=1e-30, epsilon_F=0.0),
     constant_icr=None,
 )
 INDICES = IndexValues(0.05, 0.1, 2.5)

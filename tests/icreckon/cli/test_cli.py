@@ -21,9 +21,11 @@ from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.simulate import simulate
 
 ALL_VARIANTS = {
+    "gyro",
     "differential",
     "constant-fixed",
     "constant-online",
+    "full-linear",
     "inertia-fixed",
     "inertia-online",
     "friction-fixed",
@@ -318,7 +320,6 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     )
     assert "icreckon inspect run --write" in fails("replay", "run", cwd=tmp_path)
     assert "no part of a log" in fails("replay", "run", *robot, "--fixes", "x", cwd=tmp_path)
-    assert "'literal'" in fails("replay", "run", *robot, "--form", "literel", cwd=tmp_path)
     assert "imu_rate" in fails(*into_run, "--imu-rate", "1e9", "--overwrite", cwd=tmp_path)
     (tmp_path / "typo.toml").write_text('name = "x"\n[vehicl]\nmass = 1.0\n')
     assert "'vehicle'" in fails("replay", "run", "--robot", "typo.toml", cwd=tmp_path)

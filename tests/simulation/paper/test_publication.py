@@ -36,7 +36,7 @@ def test_they_are_those_of_the_robot_file() -> None:
     x_CM, y_CM = robot.centre_of_mass_paper
     vehicle = robot.vehicle
     table_1 = (vehicle.track_gauge, vehicle.mass, x_CM, y_CM)
-    assert tuple(AURIGA_ALPHA) == pytest.approx(table_1)
+    assert tuple(AURIGA_ALPHA)[:4] == pytest.approx(table_1)
 
 
 def test_table_2() -> None:
