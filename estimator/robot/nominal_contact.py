@@ -20,8 +20,9 @@ CRAWL = 0.05
 SHORTEST, LONGEST = 0.5, 2.0
 # Bound of the centre of mass in that search, as a share of half the extent.
 OFF_CENTRE = 0.7
-# Least distance of a track from its ICR, as a share of half the contact's length.
-LEAST_AWAY = 0.5
+# Distance of a track from its ICR, as a share of half the contact's length: beyond this range it shows
+# ground that is not Coulomb's.
+LEAST_AWAY, MOST_AWAY = 0.5, 1.5
 
 
 def presumed_contact(robot: Robot) -> Contact:
@@ -90,13 +91,17 @@ def coulomb_gains(robot: Robot) -> tuple[float, float]:
     (a, y). All points together push with the shares mean(a / r) and mean(y / r) of their friction along
     and across the track, r² = a² + y². A force along the tracks, as a share of the weight, shifts a by
     1 / (mu mean(y² / r³)); one across them, in N, shifts y_ICR by 1 / (mu M g mean(a² / r³)).
+
+    Both are zero if nothing is known of the robot's slip: eta0 is 1 then.
     """
+    if robot.constant_indices.eta0 <= 1.0:
+        return 0.0, 0.0
     vehicle, soil = robot.vehicle, robot.soil
     friction = Soil().friction if soil is None else soil.friction
     half = vehicle.half_contact_length
     y = np.linspace(-half, half, vehicle.contact_points)
     away = 0.5 * (robot.constant_indices.eta0 - 1.0) * vehicle.track_gauge
-    a = max(away, LEAST_AWAY * half)
+    a = min(max(away, LEAST_AWAY * half), MOST_AWAY * half)
     cube = (a * a + y * y) ** 1.5
     across, along = float(np.mean(a * a / cube)), float(np.mean(y * y / cube))
     return 1.0 / (friction * vehicle.mass * GRAVITY * across), 1.0 / (friction * along)

@@ -81,7 +81,8 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         eta1: gain of eta [1/N].
         eta2: quadratic gain of eta [1/N²].
         epsilon_F: gain of epsilon with the force along the tracks, as a share of the weight [m]; a ninth
-            parameter, not the paper's. By default it is that of Coulomb friction.
+            parameter, not the paper's. If it is left out it is that of Coulomb friction, and so is
+            zeta1 if all gains are zero.
     """
 
     H: Finite = 1.0
@@ -183,7 +184,7 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     speed_noise_density: NotNegative = 1e-3
     scale_sigma: NotNegative = 0.0
     difference: Finite = 0.0
-    difference_sigma: NotNegative = 0.01
+    difference_sigma: NotNegative = 0.003
 
     def __post_init__(self) -> None:
         check_bounds(self)

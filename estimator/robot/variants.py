@@ -39,6 +39,8 @@ ON_UNKNOWN_GROUND, UNLEARNT = 2.0, 1.5
 LEAST_KNOWN_HEIGHT = 0.3
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07
+# Least value of epsilon_F that scales its uncertainty [m].
+LEAST_CREEP = 0.3
 # Places of the gains among the parameters: zeta1, epsilon1, eta1, eta2; and epsilon_F.
 GAINS = (2, 4, 6, 7)
 EPSILON_F = s.EPSILON_F - s.PARAMETERS.start
@@ -284,10 +286,10 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
         case "inertia":
             found = robot.indices.as_array()
             zeta1, epsilon_F = coulomb_gains(robot)
-            if not found[list(GAINS)].any():
-                found[GAINS[0]] = zeta1
             if robot.indices.epsilon_F is None:
                 found[EPSILON_F] = epsilon_F
+                if not found[list(GAINS)].any():
+                    found[GAINS[0]] = zeta1
             return found
         case "linear":
             _, zeta, _, epsilon, _, eta, *_ = robot.constant_indices.as_array()
@@ -371,7 +373,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
             adaptation.eta0,
             adaptation.eta1 / force,
             adaptation.eta2 / force**2,
-            adaptation.epsilon_F * coulomb_gains(robot)[1],
+            adaptation.epsilon_F * max(coulomb_gains(robot)[1], LEAST_CREEP),
         ]
     )
     if variant.model == "constant":

@@ -39,7 +39,7 @@ MOST_COMPONENTS = 3
 POSE_FIXED = (s.X, s.Y, s.YAW)
 # A zero velocity moves only the slip. That was another before the stop, and its error would go into
 # biases and parameters.
-STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop))
+STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop), s.GRAVITY_X, s.GRAVITY_Y)
 
 # Names of the accelerometers, forward and left.
 ACCELEROMETERS = ("accelerometer_x", "accelerometer_y")

@@ -8,6 +8,7 @@ import pytest
 from icreckon.estimator.log.log import screen
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.nominal_contact import coulomb_gains
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.random_streams import random_streams
@@ -164,8 +165,10 @@ def test_without_fixes_or_truth():
 def test_spread_zero_is_the_robot_file():
     drawn = msgspec.structs.replace(SHORT, truth="kinematic")
     exact = msgspec.structs.replace(drawn, truth_spread=0.0)
-    assert run_scenario(exact, ALPHA).true_parameters == ALPHA.indices
-    assert run_scenario(drawn, ALPHA).true_parameters != ALPHA.indices
+    # The gain that the file leaves out is that of Coulomb friction.
+    expected = msgspec.structs.replace(ALPHA.indices, epsilon_F=coulomb_gains(ALPHA)[1])
+    assert run_scenario(exact, ALPHA).true_parameters == expected
+    assert run_scenario(drawn, ALPHA).true_parameters != expected
 
 
 def test_outages_take_fixes_away():

@@ -175,7 +175,7 @@ def test_the_default_adaptation_is_what_the_filter_uses(variant: str) -> None:
 
 def test_one_figure_changes_and_the_variants_others_stay() -> None:
     changed = default_adaptation("constant-online", eta0=0.0)
-    assert (changed.eta0, changed.epsilon0, changed.walk) == (0.0, 0.1, 0.02)
+    assert (changed.eta0, changed.epsilon0, changed.walk) == (0.0, 0.1, 0.1)
 
 
 @pytest.mark.parametrize(
