@@ -32,7 +32,7 @@ from icreckon.simulation.truth.true_motion import TrueMotion
 from sensor_readings import read_fixes, read_imu, read_tracks
 
 ALPHA = load_robot("auriga-alpha")
-IDEAL = msgspec.structs.replace(ALPHA, indices=Indices())
+IDEAL = msgspec.structs.replace(ALPHA, indices=Indices(epsilon_F=0.0))
 EXACT = KinematicTruth(spread=0.0, slip=Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 SILENT = InertialErrors()
 NOMINAL = noise_preset("nominal")
