@@ -86,7 +86,7 @@ def run_columns(one: Run, robot: Robot, start: int) -> dict[str, Any]:
     icrs = icr_series(one.indices, robot.vehicle.track_gauge)
     for side, x, y in (("left", icrs.left_x, icrs.left_y), ("right", icrs.right_x, icrs.right_y)):
         single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = x, y
-    for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.LEARNT.stop)):
+    for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.GRAVITY.stop)):
         name = one.state_names[index]
         if name:
             single[column(name)] = one.states[:, index]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
 from icreckon.replay.inspection.imu_mounting import Mounting
 from icreckon.replay.inspection.latency import Latency
@@ -21,6 +22,8 @@ FIRST_WORDS = "# Proposed by inspecting"
 USUAL_SCALE_SIGMA, LEAST_SCALE_SIGMA = 0.02, 0.01
 """Standard deviation of an effective radius of which a log shows nothing, and the least that one log
 shows, since the ground changes it [-]."""
+STANDING_BIAS_SIGMA = 0.002
+"""Standard deviation of a gyro bias that a standstill has shown, for other logs [rad/s]."""
 FILL_IN = "# not in the log: fill in"
 
 
@@ -141,6 +144,12 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
         lines.append(
             f"# Gyro bias at standstill ({mounting.still_seconds:.0f} s): "
             f"({bias[0]:.5f}, {bias[1]:.5f}, {bias[2]:.5f}) rad/s in the IMU's axes."
+        )
+        up = rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg))[2]
+        turning = bias[2] / up[2] if mounting.gyro_axes == "z" else float(up @ np.asarray(bias))
+        lines.append(f"gyro_bias = {turning:.5f}    # rad/s about the vertical, of this log")
+        lines.append(
+            f"gyro_bias_sigma = {STANDING_BIAS_SIGMA:g}    # rad/s; a later log's may differ"
         )
     if mounting.gyro_noise_density:
         lines.append(
