@@ -97,9 +97,11 @@ def calibrate(
     ]
     report(0.1)
     scale, difference = first.value("scale"), first.value("difference")
+    latency = first.value("track_latency")
     known = with_common(as_found(robot, first), first, first, [first], True)
     motions = [
-        replace(motion, forces=ground_forces(motion.log, known, scale)) for motion in motions
+        replace(motion, forces=ground_forces(motion.log, known, scale, latency))
+        for motion in motions
     ]
     recording = record(motions, as_found(robot, first), segment, scale=scale, difference=difference)
     fits: dict[str, Fit] = {}

@@ -41,15 +41,17 @@ class GroundForces(NamedTuple):
     along: Floats
 
 
-def ground_forces(log: Log, robot: Robot, scale: float) -> GroundForces:
+def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> GroundForces:
     """Estimate the forces along a log.
 
     Args:
         log: the log; its truth and fixes are not used.
         robot: the robot, with the mounting of its IMU.
         scale: true over logged track speeds [-].
+        latency: latency of the track speeds [s].
     """
-    tracks = TrackSpeedSeries(log.tracks.stamps, scale * log.tracks.speeds)
+    stamps = log.tracks.stamps - round(latency / NANOSECOND)
+    tracks = TrackSpeedSeries(stamps, scale * log.tracks.speeds)
     found = run(Log(log.name, tracks, log.imu), robot, ESTIMATOR)
     times = np.asarray((found.stamps - log.start) * NANOSECOND, dtype=float)
     forward, _, w = found.trajectory.twists.T
