@@ -8,7 +8,8 @@ import pytest
 from icreckon.estimator.log.log import screen
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.robot_file import Indices, load_robot
+from icreckon.estimator.robot.variants import find_variant, initial_parameters
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import EPOCH
@@ -164,8 +165,9 @@ def test_without_fixes_or_truth():
 def test_spread_zero_is_the_robot_file():
     drawn = msgspec.structs.replace(SHORT, truth="kinematic")
     exact = msgspec.structs.replace(drawn, truth_spread=0.0)
-    assert run_scenario(exact, ALPHA).true_parameters == ALPHA.indices
-    assert run_scenario(drawn, ALPHA).true_parameters != ALPHA.indices
+    own = initial_parameters(ALPHA, find_variant("inertia-fixed")).tolist()
+    assert run_scenario(exact, ALPHA).true_parameters == Indices(*own)
+    assert run_scenario(drawn, ALPHA).true_parameters != Indices(*own)
 
 
 def test_outages_take_fixes_away():

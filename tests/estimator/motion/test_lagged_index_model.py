@@ -14,7 +14,7 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, Motion, VehicleConstants
-from icreckon.estimator.robot.nominal_contact import coulomb_creep
+from icreckon.estimator.robot.nominal_contact import coulomb_gains
 from icreckon.estimator.robot.robot_file import load_robot
 
 ALPHA = load_robot("auriga-alpha")
@@ -243,7 +243,7 @@ def test_its_size_by_coulomb_friction_is_that_of_the_friction_model() -> None:
     indices = msgspec.structs.replace(robot.indices, eta0=float(eta))
     robot = msgspec.structs.replace(robot, indices=indices, constant_icr=None)
     lost = level.v_y - uphill.v_y
-    expected = level.w * coulomb_creep(robot) * 0.5 / GRAVITY
+    expected = level.w * coulomb_gains(robot)[1] * 0.5 / GRAVITY
     assert lost == pytest.approx(expected, rel=0.1)
 
 
