@@ -17,7 +17,7 @@ STEP = 10_000_000
 
 
 @pytest.mark.parametrize("engine", ["plain", "compiled"])
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", [one for one in VARIANTS if VARIANTS[one].accelerometers])
 def test_a_short_fault_leaves_gravity_and_motion_as_they_were(variant: str, engine: str) -> None:
     """Forty m/s² for 0.4 s, in a bend: long enough for the gate to give in."""
     estimator = PoseEstimator(ALPHA, variant, settings=Settings(engine=engine))

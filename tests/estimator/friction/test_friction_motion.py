@@ -226,22 +226,26 @@ def test_another_model_s_memory_is_refused() -> None:
     speeds=st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=2, max_size=20),
     dt=st.sampled_from([1e-6, 1e-3, 0.01, 0.1, 1.0, 30.0]),
     factors=st.tuples(*[st.floats(0.3, 2.0)] * f.PARAMETERS),
-    gravity=st.tuples(st.floats(-6.9, 6.9), st.floats(-6.9, 6.9)),
+    slope=st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0)),
+    level=st.booleans(),
 )
 def test_no_input_makes_it_leave_what_tracks_can_do(
     speeds: list[tuple[float, float]],
     dt: float,
     factors: tuple[float, ...],
-    gravity: tuple[float, float],
+    slope: tuple[float, float],
+    level: bool,
 ) -> None:
-    """The body never moves faster than its tracks could drag it, whatever the step and the slope."""
-    model = model_of()
+    """The body never moves faster than its tracks could drag it, whatever the step.
+
+    On a slope that friction hardly holds, spinning tracks let it slide, but not without end.
+    """
+    model, gravity = model_of(), LEVEL if level else slope
     parameters = model.nominal * factors
     model = model_at(parameters, gravity)
     memories = driven(model, np.array(speeds), parameters, dt, gravity)
     assert np.isfinite(memories).all()
-    assert np.abs(memories[:, 0]).max() < 3.0
-    assert np.abs(memories[:, 1]).max() < 3.0
+    assert np.abs(memories[:, :2]).max() < (3.0 if level else 12.0)
     assert np.abs(memories[:, 2]).max() < 4.0 / ALPHA.vehicle.track_gauge
 
 

@@ -87,7 +87,7 @@ ENGINES = pytest.mark.parametrize("engine", ["plain", "compiled"])
 
 
 @ENGINES
-@pytest.mark.parametrize("variant", ["inertia-online", "friction-online", "gyro"])
+@pytest.mark.parametrize("variant", ["inertia-online", "friction-online", "constant-online"])
 def test_standing_on_a_slope_shows_gravity_less_bias_and_the_gyros_bias(
     variant: str, engine: str
 ) -> None:
