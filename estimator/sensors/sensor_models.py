@@ -16,7 +16,7 @@ from icreckon.estimator.robot.robot_file import Robot
 # Variances of a standing robot's velocity about zero.
 STANDSTILL_VARIANCE = tuple(sigma * sigma for sigma in STANDSTILL_SIGMA)
 # Relative uncertainty of the change of the track speeds, due to its delay.
-ACCELERATION_DOUBT = 0.2
+ACCELERATION_DOUBT = 0.3
 
 
 class ImuConstants(NamedTuple):
