@@ -22,6 +22,8 @@ FIRST_WORDS = "# Proposed by inspecting"
 USUAL_SCALE_SIGMA, LEAST_SCALE_SIGMA = 0.02, 0.01
 """Standard deviation of an effective radius of which a log shows nothing, and the least that one log
 shows, since the ground changes it [-]."""
+USUAL_DIFFERENCE_SIGMA = 0.02
+"""Standard deviation of the difference of the radii of a robot that nobody has measured [-]."""
 STANDING_BIAS_SIGMA = 0.002
 """Standard deviation of a gyro bias that a standstill has shown, for other logs [rad/s]."""
 FILL_IN = "# not in the log: fill in"
@@ -179,7 +181,12 @@ def _tracks(mapping: TopicMap, estimates: WheelEstimates) -> list[str]:
             sigma = max(shown, LEAST_SCALE_SIGMA)
             remark = f"of {of}, by the {estimates.way_source}; {USUAL_SCALE_SIGMA:g} for another"
             remark = remark if in_rates(mapping) else remark.split(";")[0]
-    return ["[tracks]", f"scale_sigma = {sigma:.2g}    # relative, {remark}", ""]
+    return [
+        "[tracks]",
+        f"scale_sigma = {sigma:.2g}    # relative, {remark}",
+        f"difference_sigma = {USUAL_DIFFERENCE_SIGMA:g}    # of the right radius less the left, relative",
+        "",
+    ]
 
 
 def _seen_of_noise(log: Log | None) -> str:
