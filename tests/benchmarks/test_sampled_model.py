@@ -12,7 +12,7 @@ from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpe
 from icreckon.estimator.robot.robot_file import Slip, load_robot
 from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.robot.slip import slip_components
-from icreckon.estimator.robot.variants import find_variant, slip_of
+from icreckon.estimator.robot.variants import default_adaptation, find_variant, slip_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.truth.true_motion import exponential
@@ -42,7 +42,8 @@ def test_the_same_seed_draws_the_same_run():
 
 def test_without_slip_and_spread_it_is_the_kinematics():
     shares = [f"{kind}_{axis}" for kind in ("turning", "driving") for axis in "xyw"]
-    calm = Settings(slip=Slip(**dict.fromkeys(shares, 0.0)))
+    still = default_adaptation("inertia-online", walk=0.0)
+    calm = Settings(slip=Slip(**dict.fromkeys(shares, 0.0)), adaptation=still)
     level = msgspec.structs.replace(ALPHA.slope, walk=0.0)
     robot = msgspec.structs.replace(ALPHA, slope=level)
     run = draw(bend(4.0), settings=calm, terms=NO_TERMS, share=0.0, robot=robot)
@@ -50,7 +51,6 @@ def test_without_slip_and_spread_it_is_the_kinematics():
     expected = np.zeros(3)
     for twist in run.twists[1:]:
         expected = compose(expected, exponential(twist[None] * DT)[0])
-    # The walk of the parameters moves the twist within a step.
     assert run.states[-1, s.POSE] == pytest.approx(expected, abs=1e-4)
 
 

@@ -74,15 +74,15 @@ def test_the_robot_file_loads_and_replays(folder: Path) -> None:
     assert "± " in text
     topic_map(robot, "found.toml")
     log = read_log(folder / "drive", robot)
-    variants = ["constant-fixed", "inertia-fixed"]
+    variants = ["gyro", "inertia-fixed"]
     comparison = compare(log, robot, variants)
     assert comparison.log.truth is not None
     truth = comparison.log.truth.poses
-    constant, inertia = (
+    gyro, inertia = (
         drift(comparison.runs[name].trajectory.pose_series, truth, 10.0).percent_mean
         for name in variants
     )
-    assert inertia < constant
+    assert inertia < gyro
 
 
 def calibrated(folder: Path, **options: object) -> None:
