@@ -222,7 +222,7 @@ def test_gates_that_reject_nothing_agree_too() -> None:
 
 
 def test_a_filter_does_not_depend_on_those_beside_it() -> None:
-    """To rounding: whether a lane stands decides on the kernel of all, and compilers contract each anew."""
+    """To rounding: if one lane stands, all take another kernel, which rounds in its own way."""
     scenario = msgspec.structs.replace(
         BASE, trajectory="aggressive", fixes=FixSpec(outlier_share=0.2)
     )
