@@ -16,7 +16,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.calibration.results import summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, FORMER_FIRST_WORDS, robot_file_text
-from icreckon.replay.comparison.results import write_results
+from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
@@ -80,7 +80,7 @@ def run_calibrate(
             },
             inputs={str(path): path for path in [*paths, *message_files]},
         )
-        write_results(folder / RESULTS_FILE, summary)
+        write_results(folder / RESULTS_FILE, json_types(summary))
         write_calibration_figure(folder / FIGURE_FILE, summary)
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from icreckon.cli.console import messages, progress, results, results_folder
-from icreckon.replay.comparison.results import FORMAT, Results, write_results
+from icreckon.replay.comparison.results import FORMAT, Results, json_types, write_results
 from icreckon.report.paper.figures import write_figures
 from icreckon.report.replay.folder import FIGURE_FILE, RESULTS_FILE
 from icreckon.simulation.base.errors import SimulationError
@@ -55,7 +55,7 @@ def run_paper(
         text = as_toml(guess, comment)
         (folder / CONTACT_FILE).write_text(text, encoding="utf-8")
         write_figures(folder, reproduced, FIGURE_FILE)
-        write_results(folder / RESULTS_FILE, summary)
+        write_results(folder / RESULTS_FILE, json_types(summary))
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:

@@ -110,13 +110,13 @@ def summarise(
         "variants": variants,
         "series": series_of(comparison),
     }
-    cleaned: Results = _clean(results)
+    cleaned: Results = json_types(results)
     return cleaned
 
 
 def write_results(path: Path, results: Results) -> None:
-    """Write results as JSON; NaN becomes null."""
-    text = json.dumps(_clean(results), indent=1, allow_nan=False)
+    """Write results, of JSON's types, as JSON; see `json_types`."""
+    text = json.dumps(results, indent=1, allow_nan=False)
     path.write_text(NUMBERS.sub(_in_one_line, text) + "\n", encoding="utf-8")
 
 
@@ -171,12 +171,12 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
     }
 
 
-def _clean(value: Any) -> Any:
+def json_types(value: Any) -> Any:
     """Convert to JSON types: None for NaN and infinity, no numpy types."""
     if isinstance(value, dict):
-        return {key: _clean(item) for key, item in value.items()}
+        return {key: json_types(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_clean(item) for item in value]
+        return [json_types(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

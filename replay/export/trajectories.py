@@ -38,8 +38,9 @@ def write_tum(path: Path, poses: PoseSeries, *, overwrite: bool = False) -> Path
     with written_beside(path, overwrite=overwrite) as new:
         try:
             with new.open("w", encoding="ascii", newline="\n") as file:
+                # One row at a time: lists of all rows would take three times the memory of the poses.
                 for stamp, (x, y, _), (_, _, qz, qw) in zip(
-                    poses.stamps.tolist(), poses.poses.tolist(), quaternions.tolist(), strict=True
+                    map(int, poses.stamps), poses.poses, quaternions, strict=True
                 ):
                     file.write(
                         f"{_seconds(stamp)} {x:.9f} {y:.9f} 0.000000000 "
