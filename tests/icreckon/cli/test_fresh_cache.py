@@ -44,18 +44,21 @@ def all_numbers(value: Any) -> list[float]:
 
 
 @pytest.fixture(scope="module")
-def used_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A cache that the demo has filled, as on a machine where the README was followed."""
-    cache, folder = tmp_path_factory.mktemp("cache"), tmp_path_factory.mktemp("demo")
-    finished(icreckon(cache, folder, "demo", "--duration", "60", "--formats", "none", "--out", "d"))
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache that `icreckon prepare` has filled."""
+    cache, folder = tmp_path_factory.mktemp("prepared"), tmp_path_factory.mktemp("drive")
+    finished(icreckon(cache, folder, "prepare"))
+    assert len(set(cache.rglob("*.kernel"))) > 40
     return cache
 
 
-def test_a_study_after_the_demo_is_that_of_a_fresh_machine(
-    used_cache: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+def test_a_study_after_prepare_compiles_nothing_and_is_that_of_a_fresh_machine(
+    prepared: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     command = ("study", "imu-grades", "--runs", "2", "--workers", "2", "--out")
-    finished(icreckon(used_cache, tmp_path, *command, "after"))
+    kernels = set(prepared.rglob("*.kernel"))
+    finished(icreckon(prepared, tmp_path, *command, "after"))
+    assert set(prepared.rglob("*.kernel")) == kernels
     finished(icreckon(tmp_path_factory.mktemp("empty"), tmp_path, *command, "fresh"))
     after, fresh = results(tmp_path / "after"), results(tmp_path / "fresh")
     assert after == fresh
@@ -65,8 +68,8 @@ def test_a_study_after_the_demo_is_that_of_a_fresh_machine(
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_shipped_studies_run_through(used_cache: Path, tmp_path: Path, name: str) -> None:
-    finished(icreckon(used_cache, tmp_path, "study", name, "--runs", "1", "--out", name))
+def test_shipped_studies_run_through(prepared: Path, tmp_path: Path, name: str) -> None:
+    finished(icreckon(prepared, tmp_path, "study", name, "--runs", "1", "--out", name))
     found = results(tmp_path / name)
     numbers = all_numbers(found["overall"])
     assert len(numbers) > 100
@@ -93,12 +96,3 @@ def test_replays_at_once_say_what_one_alone_says(
         alone = results(tmp_path / f"{variant}-alone")["variants"][variant]
         for out in (variant, "both", "turned"):
             assert results(tmp_path / out)["variants"][variant] == alone
-
-
-def test_after_prepare_nothing_is_compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
-    cache, folder = tmp_path_factory.mktemp("prepared"), tmp_path_factory.mktemp("drive")
-    finished(icreckon(cache, folder, "prepare"))
-    kernels = set(cache.rglob("*.kernel"))
-    assert len(kernels) > 40
-    finished(icreckon(cache, folder, "study", "imu-grades", "--runs", "1", "--out", "s"))
-    assert set(cache.rglob("*.kernel")) == kernels
