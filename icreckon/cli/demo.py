@@ -18,6 +18,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.trajectories import TRAJECTORIES
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Terrain
 
 ROBOT = "auriga-alpha"
 DEFAULT_FOLDER = "icreckon-demo"
@@ -25,6 +26,8 @@ BAG = "bag"
 DURATION = 300.0
 # End of the fixes, as a share of the run.
 FIXES_END = 1.0 / 3.0
+# Ground that a robot drives on outdoors.
+TERRAIN = Terrain(rolling_deg=3.0, wavelength=20.0)
 
 
 def run_demo(
@@ -65,10 +68,11 @@ def run_demo(
 
 
 def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
-    """Scenario of the demo: fixes for the first third of the run, then none."""
+    """Scenario of the demo: rolling ground; fixes for the first third of the run, then none."""
     return Scenario(
         trajectory=trajectory,
         duration=duration,
         seed=seed,
+        terrain=TERRAIN,
         outages=((FIXES_END * duration, duration),),
     )
