@@ -68,7 +68,7 @@ def run_demo(
 
 
 def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
-    """Scenario of the demo: rolling ground; fixes for the first third of the run, then none."""
+    """Scenario of the demo: rolling ground, and fixes for the first third of the run."""
     return Scenario(
         trajectory=trajectory,
         duration=duration,
