@@ -15,7 +15,6 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import GATES, IMU_GATES
-from icreckon.estimator.engine.model import gravity, track_factors
 from icreckon.estimator.engine.schedule import (
     HEADING,
     POSITION,
@@ -29,7 +28,7 @@ from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, RECENT
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED, Health
 from icreckon.estimator.motion import lagged_index_model, linear_model
-from icreckon.estimator.motion.motion_model import NO_SLIP
+from icreckon.estimator.motion.motion_model import NO_SLIP, gravity_in, track_factors
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.sensors.measurement_models import innovation_components
@@ -245,7 +244,7 @@ class ReplayRows:
         x = self._rows.states[row_range].T
         left, right = self._measured.tracks[0, self._output_tracks[row_range] - 1].T
         speeds = (left * track_factors(x)[0], right * track_factors(x)[1])
-        parameters, on_ground = tuple(x[s.PARAMETERS]), gravity(x)
+        parameters, on_ground = tuple(x[s.PARAMETERS]), gravity_in(x)
         if kind == "index":
             at = lagged_index_model.evaluate(*speeds, parameters, on_ground, constants, memory.T)
             return np.stack(np.broadcast_arrays(*at.indices), axis=-1)

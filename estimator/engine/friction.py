@@ -10,7 +10,6 @@ from typing import Any
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.engine import model
 from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import Layout
 from icreckon.estimator.friction.kernel import SubstepPlaces, friction_steps
@@ -24,6 +23,7 @@ from icreckon.estimator.friction.layout import (
 )
 from icreckon.estimator.friction.loads import PAIR_COLUMNS
 from icreckon.estimator.friction.step import FrictionRows, substep
+from icreckon.estimator.motion.motion_model import gravity_in, track_factors
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
 from icreckon.estimator.tracing.jit_kernel import inner, jit
@@ -35,11 +35,11 @@ def motion_kernel(name: str, shape: FilterShape) -> Kernel:
     constants = {one: lane.constant(one) for one in (*SUBSTEP_CONSTANTS, *BODY_CONSTANTS)}
     memory = [lane.row(f"memory{k}") for k in range(shape.model.memory)]
     before = FrictionRows(memory, [lane.row(one) for one in CARRIED])
-    (of_left, of_right), first = model.track_factors(lane.x), s.PARAMETERS.start
+    (of_left, of_right), first = track_factors(lane.x), s.PARAMETERS.start
     of_gravity = range(PARAMETERS, INPUTS) if s.GRAVITY_X in lane.layout.states else ()
     after = substep(
         before,
-        [*(lane.x[first + k] for k in range(PARAMETERS)), *model.gravity(lane.x)],
+        [*(lane.x[first + k] for k in range(PARAMETERS)), *gravity_in(lane.x)],
         (of_left * lane.input("mean_left"), of_right * lane.input("mean_right")),
         constants,
         trace.Table("constants", len(lane.layout.constants), PAIR_COLUMNS, constants["pairs"]),

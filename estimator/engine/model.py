@@ -26,7 +26,12 @@ from icreckon.estimator.motion import (
 )
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
-from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
+from icreckon.estimator.motion.motion_model import (
+    MotionModel,
+    VehicleConstants,
+    gravity_in,
+    track_factors,
+)
 from icreckon.estimator.sensors import sensor_models, standstill
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, traced
@@ -143,7 +148,13 @@ def twist_model(
     factors = track_factors(x)
     slip = [slip_share * slow + fast for slow, fast in zip(x[s.SLIP], x[s.FAST_SLIP], strict=True)]
     in_paper = (-slip[1], slip[0], slip[2])
-    of_state = (left * factors[0], right * factors[1], tuple(x[s.PARAMETERS]), in_paper, gravity(x))
+    of_state = (
+        left * factors[0],
+        right * factors[1],
+        tuple(x[s.PARAMETERS]),
+        in_paper,
+        gravity_in(x),
+    )
     vehicle, memory = inputs.vehicle, inputs.memory
     motion, by = {
         "friction": lambda: _linearise_friction(*of_state, vehicle, memory),
@@ -173,17 +184,6 @@ def twist_model(
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 
-def track_factors(x: Any) -> tuple[Any, Any]:
-    """True over measured speed of the left and of the right track."""
-    scale, half = 1.0 + x[s.TRACK_SCALE], 0.5 * x[s.TRACK_DIFFERENCE]
-    return scale - half, scale + half
-
-
-def gravity(x: Any) -> tuple[Any, Any]:
-    """Gravity along the ground in the paper's axes: right and forward [m/s²]."""
-    return -x[s.GRAVITY_Y], x[s.GRAVITY_X]
-
-
 def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any) -> list[Any]:
     """Advance the memory of an index model, see `MotionModel.begin_step`.
 
@@ -197,7 +197,7 @@ def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any)
     of_left, of_right = track_factors(x)
     keep = exponential(-dt / inputs.vehicle.load_lag)
     speeds, parameters = (left * of_left, right * of_right), tuple(x[s.PARAMETERS])
-    return list(_advanced(inputs.memory, keep, speeds, parameters, gravity(x), inputs.vehicle))
+    return list(_advanced(inputs.memory, keep, speeds, parameters, gravity_in(x), inputs.vehicle))
 
 
 def is_zero(value: Any) -> bool:

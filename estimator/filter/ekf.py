@@ -24,7 +24,13 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
-from icreckon.estimator.motion.motion_model import Gravity, MotionModel, TwistModel, Unremembering
+from icreckon.estimator.motion.motion_model import (
+    MotionModel,
+    TwistModel,
+    Unremembering,
+    gravity_in,
+    track_factors,
+)
 from icreckon.estimator.motion.propagation import (
     Triple,
     fading,
@@ -144,14 +150,14 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def _evaluate(self, left: float, right: float, slip_share: float) -> TwistModel:
         x = self.x.tolist()
-        of_left, of_right = self._track_factors()
+        of_left, of_right = track_factors(x)
         forward, sideways, turning = (
             slip_share * slow + fast for slow, fast in zip(x[s.SLIP], x[s.FAST_SLIP], strict=True)
         )
         # REP-103 slip in the paper's axes: right is minus left.
         slip = (-sideways, forward, turning)
         motion, by = self.model.linearise(
-            left * of_left, right * of_right, x[s.PARAMETERS], slip, self._gravity()
+            left * of_left, right * of_right, x[s.PARAMETERS], slip, gravity_in(x)
         )
         parts = zip(by.by_slip, by.by_parameters, by.by_speeds, by.by_gravity, strict=True)
         by_all = TO_REP103.dot(
@@ -169,15 +175,6 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         v_x, v_y, w = motion.twist
         by_speeds = by_speeds * (of_left, of_right)
         return TwistModel(np.array([v_y, -v_x, w]), jacobian, by_speeds, motion)
-
-    def _track_factors(self) -> tuple[float, float]:
-        """True over measured speed of the left and of the right track."""
-        scale, difference = 1.0 + self.x.item(s.TRACK_SCALE), self.x.item(s.TRACK_DIFFERENCE)
-        return scale - 0.5 * difference, scale + 0.5 * difference
-
-    def _gravity(self) -> Gravity:
-        """Gravity along the ground in the paper's axes: right and forward [m/s²]."""
-        return -self.x.item(s.GRAVITY_Y), self.x.item(s.GRAVITY_X)
 
     def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
         """Propagate over `dt` seconds with constant track speeds [m/s]."""
@@ -198,10 +195,9 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """Begin a step of `dt` seconds at mean track speeds [m/s] in the motion model."""
         if not isinstance(self.model, Unremembering):
             x = self.x.tolist()
-            of_left, of_right = self._track_factors()
-            self.model.begin_step(
-                dt, left * of_left, right * of_right, x[s.PARAMETERS], self._gravity()
-            )
+            of_left, of_right = track_factors(x)
+            speeds = left * of_left, right * of_right
+            self.model.begin_step(dt, *speeds, x[s.PARAMETERS], gravity_in(x))
 
     def smooth_regressors(self, dt: float, left: float, right: float) -> TwistModel:
         """Smooth the derivatives by the parameters, at the start of a step.

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 
@@ -27,6 +28,17 @@ Gravity = tuple[Number, Number]
 LEVEL: Gravity = (0.0, 0.0)
 # Checkpoint of a model without memory.
 NO_MEMORY: Floats = np.zeros(0)
+
+
+def track_factors(x: Any) -> tuple[Any, Any]:
+    """True over measured speeds of the left and the right track, of a state."""
+    scale, half = 1.0 + x[s.TRACK_SCALE], 0.5 * x[s.TRACK_DIFFERENCE]
+    return scale - half, scale + half
+
+
+def gravity_in(x: Any) -> tuple[Any, Any]:
+    """Gravity along the ground, right and forward [m/s²], of a state."""
+    return -x[s.GRAVITY_Y], x[s.GRAVITY_X]
 
 
 class VehicleConstants(NamedTuple):
