@@ -12,8 +12,8 @@ from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
 from icreckon.replay.comparison.truth_alignment import TruthAlignment
 
-# Candidates for the baseline: the first that was run.
-BASELINES = ("constant-online", "constant-fixed", "differential")
+# Candidates for the baseline, wheels and gyro first: the first that was run.
+BASELINES = ("gyro", "constant-online", "constant-fixed", "differential")
 # Candidates for the horizon of the verdict: the first with an interval, or else with segments.
 VERDICT_HORIZONS = ("30s", "10s", "30m", "10m", "5m", "60s", "50m")
 

@@ -16,8 +16,9 @@ from icreckon.replay.base.colours import colour_of as _colour
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import failures
 
-# Variants whose uncertainty and indices are drawn.
+# Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
 SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
+IN_TITLE = ("gyro", *SHOWN_IN_DETAIL)
 # Least range of the axes, also for a robot that never moved [m, deg].
 LEAST_POSITION_ERROR = 1e-3
 LEAST_YAW_ERROR = 0.01
@@ -60,7 +61,7 @@ def _title(results: Results) -> str:
         return f"{title}, no ground truth"
     drifts = {
         name: results["variants"][name]["drift_percent_30s_mean"]
-        for name in SHOWN_IN_DETAIL
+        for name in IN_TITLE
         if name in results["variants"]
     }
     text = ", ".join(f"{name} {value:.2f} %" for name, value in drifts.items() if value is not None)

@@ -178,5 +178,6 @@ def test_the_keys_of_a_variant() -> None:
         low, high = found[f"drift_ratio_{label}_95"]
         assert low <= found[f"drift_ratio_{label}"] <= high
         assert found[f"drift_segments_{label}"] == 300
+    assert baseline_of(["gyro", "constant-online"]) == "gyro"
     assert baseline_of(["differential", "constant-online"]) == "constant-online"
     assert baseline_of(["inertia-online", "friction-online"]) == "inertia-online"
