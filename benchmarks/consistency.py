@@ -7,15 +7,20 @@ gyro unknown by 1 % and 0.5 %. Standstill detection is off, since nothing stands
 
 NEES is taken each 5 s. Its mean over the runs should be the number of states, and lie in its 95 % band
 (chi-square over the runs) at 95 % of the times. NIS is per degree of freedom; beside it stands the
-share of runs in which it lies in the 95 % band. What the gates cut off is allowed for.
+share of runs in which it lies in the 95 % band. What the gates cut off is allowed for. The factor by
+which position fixes enlarge the slip is at least 1 in the filter and 1 in the truth; `--steady-slip`
+holds it at 1.
 
     python benchmarks/consistency.py                     # all terms of the filter are true
     python benchmarks/consistency.py --without lateness  # one of the careful ones is not
+    python benchmarks/consistency.py --steady-slip       # the factor on the slip stays at 1
 """
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -25,6 +30,7 @@ from scipy.stats import chi2
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.filter import filter as streaming_filter
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -45,7 +51,11 @@ QUANTITIES = ("pose", "velocity", "parameters", "all states")
 
 @dataclass(frozen=True)
 class Job:
-    """One run: its variant, index, length [s], drive, careful terms, and share of the initial spread."""
+    """One run: its variant, index, length [s], drive, careful terms, and share of the initial spread.
+
+    Attributes:
+        steady_slip: whether the filter's factor on the slip is held at 1.
+    """
 
     variant: str
     index: int
@@ -53,6 +63,7 @@ class Job:
     trajectory: str
     terms: Terms
     share: float
+    steady_slip: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,6 +104,13 @@ def nees_of(error: Floats, covariance: Floats) -> float:
 
 def score(job: Job) -> Score:
     """One run."""
+    held = patch.object(streaming_filter, "slip_factor_after", return_value=1.0)
+    with held if job.steady_slip else nullcontext():
+        return score_run(job)
+
+
+def score_run(job: Job) -> Score:
+    """One run, with the filter as it is."""
     robot, variant = studied_robot(), find_variant(job.variant)
     speeds = moving_speeds(robot, job.trajectory, job.duration, [SEED, job.index])
     sampler = ModelSampler(robot, variant, SETTINGS, FIXES, job.terms, share=job.share)
@@ -185,10 +203,21 @@ def main() -> None:
         choices=[field.name for field in fields(Terms)],
         help="careful terms that are not in the truth",
     )
+    parser.add_argument(
+        "--steady-slip", action="store_true", help="hold the factor on the slip at 1"
+    )
     arguments = parser.parse_args()
     terms = replace(Terms(), **dict.fromkeys(arguments.without, 0.0))
     jobs = [
-        Job(name, index, arguments.duration, arguments.trajectory, terms, arguments.share)
+        Job(
+            name,
+            index,
+            arguments.duration,
+            arguments.trajectory,
+            terms,
+            arguments.share,
+            arguments.steady_slip,
+        )
         for name in arguments.variants
         for index in range(arguments.runs)
     ]

@@ -25,7 +25,7 @@ from _study import bootstrap, spread, study_parser, table, told
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.scores import drift, pose_nees, velocity_errors, without_fixes
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot, Slope, load_robot
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -60,6 +60,7 @@ class Conditions:
         patches: terrain along the way.
         terrain: shape of the ground.
         in_file: whether the filter's robot file has these figures, too.
+        level: whether the filter's robot file says that the ground is level (`[slope] sigma = 0`).
     """
 
     trajectory: str = "random"
@@ -68,11 +69,13 @@ class Conditions:
     patches: tuple[Patch, ...] = ()
     terrain: Terrain = LEVEL
     in_file: bool = False
+    level: bool = False
 
 
 SCENARIOS = {
     "everyday": Conditions(),
     "aggressive": Conditions("aggressive"),
+    "aggressive, known to be level": Conditions("aggressive", level=True),
     "everyday, no rolling resistance": Conditions(soil={"rolling_resistance": 0.0}, in_file=True),
     "aggressive, no rolling resistance": Conditions(
         "aggressive", soil={"rolling_resistance": 0.0}, in_file=True
@@ -126,7 +129,10 @@ def score(job: Job) -> Floats:
         terrain=conditions.terrain,
     )
     log = simulate(scenario, true, run_index=index)
-    result = run(log, true if conditions.in_file else robot, variant)
+    own = true if conditions.in_file else robot
+    if conditions.level:
+        own = msgspec.structs.replace(own, slope=Slope(sigma=0.0, walk=0.0))
+    result = run(log, own, variant)
     poses, fixes = true_poses(log), fixes_of(log)
     free = without_fixes(fixes.stamps, log.start, log.end, 10.0)
     drifted = drift(result.trajectory.pose_series, poses, 30.0, within=free)
