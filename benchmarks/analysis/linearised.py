@@ -60,10 +60,12 @@ class Shown(NamedTuple):
     Attributes:
         row: (SIZE,) derivative of the measurement by the state.
         variance: of its noise.
+        stand_in: state that it moves in place of those it does not move, `IcrEkf.update_scalar`.
     """
 
     row: Floats
     variance: float
+    stand_in: int | None = None
 
 
 class LinearisedStep(NamedTuple):
@@ -201,7 +203,7 @@ class LinearisedModel:
         at = StepTwist(model, x, self._dt, change)
         if sensors.gyro:
             found = self._gyro.linearise(0.0, at)
-            shown.append(Shown(found.H[0], found.R.item()))
+            shown.append(Shown(found.H[0], found.R.item(), self._gyro.stand_in))
         for axis, model_of in enumerate(self._accelerometers if sensors.accelerometer else ()):
             rough = self._disturbances.change_density(sigma[axis])
             found = model_of.linearise(0.0, at, x, rough)
@@ -244,11 +246,14 @@ def informed(P: Floats, shown: list[Shown], kept: tuple[int, ...] = ()) -> Float
         shown: the measurements.
         kept: states that they do not move (Schmidt-Kalman; Joseph form).
     """
-    for row, variance in shown:
+    for row, variance, stand_in in shown:
         cross = P @ row
         expected = row @ cross + variance
         gain = cross / expected
+        missing = row[list(kept)] @ gain[list(kept)]
         gain[list(kept)] = 0.0
+        if stand_in is not None:
+            gain[stand_in] += missing / row[stand_in]
         half = np.outer(gain, cross - 0.5 * expected * gain)
         P = P - half - half.T
     return P

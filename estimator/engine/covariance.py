@@ -42,7 +42,8 @@ class Covariance:
         """Covariance of two states."""
         value = self._base(a, b)
         for gain, cross, _ in self._updates:
-            # Gains are zero or optimal; in both cases this equals the Joseph form.
+            # Gains are zero or optimal; in both cases this equals the Joseph form. `update` adds what
+            # the gain of a stand-in changes to the entries.
             if a in gain:
                 value = value - gain[a] * cross.get(b, 0.0)
             elif b in gain:
@@ -84,20 +85,37 @@ class Covariance:
         pair = (a, b) if a <= b else (b, a)
         self._entries[pair] = self._entries.get(pair, 0.0) + value
 
-    def update(self, cross: Vector, inverse_S: Any, fixed: Iterable[int] = ()) -> Vector:
+    def update(
+        self,
+        cross: Vector,
+        inverse_S: Any,
+        fixed: Iterable[int] = (),
+        stand_in: tuple[int, Vector] | None = None,
+    ) -> Vector:
         """Update with a scalar measurement.
 
         Args:
             cross: covariance of the states with the innovation.
             inverse_S: one over the innovation covariance, or 0 for no update.
             fixed: states that the update does not move.
+            stand_in: state that it moves in their place, and the Jacobian of the predicted measurement,
+                see `IcrEkf.update_scalar`.
 
         Returns:
             State -> Kalman gain, without the fixed states.
         """
         gain = {i: value * inverse_S for i, value in cross.items() if i not in fixed}
         self._updates.append(ScalarUpdate(gain, cross, inverse_S))
-        return gain
+        if stand_in is None:
+            return gain
+        state, H = stand_in
+        held = {i: cross[i] for i in fixed if i in cross}
+        missing = dot(held, {i: by for i, by in H.items() if i in held}) / H[state]
+        more = missing * inverse_S
+        for i, value in held.items():
+            self.add(state, i, -(more * value))
+        self.add(state, state, more * missing)
+        return gain | {state: gain[state] + more}
 
     def _base(self, a: int, b: int) -> Any:
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)

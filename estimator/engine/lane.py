@@ -183,8 +183,15 @@ class Lane:
         inverse_S = 1.0 / (dot(cross, H) + R)
         self._apply(z, cross, select(only, inverse_S, 0.0), fixed)
 
-    def _apply(self, z: Any, cross: Vector, inverse_S: Any, fixed: Iterable[int]) -> None:
-        for i, gain in self.P.update(cross, inverse_S, fixed).items():
+    def _apply(
+        self,
+        z: Any,
+        cross: Vector,
+        inverse_S: Any,
+        fixed: Iterable[int],
+        stand_in: tuple[int, Vector] | None = None,
+    ) -> None:
+        for i, gain in self.P.update(cross, inverse_S, fixed, stand_in).items():
             self.x[i] = self.x[i] + gain * z
 
     def gated(
@@ -196,6 +203,7 @@ class Lane:
         *parts: Part,
         inflated: int,
         fixed: Iterable[int] = (),
+        stand_in: int | None = None,
         only: Any = True,
     ) -> None:
         """Gate a scalar measurement, update and count, see `estimator.filter.update`.
@@ -209,6 +217,7 @@ class Lane:
                 other part in H.
             inflated: state whose variance is inflated in re-acquisition.
             fixed: states that the update does not move.
+            stand_in: state that it moves in their place, see `IcrEkf.update_scalar`.
             only: lanes that have the measurement.
         """
         cross = self.P.times(_rest(H, parts), *parts)
@@ -235,7 +244,8 @@ class Lane:
             self.P.add(inflated, inflated, added)
             cross[inflated] = cross[inflated] + added * along
         used = admitted | reacquired
-        self._apply(z, cross, select(trace.lift_truth(only) & used, inverse_S, 0.0), fixed)
+        inverse_S = select(trace.lift_truth(only) & used, inverse_S, 0.0)
+        self._apply(z, cross, inverse_S, fixed, None if stand_in is None else (stand_in, H))
         self.count(sensor, nis, admitted, used, only)
 
     def count(self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any) -> None:

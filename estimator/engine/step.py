@@ -230,7 +230,16 @@ class Step:
         interval = lane.constant("interval")
         variance = model.gyro_variance(self.imu, interval, now.by_speeds[2], self.change)
         part = (scale, self.regressors[2])
-        lane.gated("gyro", z, row, variance, part, inflated=s.SLIP_W, fixed=lane.fixed_for_imu)
+        lane.gated(
+            "gyro",
+            z,
+            row,
+            variance,
+            part,
+            inflated=s.SLIP_W,
+            fixed=lane.fixed_for_imu,
+            stand_in=s.SLIP_W,
+        )
 
     def update_accelerometer(self, axis: int) -> None:
         """Update with the specific force forward (axis 0) or to the left (axis 1)."""

@@ -306,7 +306,15 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """S (n, n) of a measurement with Jacobian H (n, SIZE) and noise R (n, n)."""
         return np.asarray(H.dot(self.P).dot(H.T) + R)
 
-    def update_scalar(self, z: float, h: Floats, r: float, *, fixed: tuple[int, ...] = ()) -> None:
+    def update_scalar(
+        self,
+        z: float,
+        h: Floats,
+        r: float,
+        *,
+        fixed: tuple[int, ...] = (),
+        stand_in: int | None = None,
+    ) -> None:
         """Update with one scalar measurement, in Joseph form.
 
         With c = P h, S = h'c + r and any gain K, the covariance is P - K c' - c K' + S K K' (Simon,
@@ -317,26 +325,32 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             h: (SIZE,) Jacobian of the predicted measurement.
             r: variance of the measurement noise.
             fixed: states that are not to be moved, besides those considered.
+            stand_in: state that is moved in their place, so that the predicted measurement moves as far
+                as if none were fixed; none of them.
         """
         if self.considered:
             fixed = tuple(sorted({*fixed, *self.considered}))
         observer = self.observer
         before = self.x if observer is None else self.x.copy()
-        c, K, S = self._correct(z, h, r, fixed)
+        c, K, S = self._correct(z, h, r, fixed, stand_in)
         if self.clones is not None:
             self.clones = self.clones.updated(z, h, c, K, S, fixed=s.X in fixed)
         if observer is not None:
             observer.updated(z, h, r, self.x - before)
 
     def _correct(
-        self, z: float, h: Floats, r: float, fixed: tuple[int, ...]
+        self, z: float, h: Floats, r: float, fixed: tuple[int, ...], stand_in: int | None
     ) -> tuple[Floats, Floats, float]:
         """Update state and covariance; return c, K and S."""
         c = self.P.dot(h)
         S = float(h.dot(c)) + r
         K = c / S
+        missing = 0.0
         for index in fixed:
+            missing += h[index] * K[index]
             K[index] = 0.0
+        if stand_in is not None:
+            K[stand_in] += missing / h[stand_in]
         self.x = self.x + K * z
         half = K[:, None] * (c - (0.5 * S) * K)
         self.P = self.P - (half + half.T)

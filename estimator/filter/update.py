@@ -49,7 +49,15 @@ def update(
     if verdict == REACQUIRED and not recovered:
         R = _inflated(ekf, model, linearised, S)
     if verdict != REJECTED and not recovered:
-        correct(ekf, z, H, R, fixed=model.fixed, correlated=model.correlated)
+        correct(
+            ekf,
+            z,
+            H,
+            R,
+            fixed=model.fixed,
+            stand_in=model.stand_in,
+            correlated=model.correlated,
+        )
     gate.keep(stamp, verdict, z, S)
     return verdict != REJECTED
 
@@ -68,6 +76,7 @@ def correct(
     R: Floats,
     *,
     fixed: tuple[int, ...] = (),
+    stand_in: int | None = None,
     correlated: bool = True,
 ) -> None:
     """Update with each component of a measurement in turn, without a gate.
@@ -78,6 +87,7 @@ def correct(
         H: (n, SIZE) Jacobian of the predicted measurement.
         R: (n, n) covariance of the measurement noise.
         fixed: states that are not to be moved.
+        stand_in: state that is moved in their place.
         correlated: use the correlations of R.
     """
     if correlated and len(z) > 1:
@@ -86,7 +96,7 @@ def correct(
     for k in range(len(z)):
         # Each component is linearised at the state before the first.
         moved = shift(H[k], ekf.x, x) if k else 0.0
-        ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=fixed)
+        ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=fixed, stand_in=stand_in)
 
 
 def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:

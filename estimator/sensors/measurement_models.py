@@ -88,6 +88,7 @@ class MeasurementModel:
         inflated_jointly: inflate each state by the joint square of the innovation, not by that of its
             own component.
         fixed: states that updates do not move; the covariance takes that into account.
+        stand_in: state that updates move in place of the fixed ones, see `IcrEkf.update_scalar`.
         correlated: updates use the correlations of R. If not, only the gate does.
     """
 
@@ -96,6 +97,7 @@ class MeasurementModel:
     inflated: tuple[int, ...]
     inflated_jointly: ClassVar[bool] = False
     fixed: tuple[int, ...] = ()
+    stand_in: int | None = None
     correlated: ClassVar[bool] = True
 
 
@@ -216,6 +218,9 @@ class StepTwist(NamedTuple):
 class Gyro(MeasurementModel):
     """Yaw rate: that of the robot times scale, plus bias.
 
+    The slip stands in for parameters that the IMU does not move: the estimated yaw rate follows the gyro
+    also where they are wrong.
+
     Args:
         sensors: mounting and noise of the IMU.
         fixed: states that it does not move, see `imu_fixed`.
@@ -224,6 +229,7 @@ class Gyro(MeasurementModel):
     name = "gyro"
     components = ("gyro",)
     inflated = (s.SLIP_W,)
+    stand_in = s.SLIP_W
 
     def __init__(self, sensors: SensorModels, fixed: tuple[int, ...]) -> None:
         self._constants, self.fixed = sensors.constants, fixed

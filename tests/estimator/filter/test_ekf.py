@@ -354,6 +354,30 @@ def test_update_is_the_sum_of_information():
     assert information @ ekf.x == pytest.approx(row * residual / variance, abs=1e-10)
 
 
+def test_stand_in_moves_the_prediction_as_far_as_if_no_state_were_fixed():
+    fixed = (s.X, s.Y, s.YAW, *range(s.PARAMETERS.start, s.PARAMETERS.stop))
+    others = np.delete(np.arange(s.SIZE), [*fixed, s.SLIP_W])
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        ekf = make(rng)
+        free, without = copy.deepcopy(ekf), copy.deepcopy(ekf)
+        row, variance = rng.normal(size=s.SIZE), 0.02
+        before, P = ekf.x.copy(), ekf.P.copy()
+        ekf.update_scalar(0.3, row, variance, fixed=fixed, stand_in=s.SLIP_W)
+        free.update_scalar(0.3, row, variance)
+        without.update_scalar(0.3, row, variance, fixed=fixed)
+        assert row @ ekf.x == pytest.approx(row @ free.x, rel=1e-9)
+        assert abs(row @ without.x - row @ free.x) > 1e-4
+        assert (ekf.x[list(fixed)] == before[list(fixed)]).all()
+        assert (ekf.x[others] == without.x[others]).all()
+        # The covariance is that of the error for the gain that was used.
+        K = (ekf.x - before) / 0.3
+        A = np.eye(s.SIZE) - np.outer(K, row)
+        assert ekf.P == pytest.approx(A @ P @ A.T + variance * np.outer(K, K), rel=1e-9, abs=1e-12)
+        # The variance of the prediction is that of the free update, too: no gain has a smaller one.
+        assert row @ ekf.P @ row == pytest.approx(row @ free.P @ row, rel=1e-9)
+
+
 def test_update_that_must_not_move_the_pose_leaves_it_and_its_covariance():
     ekf = make(np.random.default_rng(13))
     free = copy.deepcopy(ekf)
