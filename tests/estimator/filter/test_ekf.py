@@ -374,7 +374,7 @@ def test_stand_in_moves_the_prediction_as_far_as_if_no_state_were_fixed():
         K = (ekf.x - before) / 0.3
         A = np.eye(s.SIZE) - np.outer(K, row)
         of_error = A @ P @ A.T + variance * np.outer(K, K)
-        assert ekf.P == pytest.approx(of_error, rel=1e-9, abs=1e-12)
+        assert pytest.approx(of_error, rel=1e-9, abs=1e-12) == ekf.P
         # The variance of the prediction is that of the free update, too: no gain has a smaller one.
         assert row @ ekf.P @ row == pytest.approx(row @ free.P @ row, rel=1e-9)
 
