@@ -68,6 +68,8 @@ class Bound(NamedTuple):
 Finite = Annotated[float, Bound("finite")]
 Positive = Annotated[float, Bound("a positive number", 0.0, beyond=True)]
 NotNegative = Annotated[float, Bound("zero or a positive number", 0.0)]
+# Coordinate of a place on the robot [m].
+OnRobot = Annotated[float, Bound("a number of metres, 100 at most", -100.0, 100.0)]
 
 
 def check_bounds(

@@ -54,7 +54,8 @@ class Measured(NamedTuple):
         rates: (runs, m) yaw rates of the gyros, see `SensorModels.yaw_rate` [rad/s].
         forces: (runs, m, 2) specific force forward and to the left [m/s²].
         fix_stamps: (k,) [ns].
-        fixes: (runs, k, 5) x, y [m], yaw [rad], variance of position [m²] and of yaw [rad²].
+        fixes: (runs, k, 7) x, y [m], yaw [rad], variance of position [m²] and of yaw [rad²], place of
+            the antenna in base_link [m].
     """
 
     track_stamps: Stamps

@@ -8,10 +8,10 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.batch.front_end import Measured
+from icreckon.estimator.batch.front_end import FIX_VALUES, Measured
 from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries
+from icreckon.estimator.log.series import FixSeries, ImuSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
@@ -62,10 +62,10 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
     sensors = SensorModels(robot)
     rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])
     forces = np.stack([sensors.along_ground_of(_forces(imu)) for imu in imus])
-    fixes = np.zeros((len(logs), len(fix_stamps), 5))
+    fixes = np.zeros((len(logs), len(fix_stamps), FIX_VALUES))
     for row, log in enumerate(logs):
         if log.fixes is not None and len(fix_stamps):
-            fixes[row, :, :3], fixes[row, :, 3:] = log.fixes.poses, log.fixes.variances
+            fixes[row] = fix_rows(log.fixes)
     return Measured(track_stamps, tracks, imu_stamps, rates, forces, fix_stamps, fixes)
 
 
@@ -85,8 +85,13 @@ def _fix_stamps(log: Log) -> Stamps:
     return NO_STAMPS if log.fixes is None else log.fixes.stamps
 
 
+def fix_rows(fixes: FixSeries) -> Floats:
+    """Convert fixes to rows (n, 7): pose, variances of position and yaw, place of the antenna."""
+    return np.column_stack([fixes.poses, fixes.variances, fixes.lever_arms])
+
+
 def has_heading(fixes: Floats) -> bool:
-    """Return True if fixes (..., 5) have a heading.
+    """Return True if fixes (..., 7) have a heading.
 
     Raises:
         BatchError: some have, and some have not.

@@ -11,8 +11,8 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.batch.front_end import FrontEnd, Measured
-from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
+from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
+from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.layout import INPUTS
@@ -201,12 +201,10 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
             f"the log {log.name!r} holds readings that no such sensor gives, or IMU samples without "
             "forces among others, which filters side by side do not check"
         )
-    values = np.zeros((len(fix_stamps), 5))
-    if fixes is not None:
-        values[:, :3], values[:, 3:] = fixes.poses, fixes.variances
+    values = np.zeros((0, FIX_VALUES)) if fixes is None else fix_rows(fixes)
     headings = np.isfinite(values[:, 2])
     values[~headings, 2], values[~headings, 4] = 0.0, 1.0
-    if not (np.isfinite(values).all() and (values[:, 3:] > 0.0).all()):
+    if not (np.isfinite(values).all() and (values[:, 3:5] > 0.0).all()):
         raise BatchError(f"the log {log.name!r} holds fixes that are no numbers")
     sensors, force = SensorModels(robot), imu.linear_acceleration
     rates = sensors.yaw_rates(imu.angular_velocity)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.engine.covariance import dot
+from icreckon.estimator.engine.covariance import Vector, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
-from icreckon.estimator.engine.model import slip_factor_after
+from icreckon.estimator.engine.model import slip_factor_after, turn
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.tracing import trace
@@ -46,7 +46,7 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     lane = Lane(shape, with_fast_slip=kind.twist)
     x, P = lane.x, lane.P
     variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
-    values, rows, covariance = _predicted(lane, kind)
+    values, rows, covariance = _antenna(lane, _predicted(lane, kind))
     before = x.copy()
     z = lane.input("fix_x") - values[s.X], lane.input("fix_y") - values[s.Y]
     of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
@@ -117,6 +117,26 @@ def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
         return found
     rows = [{axis: trace.lift(1.0)} for axis in range(3)]
     return PredictedPose([lane.x[axis] for axis in range(3)], rows, [[0.0] * 3] * 3)
+
+
+def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
+    """Predicted position of the antenna and yaw, see `predictions.point_on_robot`."""
+    values, (of_x, of_y, of_yaw), covariance = pose
+    forward, left = lane.input("fix_forward"), lane.input("fix_left")
+    cos, sin = turn(values[s.YAW])
+    ahead, beside = cos * forward - sin * left, sin * forward + cos * left
+    rows = [_sum(of_x, -beside, of_yaw), _sum(of_y, ahead, of_yaw), of_yaw]
+    by_pose = [{s.X: 1.0, s.YAW: -beside}, {s.Y: 1.0, s.YAW: ahead}, {s.YAW: 1.0}]
+    spread = [
+        [dot(a, {i: dot(b, dict(enumerate(covariance[i]))) for i in range(3)}) for b in by_pose]
+        for a in by_pose
+    ]
+    at = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
+    return PredictedPose(at, rows, spread)
+
+
+def _sum(row: Vector, factor: Any, more: Vector) -> Vector:
+    return {i: row.get(i, 0.0) + factor * more.get(i, 0.0) for i in {**row, **more}}
 
 
 def _finished(lane: Lane, name: str, flags: Sequence[Traced], kind: FixKind) -> Kernel:

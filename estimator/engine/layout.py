@@ -25,7 +25,16 @@ STEP_INPUTS = (
     "now_left",
     "now_right",
 )
-FIX_INPUTS = ("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "fix_mode")
+FIX_INPUTS = (
+    "fix_x",
+    "fix_y",
+    "fix_yaw",
+    "fix_variance",
+    "yaw_variance",
+    "fix_forward",
+    "fix_left",
+    "fix_mode",
+)
 STEP_CONSTANTS = ("dt", "smoothing", "decay", "mean", "integral", "cross", "final")
 CONSTANTS = (
     "gauge",

@@ -61,6 +61,7 @@ from icreckon.estimator.sensors.measurement_models import (
 )
 from icreckon.estimator.sensors.predictions import (
     Prediction,
+    point_on_robot,
     pose_ahead,
     pose_now,
     twist_ahead,
@@ -400,7 +401,7 @@ class Reckoning:
 
         # Gate, update and record; relocate after rejected position fixes.
         if isinstance(m, PositionFix):
-            x, y, _ = predicted.values.tolist()
+            x, y, _ = point_on_robot(predicted, m.forward, m.left).values.tolist()
             self._rejected_fixes += (RejectedFix(m.x, m.y, m.variance, x, y),)
         recover = self._relocate if isinstance(m, PositionFix) else None
         used = self._update(model, model.linearise(m, predicted), m.stamp, recover)

@@ -87,11 +87,13 @@ def _imu(samples: list[ImuSample]) -> ImuSeries:
 
 def _fixes(positions: list[PositionFix], headings: dict[int, HeadingFix]) -> FixSeries:
     nothing = HeadingFix(0, np.nan, np.nan)
+    antennas = _array([(m.forward, m.left) for m in positions], 2)
     both = [(m, headings.get(m.stamp, nothing)) for m in positions]
     return FixSeries(
         _stamps(positions),
         _array([(m.x, m.y, heading.yaw) for m, heading in both], 3),
         _array([(m.variance, heading.variance) for m, heading in both], 2),
+        antennas if antennas.any() else None,
     )
 
 

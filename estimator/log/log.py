@@ -140,7 +140,7 @@ class Log:
             self,
             tracks=cut(self.tracks, "speeds"),
             imu=self.imu and cut(self.imu, "angular_velocity", "linear_acceleration"),
-            fixes=self.fixes and cut(self.fixes, "poses", "variances"),
+            fixes=self.fixes and cut(self.fixes, "poses", "variances", "antennas"),
             truth=truth,
             others=tuple(one for one in self.others if start <= one.stamp <= end),
         )
@@ -276,16 +276,20 @@ def _imu_samples_of(imu: ImuSeries) -> _Maker:
 
 def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
     """Positions, then headings of the fixes that have one."""
-    headed = np.flatnonzero(np.isfinite(fixes.poses[:, 2]))
+    headed, lever_arms = np.flatnonzero(np.isfinite(fixes.poses[:, 2])), fixes.lever_arms
 
     def positions(which: NDArray[np.int64]) -> list[Measurement]:
         rows = zip(
             fixes.stamps[which].tolist(),
             fixes.poses[which].tolist(),
             fixes.variances[which, 0].tolist(),
+            lever_arms[which].tolist(),
             strict=True,
         )
-        return [PositionFix(stamp, x, y, variance) for stamp, (x, y, _), variance in rows]
+        return [
+            PositionFix(stamp, x, y, variance, *lever_arm)
+            for stamp, (x, y, _), variance, lever_arm in rows
+        ]
 
     def headings(which: NDArray[np.int64]) -> list[Measurement]:
         place = headed[which]

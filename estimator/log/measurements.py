@@ -58,19 +58,23 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True)
 class PositionFix:
-    """Position of `base_link` in `odom`.
+    """Position in `odom` of an antenna or marker on the robot, by default of `base_link` itself.
 
     Attributes:
         stamp: time [ns].
         x: [m].
         y: [m].
         variance: variance of each coordinate [m²].
+        forward: distance of the antenna ahead of `base_link` [m].
+        left: distance of the antenna to the left of `base_link` [m].
     """
 
     stamp: int
     x: float
     y: float
     variance: float
+    forward: float = 0.0
+    left: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

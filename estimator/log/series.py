@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import EstimatorError
 
@@ -73,16 +75,25 @@ class FixSeries:
     """Position or pose fixes in `odom`.
 
     `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad], yaw NaN if a fix has no heading;
-    `variances` (n, 2): of each coordinate [m²] and of yaw [rad²] (ignored if yaw is NaN).
+    `variances` (n, 2): of each coordinate [m²] and of yaw [rad²] (ignored if yaw is NaN);
+    `antennas` (n, 2): measured point in `base_link`, forward and left [m], None for its origin.
     """
 
     stamps: Stamps
     poses: Floats
     variances: Floats
+    antennas: Floats | None = None
 
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
         _check_shape("variances", self.stamps, self.variances, (2,))
+        if self.antennas is not None:
+            _check_shape("antennas", self.stamps, self.antennas, (2,))
+
+    @property
+    def lever_arms(self) -> Floats:
+        """Measured points in `base_link` (n, 2), forward and left [m]."""
+        return np.zeros((len(self.stamps), 2)) if self.antennas is None else self.antennas
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from icreckon.estimator.log.measurements import (
     ZeroVelocity,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
-from icreckon.estimator.sensors.predictions import Prediction
+from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
 from icreckon.estimator.sensors.sensor_models import (
     SensorModels,
     TrackChange,
@@ -123,7 +123,7 @@ class FixModel(MeasurementModel, Generic[M]):
 
 
 class Position(FixModel[PositionFix]):
-    """Position of base_link in odom."""
+    """Position of an antenna in odom."""
 
     name, predicts = "position", "pose"
     components = ("position_x", "position_y")
@@ -132,8 +132,9 @@ class Position(FixModel[PositionFix]):
     correlated = False
 
     def linearise(self, measurement: PositionFix, predicted: Prediction) -> Linearised:
-        """Compare x and y with the predicted pose."""
-        return _first_two((measurement.x, measurement.y), measurement.variance, predicted)
+        """Compare x and y with those of the antenna at the predicted pose."""
+        antenna = point_on_robot(predicted, measurement.forward, measurement.left)
+        return _first_two((measurement.x, measurement.y), measurement.variance, antenna)
 
 
 class Heading(FixModel[HeadingFix]):

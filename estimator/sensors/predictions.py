@@ -14,6 +14,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.motion.propagation import step_on_se2
 
@@ -55,6 +56,24 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
     H[s.POSE, s.POSE] += np.eye(3)
     H[s.POSITION, s.YAW] += by_yaw
     return Prediction(x[s.POSE] + step, H, turned @ density @ turned.T * elapsed)
+
+
+def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
+    """Position of a point that is fixed to the robot, and its yaw.
+
+    Args:
+        pose: predicted pose.
+        forward: of the point in base_link [m].
+        left: of the point in base_link [m].
+    """
+    if forward == 0.0 == left:
+        return pose
+    from_base = rotate(np.array([forward, left]), pose.values.item(2))
+    by_pose = np.eye(3)
+    by_pose[:2, 2] = -from_base[1], from_base[0]
+    values = pose.values.copy()
+    values[:2] += from_base
+    return Prediction(values, by_pose @ pose.H, by_pose @ pose.R @ by_pose.T)
 
 
 def twist_now(model: TwistModel) -> Prediction:

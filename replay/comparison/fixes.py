@@ -85,7 +85,12 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
         )
     return replace(
         log,
-        fixes=FixSeries(fixes.stamps[inside], fixes.poses[inside], fixes.variances[inside]),
+        fixes=FixSeries(
+            fixes.stamps[inside],
+            fixes.poses[inside],
+            fixes.variances[inside],
+            fixes.antennas if fixes.antennas is None else fixes.antennas[inside],
+        ),
         others=tuple(
             other
             for other in log.others

@@ -69,7 +69,8 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     used &= fixes.stamps <= path.stamps[-1]
     if not used.any():
         return EXACT_ORIGIN
-    reckoned = interpolate_poses(path, fixes.stamps[used])[:, :2]
+    poses = interpolate_poses(path, fixes.stamps[used])
+    reckoned = poses[:, :2] + rotate(fixes.lever_arms[used], poses[:, 2])
     places = fixes.poses[used, :2]
     start = _laid_over(reckoned, places, sigma)
     heading = _first_heading(log)

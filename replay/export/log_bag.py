@@ -30,6 +30,7 @@ from icreckon.replay.bags.message_types import (
 from icreckon.replay.bags.messages import BASE_LINK, IMU_LINK, ODOM, UNUSED_VARIANCE, Messages
 from icreckon.replay.bags.writer import MAGICS, Outbox, bag_path, write_bag
 from icreckon.replay.bags.writer import Format as Format
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable
 from icreckon.replay.mapping.topics import (
     MAPPING_TOPIC,
@@ -73,7 +74,7 @@ def write_log(
             refuses.
     """
     own = topic_map(robot, f"robot {robot.name!r}")
-    topics = writable_topics(own)
+    topics = _with_antenna(writable_topics(own), log)
     outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
     if topics != own:
         outboxes.append(_mapping(log, topics))
@@ -94,6 +95,24 @@ def check_place(
     """
     topic_map(robot, f"robot {robot.name!r}")
     check_replaceable(bag_path(path, format), overwrite=overwrite, starts=MAGICS)
+
+
+def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:
+    """Mapping whose fixes are those of the log's antenna.
+
+    Raises:
+        ReplayError: the log has fixes of several antennas.
+    """
+    if log.fixes is None or topics.fixes is None or not len(log.fixes.stamps):
+        return topics
+    places = np.unique(log.fixes.lever_arms, axis=0).tolist()
+    if len(places) > 1:
+        raise ReplayError(
+            f"{log.name}: fixes of antennas at {places} m; a bag holds fixes of one, drop the others"
+        )
+    forward, left = places[0]
+    fixes = msgspec.structs.replace(topics.fixes, position=(forward, left))
+    return msgspec.structs.replace(topics, fixes=fixes)
 
 
 def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:

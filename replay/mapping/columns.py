@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from icreckon.estimator.base.checks import Positive, check_bounds
+from icreckon.estimator.base.checks import OnRobot, Positive, check_bounds
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import Held, Latency, TrackUnit, check_unit
 
@@ -91,6 +91,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         heading_sigma: standard deviation of yaw [rad]; without it, fixes have no heading.
         least_sigma: lower bound of the standard deviations of the rows [m].
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
+        position: the antenna or other measured point in base_link, forward and left [m]; of fixes only.
         source: name of the reference system of the truth, for reports.
         time: column of their time, if other than the map's.
         latency: latency of the stamps, subtracted from them [s].
@@ -107,6 +108,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     heading_sigma: Positive | None = None
     least_sigma: Positive | None = None
     origin: tuple[float, float, float] | None = None
+    position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
     source: str = ""
     time: str | None = None
     latency: Latency = 0.0
@@ -144,3 +146,5 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if self.truth is not None and not (self.truth.x and self.truth.yaw):
             raise ValueError("truth must name the columns x, y and yaw")
+        if self.truth is not None and any(self.truth.position):
+            raise ValueError("truth takes no position: the truth's point is estimated")

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-from icreckon.estimator.base.checks import Bound, Positive, check_bounds
+from icreckon.estimator.base.checks import Bound, OnRobot, Positive, check_bounds
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
@@ -101,6 +101,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         frames: for tf, the frame of the fixes and that of the robot, ["map", "base_link"].
         origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
             if left out.
+        position: the antenna or other measured point in base_link, forward and left [m].
         time: clock of the stamps.
         latency: latency of the stamps, subtracted from them [s].
     """
@@ -111,6 +112,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     least_sigma: Positive | None = None
     frames: tuple[str, str] | None = None
     origin: tuple[float, float, float] | None = None
+    position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
     time: Clock = "auto"
     latency: Latency = 0.0
 

@@ -266,7 +266,8 @@ class _Assembly:
         keep = self._screened(stream, stamps, poses[:, :2], positive=needed)
         if not keep.any():
             return None
-        return FixSeries(stamps[keep], poses[keep], variances[keep])
+        antennas = np.tile(spec.position, (int(keep.sum()), 1)) if any(spec.position) else None
+        return FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None

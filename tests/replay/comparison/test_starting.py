@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
-from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
@@ -64,6 +64,24 @@ def test_fixes_in_another_frame(
     off[2] = wrap_angle(off[2])
     assert (np.abs(off) < 3.0 * np.array(found.sigma)).all()
     assert found.sigma[2] < 0.3
+
+
+def test_fixes_of_an_antenna_in_another_frame(log: Log, robot: Robot) -> None:
+    """The start is that of base_link, not of the antenna."""
+    antenna = np.array([1.5, 0.5])
+    yaw = np.interp(
+        log.fixes.stamps, log.truth.poses.stamps, np.unwrap(log.truth.poses.poses[:, 2])
+    )
+    poses = log.fixes.poses.copy()
+    poses[:, :2] += rotate(np.tile(antenna, (len(yaw), 1)), yaw)
+    elsewhere = moved(replace(log, fixes=replace(log.fixes, poses=poses)), 20.0, -8.0, 2.0)
+    known = np.tile(antenna, (len(yaw), 1))
+    found = start(replace(elsewhere, fixes=replace(elsewhere.fixes, antennas=known)), robot)
+    off = np.array(found.pose) - [20.0, -8.0, 2.0 + log.truth.poses.poses[0, 2]]
+    assert (np.abs(off) < 3.0 * np.array(found.sigma)).all()
+    assert np.hypot(*off[:2]) < 0.5
+    ignored = np.array(start(elsewhere, robot).pose) - [20.0, -8.0, 2.0]
+    assert np.hypot(*ignored[:2]) > 1.0
 
 
 def test_a_heading_tells_the_start_of_a_robot_that_stands(log: Log, robot: Robot) -> None:

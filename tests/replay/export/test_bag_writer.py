@@ -76,6 +76,20 @@ def test_a_log_comes_back_as_it_was_written(tmp_path: Path, robot: Robot, form) 
     assert_same(found, log, robot.vehicle.sprocket_radius)
 
 
+@pytest.mark.parametrize("name", ["auriga-alpha", "warthog"])
+def test_fixes_of_an_antenna_come_back_as_such(tmp_path: Path, name: str) -> None:
+    robot, log = load_robot(name), make_log(1.0)
+    antennas = np.tile([0.4, -0.1], (len(log.fixes.stamps), 1))
+    log = replace(log, fixes=replace(log.fixes, antennas=antennas))
+    found = read_log(write_log(log, tmp_path / "bag", "mcap", robot), robot)
+    np.testing.assert_array_equal(found.fixes.lever_arms, antennas)
+    antennas = antennas + np.arange(len(antennas))[:, None]
+    several = replace(log, fixes=replace(log.fixes, antennas=antennas))
+    with pytest.raises(ReplayError, match="a bag holds fixes of one"):
+        write_log(several, tmp_path / "several", "mcap", robot)
+    assert not (tmp_path / "several").exists()
+
+
 @pytest.mark.parametrize("form", FORMATS)
 def test_an_imu_without_accelerometer(tmp_path: Path, robot: Robot, form) -> None:
     log = make_log()

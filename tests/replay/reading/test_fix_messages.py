@@ -138,6 +138,22 @@ def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> N
     np.testing.assert_allclose(log.fixes.variances[:, 0], [4.0, 9.0])
 
 
+def test_gps_of_an_antenna(tmp_path: Path) -> None:
+    fixes = [("/fix", navsatfix(k * SECOND, 52.0, 13.0)) for k in (1, 2)]
+    log = read(tmp_path / "bag", fixes, fixes={"topic": "/fix", "position": [0.4, -0.1]})
+    assert log.fixes is not None
+    np.testing.assert_array_equal(log.fixes.lever_arms, [[0.4, -0.1]] * 2)
+    plain = read(tmp_path / "plain", fixes, fixes={"topic": "/fix"})
+    assert plain.fixes is not None
+    assert plain.fixes.antennas is None
+
+
+@pytest.mark.parametrize("position", [[400.0, 0.0], [float("nan"), 0.0], [0.1], "0.1"])
+def test_an_antenna_that_is_not_on_the_robot(tmp_path: Path, position) -> None:
+    with pytest.raises(ReplayError, match="position"):
+        read(tmp_path / "bag", [], fixes={"topic": "/fix", "position": position})
+
+
 def test_gps_without_any_covariance_needs_a_sigma(tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match="position_sigma"):
         read(
