@@ -86,7 +86,7 @@ def _fix_stamps(log: Log) -> Stamps:
 
 
 def fix_rows(fixes: FixSeries) -> Floats:
-    """Convert fixes to rows (n, 7): pose, variances of position and yaw, place of the antenna."""
+    """Rows (n, 7) of fixes: pose, variances of position and yaw, place of the antenna."""
     return np.column_stack([fixes.poses, fixes.variances, fixes.lever_arms])
 
 

@@ -58,7 +58,7 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True)
 class PositionFix:
-    """Position in `odom` of an antenna or marker on the robot, by default of `base_link` itself.
+    """Position in `odom` of an antenna on the robot, by default of `base_link`.
 
     Attributes:
         stamp: time [ns].

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import Finite, NotNegative, Positive, check_bounds
+from icreckon.estimator.base.checks import Bound, Finite, NotNegative, Positive, check_bounds
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
 from icreckon.estimator.base.frames import rep103_to_paper, rpy_to_matrix
@@ -93,7 +93,7 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     eta0: Finite = 1.0
     eta1: Finite = 0.0
     eta2: Finite = 0.0
-    epsilon_F: Finite | None = None
+    epsilon_F: Annotated[float, Bound("a number of metres, 10 at most", -10.0, 10.0)] | None = None
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -152,7 +152,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gyro_axes: Literal["xyz", "z"] = "xyz"
     gyro_scale: Positive = 1.0
     gyro_scale_sigma: NotNegative = 0.0
-    gyro_bias: Finite = 0.0
+    gyro_bias: Annotated[float, Bound("a number of rad/s, 1 at most", -1.0, 1.0)] = 0.0
     gyro_noise_density: Positive = 1e-3
     gyro_bias_sigma: NotNegative = 0.01
     gyro_bias_walk: NotNegative = 1e-5
@@ -206,7 +206,7 @@ class Slope(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         walk: random walk with the distance [m/s²/√m].
     """
 
-    sigma: NotNegative = 0.5
+    sigma: Annotated[float, Bound("from 0 to 9.81 m/s²", 0.0, 9.81)] = 0.5
     walk: NotNegative = 0.05
 
     def __post_init__(self) -> None:

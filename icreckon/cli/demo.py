@@ -53,7 +53,7 @@ def run_demo(
         bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
         messages().print(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
         failed = compare_and_report(
-            replace(read_log(bag, robot), name=f"{scenario.trajectory} drive"),
+            replace(read_log(bag, robot), name=f"{scenario.trajectory} drive over rolling ground"),
             robot,
             folder,
             command="demo",

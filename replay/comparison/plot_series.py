@@ -90,10 +90,10 @@ def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
 
 
 def _parameters(one: Run, start: int) -> Results:
-    """Estimated parameters over time: value and sigma of each uncertain state."""
+    """Value and sigma over time of each uncertain parameter, bias, scale and gravity."""
     rows = _picks(len(one.stamps), PARAMETER_POINTS)
     found: Results = {"t_s": _rounded((one.stamps[rows] - start) * NANOSECOND)}
-    for index in range(s.LEARNT.start, s.LEARNT.stop):
+    for index in range(s.LEARNT.start, s.GRAVITY.stop):
         name, sigma = one.state_names[index], one.state_sigmas[rows, index]
         if name and sigma.any():
             found[name] = {

@@ -114,7 +114,7 @@ def _consistency(one: Run) -> Results:
     names = one.state_names
     final = dict(zip(names, one.states[-1].tolist(), strict=True))
     sigmas = dict(zip(names, one.state_sigmas[-1].tolist(), strict=True))
-    kept = [*filter(None, names[s.LEARNT])]
+    kept = [*filter(None, names[s.LEARNT.start : s.GRAVITY.stop])]
     return {
         "nis": {name: sensor.nis_per_degree for name, sensor in health.sensors.items()},
         "used": {name: sensor.used for name, sensor in health.sensors.items()},

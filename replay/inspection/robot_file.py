@@ -140,7 +140,10 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
     if mounting.gyro_axes == "z":
         lines.append('gyro_axes = "z"    # the x and y gyros read zero all the time')
     if mounting.gyro_bias is None:
-        lines.append("# No standstill long enough to show the gyro bias.")
+        lines.append(
+            "# No standstill long enough to show the gyro bias; icreckon calibrate finds it, if the log "
+            "has a truth."
+        )
     else:
         bias = mounting.gyro_bias
         lines.append(

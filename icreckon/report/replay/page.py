@@ -202,7 +202,8 @@ def _parameters_note(results: Results) -> str:
         return "No variant that was run learns any."
     return (
         "Those that a variant learns, with bands of ±2σ. Lengths and indices are in the paper's axes "
-        "(X right, Y forward)."
+        "(X right, Y forward). gravity_x and gravity_y are gravity along the ground in base_link, "
+        "forward and left: uphill, gravity_x is negative; 0.17 m/s² is a slope of one degree."
     )
 
 
