@@ -151,7 +151,8 @@ def _leave(folder: Path, reporter: _Reporter) -> None:
         soft_wrap=True,
     )
     if threads_at_work():
-        # Threads cannot be stopped otherwise; they have nothing on disk.
+        # Threads cannot be stopped otherwise, and the interpreter's exit may stumble over the one that
+        # ends the processes; they have nothing on disk.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(INTERRUPTED)

@@ -28,6 +28,7 @@ from icreckon.simulation.study.idle import refuse_idle
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
 from icreckon.simulation.study.statistics import statistics
+from icreckon.simulation.truth.terrain import check_terrain
 
 RESULTS_PARQUET = "results.parquet"
 RUNS_PARQUET = "runs.parquet"
@@ -62,14 +63,16 @@ def run_study(
         Content of `results.json`, with NaN for null.
 
     Raises:
-        SimulationError: an invalid study, a swept key that changes nothing, or a folder with other
-            content.
+        SimulationError: an invalid study, a swept key that changes nothing, ground that a vehicle
+            cannot drive on, or a folder with other content.
         EstimatorError: no such robot.
     """
     if executor is not None and cluster is not None:
         raise SimulationError("an executor and a cluster to run on; give one of them")
     plan = expand(study)
     refuse_idle(plan)
+    for cell in plan.cells:
+        check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
     chosen = choose_engine(plan, engine)
     slow = why_slow(plan, chosen)
     if remark is not None and slow is not None:

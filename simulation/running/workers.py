@@ -108,8 +108,9 @@ def _require_listener(address: str) -> None:
 
 
 def threads_at_work() -> bool:
-    """Return True if threads still compute blocks, which delays an exit."""
-    return any(thread.name.startswith(f"{THREADS}_") for thread in threading.enumerate())
+    """Return True if threads still compute blocks or end processes."""
+    own = threading.current_thread()
+    return any(thread is not own and not thread.daemon for thread in threading.enumerate())
 
 
 @contextmanager

@@ -30,6 +30,8 @@ EVERYWHERE = (-float("inf"), float("inf"))
 STEEPEST = 60.0
 # Limit of rolling ground, and of the ramp that a kerb is to a vehicle [deg].
 STEEPEST_ROLLING = 30.0
+# Shortest waves, as a multiple of the length over which a vehicle touches the ground.
+SHORTEST_WAVE = 4.0
 
 
 class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -183,6 +185,37 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
     return np.array(rows, dtype=float).reshape(len(rows), WIDTH)
 
 
+def check_terrain(terrain: Terrain, contact_length: float) -> None:
+    """Refuse ground that a vehicle does not touch as a plane.
+
+    Args:
+        terrain: shape of the ground.
+        contact_length: length of a track's contact with the ground, over which a kerb rises [m].
+
+    Raises:
+        SimulationError: waves too short, or kerbs too high or too close, for a vehicle of that length.
+    """
+    # The steepest place of a kerb has twice its mean slope.
+    highest = 0.5 * contact_length * np.tan(np.radians(STEEPEST_ROLLING))
+    touches = f"the vehicle touches the ground over {contact_length:g} m"
+    if terrain.kerb_height > highest:
+        raise SimulationError(
+            f"kerb_height of the terrain must be at most {highest:.3f} m: {touches}; found "
+            f"{terrain.kerb_height!r}"
+        )
+    if terrain.kerb_height and terrain.kerb_every < contact_length:
+        raise SimulationError(
+            f"kerb_every of the terrain must be at least {contact_length:g} m: {touches}; found "
+            f"{terrain.kerb_every!r}"
+        )
+    shortest = SHORTEST_WAVE * contact_length
+    if terrain.rolling_deg and terrain.wavelength < shortest:
+        raise SimulationError(
+            f"wavelength of the terrain must be at least {shortest:g} m: {touches}, which is to be a "
+            f"plane there; found {terrain.wavelength!r}"
+        )
+
+
 def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Surface:
     """Height field of a terrain; phases of waves and kerbs are drawn at random.
 
@@ -192,22 +225,11 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
         rng: draws three phases, whatever the terrain.
 
     Raises:
-        SimulationError: kerbs too high or too close for a vehicle of that length.
+        SimulationError: ground that the vehicle does not touch as a plane, see `check_terrain`.
     """
     from icreckon.simulation.truth.surface_kernel import Surface
 
-    # The steepest place of a kerb has twice its mean slope.
-    highest = 0.5 * contact_length * np.tan(np.radians(STEEPEST_ROLLING))
-    if terrain.kerb_height > highest:
-        raise SimulationError(
-            f"kerb_height of the terrain must be at most {highest:.3f} m for a vehicle that touches the "
-            f"ground over {contact_length:g} m, found {terrain.kerb_height!r}"
-        )
-    if terrain.kerb_height and terrain.kerb_every < contact_length:
-        raise SimulationError(
-            "kerb_every of the terrain must be at least the length over which the vehicle touches the "
-            f"ground, {contact_length:g} m, found {terrain.kerb_every!r}"
-        )
+    check_terrain(terrain, contact_length)
     along, across, kerbs = rng.random(3)
     uphill = np.radians(terrain.uphill_deg)
     # The slopes of both waves are largest at the same places.

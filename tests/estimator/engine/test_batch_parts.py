@@ -11,7 +11,7 @@ from numba import njit
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.state import PARAMETERS
-from icreckon.estimator.batch.front_end import FrontEnd, Measured
+from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.engine.covariance import Covariance
 from icreckon.estimator.engine.filters import BatchFilter, aligned
 from icreckon.estimator.engine.layout import INPUTS
@@ -214,9 +214,9 @@ def all_inputs(tracks, present, rates, track_rate, imu_rate, settings):
     stamps = np.rint(np.arange(len(tracks)) / track_rate * 1e9).astype(np.int64)
     stamps = stamps[stamps <= imu[-1]]
     speeds = np.where(present[: len(stamps), None], tracks[: len(stamps)], np.nan)
-    none = np.zeros(0, dtype=np.int64)
+    none, no_fixes = np.zeros(0, dtype=np.int64), np.zeros((1, 0, FIX_VALUES))
     measured = Measured(
-        stamps, speeds[None], imu, rates[None], np.zeros((1, count, 2)), none, np.zeros((1, 0, 5))
+        stamps, speeds[None], imu, rates[None], np.zeros((1, count, 2)), none, no_fixes
     )
     steps = steps_of(stamps, imu, none, none, heading=False)
     inputs = np.zeros((len(steps.kinds), len(INPUTS), 1))

@@ -82,6 +82,13 @@ class Failing(ThreadPoolExecutor):
         return super().submit(*work)
 
 
+def test_ground_that_no_run_can_drive_on_is_refused_before_the_first(tmp_path):
+    swept = Sweep(grid={"terrain.kerb_height": [0.0, 5.0]})
+    with pytest.raises(SimulationError, match="kerb_height of the terrain must be at most"):
+        run_study(msgspec.structs.replace(STUDY, sweep=swept), tmp_path / "out", workers=1)
+    assert not (tmp_path / "out").exists()
+
+
 def test_blocks_cover_all_runs_once_whoever_works():
     plan = expand(STUDY)
     jobs = jobs_of(plan, 4)
