@@ -19,9 +19,10 @@ FLOORS = {
     ],
     "simulation": ["base", "drives", "truth", "sensors", "", "study", "running", "paper"],
     "replay": [
-        "base", "bags", "mapping", "reading", "inspection", "comparison", "calibration", "export", "",
+        "base", "bags", "mapping", "reading", "live", "inspection", "comparison", "calibration",
+        "export", "",
     ],
-    "icreckon": ["report", "", "cli"],
+    "icreckon": ["report", "ros2", "", "cli"],
 }  # fmt: skip
 # Packages that each may import.
 MAY_IMPORT = {
@@ -39,6 +40,7 @@ ONLY_IN = {
     "typer": ("icreckon/cli",),
     "rosbags": ("replay/bags",),
     "mcap": ("replay/bags",),
+    "rclpy": ("icreckon/ros2",),
     "numba": ("estimator/tracing",),
     "llvmlite": ("estimator/tracing",),
 }

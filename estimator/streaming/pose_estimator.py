@@ -381,16 +381,7 @@ class PoseEstimator:
         Raises:
             EstimatorError: the file exists already, or cannot be written.
         """
-        saved = SavedEstimator(
-            self.variant.name,
-            robot_constants(self.robot),
-            self.settings,
-            self._reckoning.checkpoint(),
-            self._history.checkpoint(),
-            self._arrivals,
-            self._admission.witnesses,
-        )
-        write_saved(Path(path), saved, overwrite=overwrite)
+        write_saved(Path(path), self._saved(), overwrite=overwrite)
 
     @classmethod
     def restore(cls, path: str | Path, robot: Robot, variant: str | None = None) -> PoseEstimator:
@@ -413,13 +404,64 @@ class PoseEstimator:
         saved.require_fit(robot, variant, str(path), to_continue=True)
         estimator = cls(robot, saved.variant, settings=saved.settings)
         try:
-            estimator._reckoning.restore(saved.now)
-            estimator._history.restore(saved.history)
+            estimator._continue(saved)
         except (EstimatorError, KeyError, ValueError) as problem:
             raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
-        estimator._arrivals = saved.arrivals
-        estimator._admission.witnesses = saved.witnesses
         return estimator
+
+    def copy(self) -> PoseEstimator:
+        """Copy the estimator; both continue alike, to the last bit, and independently."""
+        copied = PoseEstimator(self.robot, self.variant.name, settings=self.settings)
+        copied._continue(self._saved())
+        return copied
+
+    def restarted(
+        self,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> PoseEstimator:
+        """Start a new estimator with the parameters, biases and scales of this one.
+
+        As `warm_start` without a file: pose, slip, clock and counts start anew.
+
+        Args:
+            start: pose at the first track speeds: x, y [m], yaw [rad].
+            start_sigma: its standard deviations [m, m, rad].
+
+        Raises:
+            EstimatorError: an argument is invalid.
+        """
+        new = PoseEstimator(
+            self.robot,
+            self.variant.name,
+            settings=self.settings,
+            start=start,
+            start_sigma=start_sigma,
+        )
+        new._start_with(self._reckoning.checkpoint(), 0.0)
+        return new
+
+    def _saved(self) -> SavedEstimator:
+        return SavedEstimator(
+            self.variant.name,
+            robot_constants(self.robot),
+            self.settings,
+            self._reckoning.checkpoint(),
+            self._history.checkpoint(),
+            self._arrivals.copy(),
+            dict(self._admission.witnesses),
+        )
+
+    def _continue(self, saved: SavedEstimator) -> None:
+        self._reckoning.restore(saved.now)
+        self._history.restore(saved.history)
+        self._arrivals = saved.arrivals
+        self._admission.witnesses = saved.witnesses
+
+    def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
+        self._reckoning.warm_start(checkpoint, off)
+        # The history starts with a checkpoint of the new state.
+        self._history = History(self._reckoning, self.settings.history)
 
     @classmethod
     def warm_start(
@@ -462,7 +504,5 @@ class PoseEstimator:
             start=start,
             start_sigma=start_sigma,
         )
-        estimator._reckoning.warm_start(saved.now, off)
-        # The history starts with a checkpoint of the new state.
-        estimator._history = History(estimator._reckoning, estimator.settings.history)
+        estimator._start_with(saved.now, off)
         return estimator

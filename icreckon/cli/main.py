@@ -454,6 +454,31 @@ def study(
     )
 
 
+@app.command(
+    "ros2-node",
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+)
+def ros2_node(
+    context: typer.Context,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Name of a robot that ships with icreckon, or a TOML file whose [log] names the topics."
+        ),
+    ] = None,
+    variant: Annotated[
+        str | None, typer.Option(help="Filter variant (default: inertia-online).")
+    ] = None,
+) -> None:
+    """Run as a ROS 2 node: odometry, tf and diagnostics, live.
+
+    Other arguments go to ROS, as --ros-args -p publish_tf:=false; docs/ros2.md lists the parameters.
+    """
+    from icreckon.cli.ros2_node import run_ros2_node
+
+    run_ros2_node(robot=robot, variant=variant, arguments=context.args)
+
+
 def main() -> None:
     """Entry point; errors are one line and a non-zero exit, tracebacks by --debug."""
     debug = DEBUG in sys.argv

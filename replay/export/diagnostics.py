@@ -12,27 +12,17 @@ from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import Outbox
+from icreckon.replay.base.diagnostic_status import LARGE_NIS, OK, STALE, WARN, DiagnosticStatus
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
-OK, WARN, STALE = 0, 1, 3
 # Interval of the messages, and the window before each over which innovations are averaged [s].
 INTERVAL = 1.0
 WINDOW = 10.0
-# Mean NIS from which a sensor is reported as WARN, and the fewest innovations in the window for that.
-LARGE_NIS = 4.0
+# Fewest innovations in the window from which a large mean NIS is reported as WARN.
 ENOUGH = 5
-
-
-class _Status(NamedTuple):
-    """One line of a diagnostics panel."""
-
-    level: int
-    name: str
-    message: str
-    values: dict[str, str]
 
 
 class _Sensor(NamedTuple):
@@ -107,7 +97,7 @@ def _sensors(one: Run, stamps: Stamps) -> list[_Sensor]:
     return found
 
 
-def _estimate(variant: str, one: Run, row: int) -> _Status:
+def _estimate(variant: str, one: Run, row: int) -> DiagnosticStatus:
     covariance = one.trajectory.pose_covariances[row]
     position = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     yaw = float(np.degrees(np.sqrt(covariance[2, 2])))
@@ -119,13 +109,15 @@ def _estimate(variant: str, one: Run, row: int) -> _Status:
         "v_y_m_s": f"{v_y:.4f}",
         "w_rad_s": f"{w:.4f}",
     }
-    return _Status(OK, f"{variant}: estimate", f"sigma {position:.2f} m, {yaw:.2f} deg", values)
+    return DiagnosticStatus(
+        OK, f"{variant}: estimate", f"sigma {position:.2f} m, {yaw:.2f} deg", values
+    )
 
 
-def _innovation(variant: str, sensor: _Sensor, i: int) -> _Status:
+def _innovation(variant: str, sensor: _Sensor, i: int) -> DiagnosticStatus:
     name, count = f"{variant}: {sensor.name}", int(sensor.counted[i])
     if not count:
-        return _Status(STALE, name, f"none in {WINDOW:.0f} s", {})
+        return DiagnosticStatus(STALE, name, f"none in {WINDOW:.0f} s", {})
     newest, mean = float(sensor.newest[i]), float(sensor.mean_square[i])
     large = count >= ENOUGH and mean > LARGE_NIS
     values = {
@@ -134,10 +126,10 @@ def _innovation(variant: str, sensor: _Sensor, i: int) -> _Status:
         f"count_{WINDOW:.0f}s": str(count),
     }
     text = f"NIS {mean:.2f} over {WINDOW:.0f} s (ideal 1)"
-    return _Status(WARN if large else OK, name, text, values)
+    return DiagnosticStatus(WARN if large else OK, name, text, values)
 
 
-def _counts(variant: str, one: Run) -> _Status:
+def _counts(variant: str, one: Run) -> DiagnosticStatus:
     """Counts of used and rejected measurements of the whole run, for its last message."""
     values = {f"{name}: used": str(sensor.used) for name, sensor in one.health.sensors.items()}
     values |= {f"{what}, rejected": str(count) for what, count in one.health.rejections().items()}
@@ -145,10 +137,10 @@ def _counts(variant: str, one: Run) -> _Status:
     values["gaps in the track speeds"] = str(one.health.track_gaps)
     values["stuck tracks"] = str(one.health.stuck_tracks)
     seconds = (one.stamps[-1] - one.stamps[0]) * NANOSECOND
-    return _Status(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
+    return DiagnosticStatus(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
 
 
-def _message(messages: Messages, status: _Status, hardware: str) -> Any:
+def _message(messages: Messages, status: DiagnosticStatus, hardware: str) -> Any:
     return messages.new(
         STATUS,
         level=status.level,

@@ -98,6 +98,32 @@ class TransformStream(Stream):
         return stamps[known], _rows(pose)[known]
 
     def _take(self, record: Record, message: Any) -> None:
+        self.add_transforms(record.channel.topic, record.time, message)
+
+    @property
+    def newest_transform(self) -> int:
+        """Stamp of the newest transform that is not static [ns]; 0 before the first."""
+        return max((max(found.stamped) for found in self._links.values()), default=0)
+
+    def forget_transforms(self, before: int | None = None) -> None:
+        """Forget the transforms stamped before a time [ns], or all; static ones stay."""
+        for link, found in list(self._links.items()):
+            first = len(found.stamped)
+            if before is not None:
+                first = int(np.searchsorted(np.array(found.stamped), before))
+            del found.recorded[:first], found.stamped[:first], found.rows[: first * WIDTH]
+            if not found.stamped:
+                del self._links[link]
+        self._recorded, self._stamped = array("q"), array("q")
+
+    def add_transforms(self, topic: str, recorded: int, message: Any) -> None:
+        """Add the transforms of a message.
+
+        Args:
+            topic: its topic; transforms on any but the stream's own are static.
+            recorded: time of recording or arrival [ns].
+            message: a TFMessage or TransformStamped.
+        """
         transforms = getattr(message, "transforms", None)
         for one in [message] if transforms is None else transforms:
             parent, child = one.header.frame_id.strip("/"), one.child_frame_id.strip("/")
@@ -107,15 +133,15 @@ class TransformStream(Stream):
             if not (np.isfinite(row).all() and size > 1e-6):
                 self.lose("tf: not finite or no rotation")
                 continue
-            if record.channel.topic != self.topic:
+            if topic != self.topic:
                 self._static[parent, child] = np.array(row)
                 continue
             stamp = one.header.stamp.sec * NANOSECONDS + one.header.stamp.nanosec
             link = self._links.setdefault((parent, child), _Transforms())
-            link.recorded.append(record.time)
+            link.recorded.append(recorded)
             link.stamped.append(stamp)
             link.rows.extend(row)
-            self._recorded.append(record.time)
+            self._recorded.append(recorded)
             self._stamped.append(stamp)
 
     def _chain(self) -> list[tuple[Link, bool]]:

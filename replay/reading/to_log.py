@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.series import (
@@ -22,12 +21,19 @@ from icreckon.estimator.log.series import (
     TwistSeries,
 )
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX, ODOMETRY, TWIST
+from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.geodesy import east_north, on_globe
-from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences, metres
+from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
 from icreckon.replay.reading.clock_steps import doubled_times, in_both
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
+from icreckon.replay.reading.conversions import (
+    TrackValues,
+    fill_variances,
+    headings,
+    track_values,
+    without_unknown_headings,
+)
 from icreckon.replay.reading.gather import Gathered
 from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
@@ -35,8 +41,6 @@ from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 OVERLAID = ("tracks", "imu")
 """Streams that indicate a clock set back if both have twice their rate."""
-NO_HEADING_VARIANCE = 1e3
-"""Yaw variance [rad²] from which a fix is assumed to have no heading."""
 
 
 def assemble(gathered: Gathered, robot: Robot, name: str) -> Log:
@@ -169,31 +173,19 @@ class _Assembly:
             return None
         stamps, rows = self._arrays(stream, 2)
         mapping, vehicle = self.gathered.mapping, self.robot.vehicle
-        if stream.msgtype in (ODOMETRY, TWIST):
-            own = mapping.tracks.gauge if mapping.tracks else None
-            half = 0.5 * (own if own is not None else vehicle.track_gauge) * rows[:, 1]
-            values, factor, adds_up, wrap = (
-                np.column_stack([rows[:, 0] - half, rows[:, 0] + half]),
-                1.0,
-                False,
-                None,
-            )
+        columns = mapping.columns.tracks if mapping.columns else None
+        spec = columns if stream.msgtype == COLUMNS else mapping.tracks
+        if stream.purpose == "truth tracks":
+            read = TrackValues(rows * vehicle.sprocket_radius)
+        elif spec is None:
+            return None
         else:
-            columns = mapping.columns.tracks if mapping.columns else None
-            spec = columns if stream.msgtype == COLUMNS else mapping.tracks
-            if spec is None:
-                return None
-            factor = metres(spec.unit, vehicle.sprocket_radius, spec.counts_per_turn)
-            adds_up = spec.unit in ADDS_UP and stream.purpose == "tracks"
-            if stream.purpose == "truth tracks":
-                factor = vehicle.sprocket_radius
-            values, wrap = rows * factor, spec.wrap
+            read = track_values(rows, stream.msgtype, spec, vehicle)
+        values = read.values
         keep = self._screened(stream, stamps, values)
         stamps, values = stamps[keep], values[keep]
-        if adds_up and len(stamps):
-            stamps, values, lost = differences(
-                stamps, values, None if wrap is None else wrap * factor, vehicle.max_track_speed
-            )
+        if read.adds_up and len(stamps):
+            stamps, values, lost = differences(stamps, values, read.wrap, vehicle.max_track_speed)
             for reason, count in lost.items():
                 stream.lose(reason, count)
             if not len(stamps):
@@ -241,26 +233,18 @@ class _Assembly:
         else:
             stamps, rows = self._arrays(stream, 11)
             poses, variances = planar_poses(rows), rows[:, 6:8].copy()
-        unknown = np.isnan(variances[:, 0])
+        unknown = fill_variances(variances, spec)
         where = "[log.columns.fixes]" if table else "[log.fixes]"
-        if spec.position_sigma is not None:
-            variances[unknown, 0] = spec.position_sigma**2
-            if spec.heading_sigma is not None:
-                variances[unknown, 1] = spec.heading_sigma**2
-        elif len(stamps) and unknown.all():
+        if len(stamps) and unknown.all():
             raise ReplayError(
                 f"{stream.source}: topic {stream.topic!r}: the fixes carry no covariance; give "
                 "position_sigma [m], and heading_sigma [rad] if their heading is to be used, in "
                 f"{where}"
             )
-        elif unknown.any():
+        if unknown.any():
             stream.lose("no covariance, and no position_sigma given", int(unknown.sum()))
             stamps, poses, variances = stamps[~unknown], poses[~unknown], variances[~unknown]
-        if spec.least_sigma is not None:
-            too_good = (variances[:, 0] > 0.0) & (variances[:, 0] < spec.least_sigma**2)
-            variances[too_good, 0] = spec.least_sigma**2
-        no_heading = np.isnan(variances[:, 1]) | (variances[:, 1] >= NO_HEADING_VARIANCE)
-        poses[no_heading, 2] = np.nan
+        poses = without_unknown_headings(poses, variances)
         no_heading = np.isnan(poses[:, 2])
         needed = np.where(no_heading[:, None], variances[:, :1], variances)
         keep = self._screened(stream, stamps, poses[:, :2], positive=needed)
@@ -296,12 +280,8 @@ class _Assembly:
         if stream is None or mapped is None:
             return ()
         stamps, rows = self._arrays(stream, 2)
-        yaw = wrap_angle(rows[:, 0] + math.radians(mapped.offset_deg))
-        variances = rows[:, 1]
-        unknown = np.isnan(variances)
-        if mapped.sigma is not None:
-            variances[unknown] = mapped.sigma**2
-        elif len(stamps) and unknown.all():
+        yaw, variances = headings(rows, mapped)
+        if len(stamps) and mapped.sigma is None and np.isnan(rows[:, 1]).all():
             raise ReplayError(
                 f"{stream.source}: topic {stream.topic!r}: the headings carry no covariance; give "
                 "sigma [rad] in [log.heading]"

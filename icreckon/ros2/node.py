@@ -1,0 +1,319 @@
+"""ROS 2 node: subscriptions, publishers, services around `LiveOdometry`."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from icreckon.estimator.base.errors import EstimatorError, IcreckonError
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.inputs import Subscription
+from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
+from icreckon.replay.live.statuses import LiveStatuses
+from icreckon.ros2.messages import (
+    fill_diagnostics,
+    fill_icr_markers,
+    fill_odometry,
+    fill_pose,
+    fill_transform,
+    odom_in_map,
+)
+from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions, options_from
+from icreckon.ros2.topics import find_topic, input_qos, message_class
+
+NODE_NAME = "icreckon"
+DISCOVERY_PERIOD = 0.1
+"""Time between two looks for input topics that nobody published before [s]."""
+QUIET = 0.2
+"""Time without messages after which everything that is held is processed [s]."""
+MARKER_PERIOD = 0.2
+"""Shortest time between two messages of ICR markers [s]."""
+NO_ROS = (
+    "rclpy cannot be imported ({}): source your ROS 2 (as /opt/ros/jazzy/setup.bash) and use a virtual "
+    "environment made with --system-site-packages, see docs/ros2.md"
+)
+
+
+def run_node(robot: str | None, variant: str | None, arguments: list[str]) -> None:
+    """Run the node until it is interrupted.
+
+    Args:
+        robot: robot file or name, None for that of the parameter.
+        variant: filter variant, None for that of the parameter.
+        arguments: arguments for ROS, as `--ros-args -p publish_tf:=false`.
+
+    Raises:
+        EstimatorError: no ROS 2, or an invalid parameter.
+        IcreckonError: a robot file or saved state that cannot be used.
+    """
+    try:
+        import rclpy
+        from rclpy.executors import ExternalShutdownException
+    except ImportError as problem:
+        raise EstimatorError(NO_ROS.format(problem)) from None
+    rclpy.init(args=[NODE_NAME, *arguments])
+    node = None
+    try:
+        node = OdometryNode(robot, variant)
+        rclpy.spin(node.node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.close()
+        rclpy.try_shutdown()
+
+
+class OdometryNode:
+    """Node that feeds a `LiveOdometry` and publishes what it estimates.
+
+    Args:
+        robot: robot file or name; None for the parameter's.
+        variant: filter variant; None for the parameter's.
+
+    Raises:
+        IcreckonError: an invalid parameter, robot file or saved state.
+    """
+
+    def __init__(self, robot: str | None = None, variant: str | None = None) -> None:
+        import rclpy
+
+        self.node = rclpy.create_node(NODE_NAME)
+        self._log = self.node.get_logger()
+        self.options = self._declared(robot, variant)
+        options = self.options
+        self._log.info("loading the filter; `icreckon prepare` ahead makes this quick")
+        self._state_file = Path(options.state_file).expanduser() if options.state_file else None
+        self.live = LiveOdometry(
+            load_robot(options.robot),
+            options.variant,
+            reorder=options.reorder,
+            use_fixes=options.use_fixes,
+            highest_rate=options.highest_rate,
+            saved=self._state_file,
+        )
+        self._statuses = LiveStatuses(self.live)
+        self._missing = list(self.live.inputs.subscriptions())
+        self._problems: dict[str, int] = {}
+        self._last_message = time.monotonic()
+        self._last_markers = 0
+        self._make_publishers()
+        self._make_services()
+        self._make_timers()
+        started = f"warm start from {self._state_file}" if self.live.warm else "cold start"
+        topics = ", ".join(f"{one.purpose} on {one.topic}" for one in self._missing)
+        self._log.info(f"ready: {options.variant}, {started}; waiting for {topics}")
+
+    def close(self) -> None:
+        """Save what was learnt and destroy the node."""
+        self._save_learnt()
+        self.node.destroy_node()
+
+    # --- construction ----------------------------------------------------------------------------
+
+    def _declared(self, robot: str | None, variant: str | None) -> NodeOptions:
+        from rcl_interfaces.msg import ParameterDescriptor
+
+        defaults = {one.name: one.default for one in msgspec.structs.fields(NodeOptions)}
+        given = {"robot": robot, "variant": variant}
+        values = {}
+        for name, default in defaults.items():
+            descriptor = ParameterDescriptor(description=DESCRIPTIONS[name], read_only=True)
+            parameter = self.node.declare_parameter(name, default, descriptor)
+            values[name] = parameter.value if given.get(name) is None else given[name]
+        return options_from(values)
+
+    def _make_publishers(self) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        from geometry_msgs.msg import PoseWithCovarianceStamped
+        from nav_msgs.msg import Odometry
+
+        options, node = self.options, self.node
+        self._odometry = node.create_publisher(Odometry, "odom", 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        has_map = self.live.map is not None
+        self._map_pose = (
+            node.create_publisher(PoseWithCovarianceStamped, "pose_in_map", 10) if has_map else None
+        )
+        self._tf = None
+        if options.publish_tf or (options.publish_map_tf and has_map):
+            self._tf = node.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf", 100)
+        self._markers = None
+        if options.icr_markers:
+            kind = message_class("visualization_msgs/msg/MarkerArray")
+            self._markers = node.create_publisher(kind, "icrs", 10)
+
+    def _make_services(self) -> None:
+        from std_srvs.srv import Trigger
+
+        self.node.create_service(Trigger, "~/save", self._on_save)
+        self.node.create_service(Trigger, "~/reset", self._on_reset)
+
+    def _make_timers(self) -> None:
+        from rclpy.clock import Clock, JumpThreshold
+        from rclpy.clock_type import ClockType
+        from rclpy.duration import Duration
+
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = partial(self.node.create_timer, clock=steady)
+        self._discovery = timer(DISCOVERY_PERIOD, self._discover)
+        timer(1.0 / self.options.diagnostics_rate, self._report)
+        timer(0.5 * QUIET, self._flush_if_quiet)
+        if self._state_file is not None:
+            timer(self.options.save_period, self._save_learnt)
+        threshold = JumpThreshold(
+            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
+        )
+        # The handle must be kept: the callback ends with it.
+        self._jump = self.node.get_clock().create_jump_callback(
+            threshold, post_callback=self._on_jump
+        )
+
+    # --- inputs ------------------------------------------------------------------------------------
+
+    def _discover(self) -> None:
+        for subscription in list(self._missing):
+            try:
+                found = find_topic(self.node, subscription)
+                if found is None:
+                    continue
+                self._subscribe(subscription, found.msgtype, reliable=found.reliable)
+            except ReplayError as problem:
+                self._warn(str(problem))
+                continue
+            self._missing.remove(subscription)
+        if not self._missing:
+            self._discovery.cancel()
+
+    def _subscribe(self, subscription: Subscription, msgtype: str, *, reliable: bool) -> None:
+        options = self.options
+        qos = input_qos(
+            subscription, options.input_reliability, options.input_depth, reliable=reliable
+        )
+        callback = partial(self._on_message, subscription, msgtype)
+        self.node.create_subscription(message_class(msgtype), subscription.topic, callback, qos)
+        self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
+
+    def _on_message(self, subscription: Subscription, msgtype: str, message: Any) -> None:
+        self._last_message = time.monotonic()
+        try:
+            self._publish(self.live.take(subscription, msgtype, message, self._now()))
+        except IcreckonError as problem:
+            self._warn(str(problem))
+
+    def _flush_if_quiet(self) -> None:
+        if time.monotonic() - self._last_message > max(QUIET, self.options.reorder):
+            self._publish(self.live.flush(self._now()))
+
+    def _on_jump(self, jump: Any) -> None:
+        self._log.warning(
+            f"the clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s: starting anew at the "
+            "origin, with the learnt parameters"
+        )
+        self.live.restart()
+
+    def _now(self) -> int:
+        return int(self.node.get_clock().now().nanoseconds)
+
+    # --- outputs -----------------------------------------------------------------------------------
+
+    def _publish(self, estimates: list[LiveEstimate]) -> None:
+        from geometry_msgs.msg import PoseWithCovarianceStamped
+        from nav_msgs.msg import Odometry
+
+        options = self.options
+        for one in estimates:
+            odometry = fill_odometry(Odometry(), one, options.odom_frame, options.base_frame)
+            self._odometry.publish(odometry)
+            if self._tf is not None:
+                self._tf.publish(self._transforms(one))
+            if (
+                self._map_pose is not None
+                and one.map_pose is not None
+                and one.map_covariance is not None
+            ):
+                pose = PoseWithCovarianceStamped()
+                fill_pose(pose, one.stamp, options.map_frame, one.map_pose, one.map_covariance)
+                self._map_pose.publish(pose)
+            if self._markers is not None:
+                self._publish_icrs(one)
+
+    def _transforms(self, estimate: LiveEstimate) -> Any:
+        from geometry_msgs.msg import TransformStamped
+
+        options, transforms = self.options, []
+        if options.publish_tf:
+            frames = options.odom_frame, options.base_frame
+            transform = TransformStamped()
+            transforms.append(fill_transform(transform, estimate.stamp, *frames, estimate.pose))
+        odom = odom_in_map(estimate)
+        if options.publish_map_tf and odom is not None:
+            frames = options.map_frame, options.odom_frame
+            transforms.append(fill_transform(TransformStamped(), estimate.stamp, *frames, odom))
+        return message_class("tf2_msgs/msg/TFMessage")(transforms=transforms)
+
+    def _publish_icrs(self, estimate: LiveEstimate) -> None:
+        from geometry_msgs.msg import Point
+        from visualization_msgs.msg import Marker, MarkerArray
+
+        if abs(estimate.stamp - self._last_markers) < MARKER_PERIOD * 1e9 or self._markers is None:
+            return
+        self._last_markers = estimate.stamp
+        kinds = {"Marker": Marker, "Point": Point}
+        array = fill_icr_markers(
+            MarkerArray(), estimate, self.options.base_frame, lambda name: kinds[name]()
+        )
+        self._markers.publish(array)
+
+    def _report(self) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+        kinds = {"DiagnosticStatus": DiagnosticStatus, "KeyValue": KeyValue}
+        array = fill_diagnostics(
+            DiagnosticArray(),
+            self._now(),
+            self._statuses.report(),
+            self.live.robot.name,
+            lambda name: kinds[name](),
+        )
+        self._diagnostics.publish(array)
+
+    # --- services ----------------------------------------------------------------------------------
+
+    def _on_save(self, _: Any, response: Any) -> Any:
+        if self._state_file is None:
+            response.success, response.message = False, "give the parameter state_file"
+            return response
+        problem = self._save_learnt()
+        response.success = problem is None
+        response.message = problem or f"saved to {self._state_file}"
+        return response
+
+    def _on_reset(self, _: Any, response: Any) -> Any:
+        self.live.restart()
+        response.success = True
+        response.message = "started anew at the origin, with the learnt parameters"
+        return response
+
+    def _save_learnt(self) -> str | None:
+        """Write the state file; return the problem if it cannot be written."""
+        if self._state_file is None or self.live.odom.stamp is None:
+            return None if self._state_file is None else "nothing learnt yet"
+        try:
+            self._state_file.parent.mkdir(parents=True, exist_ok=True)
+            self.live.save(self._state_file)
+        except (IcreckonError, OSError) as problem:
+            self._warn(f"learnt parameters not saved: {problem}")
+            return str(problem)
+        return None
+
+    def _warn(self, problem: str) -> None:
+        """Log a problem once; repetitions are counted."""
+        self._problems[problem] = self._problems.get(problem, 0) + 1
+        if self._problems[problem] == 1:
+            self._log.warning(problem)

@@ -1,0 +1,105 @@
+"""Parameters of the node: names, defaults and descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, get_args
+
+import msgspec
+
+from icreckon.estimator.base.errors import EstimatorError, nearest_hint
+
+Reliability = Literal["auto", "reliable", "best_effort"]
+
+
+class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Values of the node's parameters; `DESCRIPTIONS` describes each."""
+
+    robot: str = ""
+    variant: str = "inertia-online"
+    odom_frame: str = "odom"
+    base_frame: str = "base_link"
+    map_frame: str = "map"
+    publish_tf: bool = True
+    publish_map_tf: bool = True
+    use_fixes: bool = True
+    highest_rate: float = 0.0
+    reorder: float = 0.0
+    diagnostics_rate: float = 1.0
+    icr_markers: bool = False
+    state_file: str = ""
+    save_period: float = 60.0
+    input_reliability: Reliability = "auto"
+    input_depth: int = 100
+
+    def __post_init__(self) -> None:
+        if not self.robot:
+            raise EstimatorError(
+                "parameter robot: give a robot file or the name of a robot that ships with icreckon, "
+                "as `icreckon ros2-node --robot robot.toml` or -p robot:=robot.toml"
+            )
+        choices = list(get_args(Reliability))
+        if self.input_reliability not in choices:
+            raise EstimatorError(
+                f"parameter input_reliability {self.input_reliability!r}"
+                f"{nearest_hint(self.input_reliability, choices)}"
+            )
+        for name, least, most in _BOUNDS:
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise EstimatorError(
+                    f"parameter {name} must be from {least:g} to {most:g}, found {value!r}"
+                )
+        frames = (self.odom_frame, self.base_frame, self.map_frame)
+        if not all(frames) or len(set(frames)) < len(frames):
+            raise EstimatorError(
+                f"parameters odom_frame, base_frame and map_frame must differ, found {frames}"
+            )
+
+
+class Bounds(NamedTuple):
+    """Range of a numeric parameter."""
+
+    name: str
+    least: float
+    most: float
+
+
+_BOUNDS = (
+    Bounds("highest_rate", 0.0, 10_000.0),
+    Bounds("reorder", 0.0, 10.0),
+    Bounds("diagnostics_rate", 0.01, 100.0),
+    Bounds("save_period", 1.0, 86_400.0),
+    Bounds("input_depth", 1, 100_000),
+)
+
+DESCRIPTIONS: Mapping[str, str] = {
+    "robot": "Robot file, or name of a robot that ships with icreckon; its [log] names the topics.",
+    "variant": "Filter variant, see `icreckon replay --help`.",
+    "odom_frame": "Frame of the odometry.",
+    "base_frame": "Frame of the robot.",
+    "map_frame": "Frame of the fixes.",
+    "publish_tf": "Publish the transform from odom_frame to base_frame.",
+    "publish_map_tf": "Publish the transform from map_frame to odom_frame once there are fixes.",
+    "use_fixes": "Use the robot file's [log.fixes] and [log.heading] for the pose in map_frame.",
+    "highest_rate": "Highest rate of the odometry [Hz]; 0 for one at each IMU sample.",
+    "reorder": "Time for which measurements are held to be put in order [s]; 0 for none.",
+    "diagnostics_rate": "Rate of /diagnostics [Hz].",
+    "icr_markers": "Publish the ICRs of both tracks as markers.",
+    "state_file": "File of learnt parameters: read at the start, written while running and at the end.",
+    "save_period": "Time between two writings of state_file [s].",
+    "input_reliability": "QoS of the inputs: reliable, best_effort, or auto, that of the publishers.",
+    "input_depth": "Length of the queue of each input.",
+}
+
+
+def options_from(values: Mapping[str, Any]) -> NodeOptions:
+    """Check and convert the values of the parameters.
+
+    Raises:
+        EstimatorError: a value is invalid.
+    """
+    try:
+        return msgspec.convert(dict(values), NodeOptions)
+    except msgspec.ValidationError as problem:
+        raise EstimatorError(f"parameters of the node: {problem}") from None

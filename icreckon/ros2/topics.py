@@ -1,0 +1,86 @@
+"""Discovery of the input topics: message type and QoS of their publishers."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.inputs import Subscription
+from icreckon.ros2.parameters import Reliability
+
+
+class Found(NamedTuple):
+    """Message type of a topic and whether all of its publishers are reliable."""
+
+    msgtype: str
+    reliable: bool
+
+
+def find_topic(node: Any, subscription: Subscription) -> Found | None:
+    """Find a topic in the ROS graph.
+
+    Args:
+        node: the rclpy node.
+        subscription: the topic.
+
+    Returns:
+        Its type and reliability, or None if nobody publishes it yet.
+
+    Raises:
+        ReplayError: its type is unsupported for this stream.
+    """
+    from rclpy.qos import ReliabilityPolicy
+
+    publishers = node.get_publishers_info_by_topic(node.resolve_topic_name(subscription.topic))
+    if not publishers:
+        return None
+    supported = [
+        one for one in publishers if not subscription.types or one.topic_type in subscription.types
+    ]
+    if not supported:
+        types = ", ".join(sorted({one.topic_type for one in publishers}))
+        raise ReplayError(
+            f"topic {subscription.topic!r} is of type {types}, of which {subscription.purpose} "
+            f"cannot be read; readable are {', '.join(subscription.types)}"
+        )
+    reliable = all(one.qos_profile.reliability == ReliabilityPolicy.RELIABLE for one in supported)
+    return Found(supported[0].topic_type, reliable)
+
+
+def message_class(msgtype: str) -> Any:
+    """Class of a message type, as "sensor_msgs/msg/Imu".
+
+    Raises:
+        ReplayError: its package is not installed.
+    """
+    package, _, name = msgtype.split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise ReplayError(
+            f"messages of type {msgtype} cannot be read: install and source the ROS package {package}"
+        ) from None
+
+
+def input_qos(
+    subscription: Subscription, reliability: Reliability, depth: int, *, reliable: bool
+) -> Any:
+    """QoS profile of an input.
+
+    Args:
+        subscription: the topic.
+        reliability: the node's parameter.
+        depth: length of the queue.
+        reliable: whether all publishers are reliable.
+    """
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    wanted = reliable if reliability == "auto" else reliability == "reliable"
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if wanted else ReliabilityPolicy.BEST_EFFORT,
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if subscription.latched else DurabilityPolicy.VOLATILE
+        ),
+    )

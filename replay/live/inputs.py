@@ -1,0 +1,345 @@
+"""Live inputs: messages of the mapped topics to measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.measurements import (
+    HeadingFix,
+    ImuSample,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.message_types import NAVSATFIX
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.mapping.field_paths import FieldReader
+from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
+from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
+from icreckon.replay.mapping.track_units import differences
+from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
+from icreckon.replay.reading.conversions import (
+    fill_variances,
+    headings,
+    track_values,
+    without_unknown_headings,
+)
+from icreckon.replay.reading.gather import wanted_streams
+from icreckon.replay.reading.message_rows import planar_poses
+from icreckon.replay.reading.stream import Row, RowReader, Stream, UnusableError
+from icreckon.replay.reading.tf import TransformStream
+
+PURPOSES = ("tracks", "imu", "fixes", "heading")
+"""Streams that a live estimator uses, in the order of their choice of clocks."""
+WITNESSES = 5
+"""Messages of each stream of tracks and IMU after which the clocks are chosen."""
+LONGEST_WAIT = 2.0
+"""Time after the first message at which the clocks are chosen at the latest [s]."""
+TRANSFORM_MEMORY = 2 * NANOSECONDS
+"""Age of the oldest transforms between which live poses are interpolated [ns]."""
+
+
+class Subscription(NamedTuple):
+    """Topic that is subscribed to.
+
+    Attributes:
+        purpose: "tracks", "imu", "fixes" or "heading".
+        topic: its name.
+        types: supported message types; empty if any type is read by field paths.
+        latched: whether late subscribers get the last messages (transient local), as of /tf_static.
+    """
+
+    purpose: str
+    topic: str
+    types: tuple[str, ...]
+    latched: bool = False
+
+
+class _Arrived(NamedTuple):
+    """Row of a message whose clock is not chosen yet: times in ns, header None without one."""
+
+    purpose: str
+    msgtype: str
+    header: int | None
+    arrival: int
+    row: Row
+
+
+@dataclass
+class LiveInputs:
+    """Converter of live messages to measurements.
+
+    Header stamps are used where the clocks of the streams agree, as in a replay
+    (`replay.reading.clocks`); until that is known, for the first messages, measurements are held back.
+
+    Attributes:
+        robot: the robot.
+        mapping: topics of its streams.
+        lost: number of unusable messages, by "purpose: reason".
+        clocks: chosen clock of each stream.
+        origin: origin of NavSatFix: that of the robot file, or the first fix.
+        geodetic: whether fixes come as NavSatFix.
+    """
+
+    robot: Robot
+    mapping: TopicMap
+    lost: dict[str, int] = field(default_factory=dict)
+    clocks: dict[str, Choice] = field(default_factory=dict)
+    origin: Origin | None = None
+    geodetic: bool = False
+    _streams: dict[str, Stream] = field(default_factory=dict)
+    _waiting: list[_Arrived] = field(default_factory=list)
+    _begun: int | None = None
+    _counter: tuple[int, np.ndarray[Any, Any]] | None = None
+    _newest_transform: int = -1
+
+    def __post_init__(self) -> None:
+        """Refuse a mapping without track speeds.
+
+        Raises:
+            ReplayError: no track speeds are mapped.
+        """
+        if self.mapping.tracks is None:
+            raise ReplayError(
+                f"the robot file of {self.robot.name!r} maps no track speeds: add [log.tracks] with "
+                'topic = "/joint_states", left = ["..."] and right = ["..."]'
+            )
+        self._streams = {
+            stream.purpose: stream
+            for stream in wanted_streams(self.mapping, f"robot {self.robot.name!r}", (), {})
+            if stream.purpose in PURPOSES
+        }
+        if self.mapping.fixes is not None:
+            self.origin = self.mapping.fixes.origin
+
+    def subscriptions(self) -> list[Subscription]:
+        """Topics to subscribe to."""
+        found = []
+        for purpose in PURPOSES:
+            stream = self._streams.get(purpose)
+            if stream is None:
+                continue
+            by_path = purpose == "tracks" and bool(self.mapping.tracks and self.mapping.tracks.left)
+            types = () if by_path else tuple(stream.readers)
+            found += [
+                Subscription(purpose, topic, types, topic != stream.topic)
+                for topic in stream.topics
+            ]
+        return found
+
+    def take(
+        self, subscription: Subscription, msgtype: str, message: Any, arrival: int
+    ) -> list[Measurement]:
+        """Convert a message.
+
+        Args:
+            subscription: one of `subscriptions`.
+            msgtype: its type, as "sensor_msgs/msg/Imu".
+            message: the message, with the attributes of its type.
+            arrival: time of arrival [ns], of the clock that stands in for missing header stamps.
+
+        Returns:
+            Measurements that are ready: none while the clocks are not chosen, then several at once.
+
+        Raises:
+            ReplayError: the type cannot be read for this stream, or a mapped field is missing.
+        """
+        stream = self._streams[subscription.purpose]
+        if isinstance(stream, TransformStream):
+            arrived = self._transforms(stream, subscription.topic, msgtype, message, arrival)
+        else:
+            arrived = self._arrived(stream, msgtype, message, arrival)
+        if not arrived:
+            return []
+        self._waiting += arrived
+        if self._begun is None:
+            self._begun = arrival
+        return self._ready(arrival)
+
+    def flush(self, now: int) -> list[Measurement]:
+        """Measurements that became ready by the passing of time.
+
+        Args:
+            now: present time [ns], of the clock of the arrivals.
+        """
+        return self._ready(now) if self._waiting else []
+
+    def restart(self) -> None:
+        """Forget the clocks and all that waits, after a jump of the clock of arrivals."""
+        self.clocks.clear()
+        self._waiting.clear()
+        self._begun, self._counter, self._newest_transform = None, None, -1
+        for stream in self._streams.values():
+            if isinstance(stream, TransformStream):
+                stream.forget_transforms()
+
+    # --- rows ------------------------------------------------------------------------------------
+
+    def _arrived(self, stream: Stream, msgtype: str, message: Any, arrival: int) -> list[_Arrived]:
+        reader = self._reader(stream, msgtype)
+        try:
+            row = reader(message)
+        except UnusableError as problem:
+            return self._lose(stream.purpose, str(problem))
+        except (IndexError, ValueError):
+            return self._lose(stream.purpose, "cannot be read")
+        if row is None:
+            return []
+        header = getattr(message, "header", None)
+        stamp = None if header is None else header.stamp.sec * NANOSECONDS + header.stamp.nanosec
+        return [_Arrived(stream.purpose, msgtype, stamp, arrival, row)]
+
+    def _transforms(
+        self, stream: TransformStream, topic: str, msgtype: str, message: Any, arrival: int
+    ) -> list[_Arrived]:
+        """Poses that the newest transforms of a chain of frames complete."""
+        stream.add_transforms(topic, arrival, message)
+        stream.forget_transforms(stream.newest_transform - TRANSFORM_MEMORY)
+        try:
+            stamps, rows = stream.arrays("header")
+        except ReplayError:
+            return []  # the chain of frames is not complete yet
+        new = stamps > self._newest_transform
+        if new.any():
+            self._newest_transform = int(stamps[-1])
+        return [
+            _Arrived(stream.purpose, msgtype, stamp, arrival, tuple(row))
+            for stamp, row in zip(stamps[new].tolist(), rows[new].tolist(), strict=True)
+        ]
+
+    def _reader(self, stream: Stream, msgtype: str) -> RowReader:
+        reader = stream.readers.get(msgtype)
+        tracks = self.mapping.tracks
+        if reader is None and stream.purpose == "tracks" and tracks is not None and tracks.left:
+            if stream.any_reader is None:
+                stream.any_reader = FieldReader(tracks.left, tracks.right)
+            reader = stream.any_reader
+        if reader is None:
+            raise ReplayError(
+                f"topic {stream.topic!r} is of type {msgtype!r}, of which {stream.purpose} cannot be "
+                f"read; readable are {', '.join(stream.readers)}"
+            )
+        return reader
+
+    def _lose(self, purpose: str, reason: str) -> list[_Arrived]:
+        name = f"{purpose}: {reason}"
+        self.lost[name] = self.lost.get(name, 0) + 1
+        return []
+
+    # --- clocks ----------------------------------------------------------------------------------
+
+    def _ready(self, now: int) -> list[Measurement]:
+        if not all(one.purpose in self.clocks for one in self._waiting):
+            if not self._may_choose(now):
+                return []
+            self._choose()
+        ready = [found for one in self._waiting for found in self._measurements(one)]
+        self._waiting.clear()
+        return ready
+
+    def _may_choose(self, now: int) -> bool:
+        counts = dict.fromkeys(("tracks", "imu") if self.mapping.imu else ("tracks",), 0)
+        for one in self._waiting:
+            if one.purpose in counts:
+                counts[one.purpose] += 1
+        known = all(purpose in self.clocks for purpose in counts)
+        waited = (now - (self._begun or now)) * NANOSECOND
+        return known or min(counts.values()) >= WITNESSES or waited >= LONGEST_WAIT
+
+    def _choose(self) -> None:
+        """Choose the clocks of the streams that have none; earlier choices stay."""
+        evidence = {}
+        for purpose, stream in self._streams.items():
+            rows = [one for one in self._waiting if one.purpose == purpose]
+            offsets = [one.header - one.arrival for one in rows if one.header]
+            if not rows:
+                continue
+            headers = {one.header for one in rows}
+            evidence[purpose] = Evidence(
+                stream.topic,
+                stream.time,
+                float(np.median(offsets)) * NANOSECOND if len(offsets) == len(rows) else None,
+                len(rows) > 1 and len(headers) == 1,
+            )
+        for purpose, choice in choose_clocks(evidence).items():
+            self.clocks.setdefault(purpose, choice)
+
+    # --- measurements ------------------------------------------------------------------------------
+
+    def _measurements(self, one: _Arrived) -> Iterator[Measurement]:
+        clock: Literal["header", "recording"] = self.clocks[one.purpose].clock
+        mapped = getattr(self.mapping, one.purpose)
+        stamp = one.arrival if clock == "recording" or one.header is None else one.header
+        stamp -= round(mapped.latency / NANOSECOND)
+        rows = np.array([one.row], dtype=float)
+        match one.purpose:
+            case "tracks":
+                yield from self._tracks(stamp, rows, one.msgtype, mapped)
+            case "imu":
+                yield _imu_sample(stamp, one.row)
+            case "fixes":
+                yield from self._fix(stamp, rows, one.msgtype, mapped)
+            case _:
+                yield from self._heading(stamp, rows, mapped)
+
+    def _tracks(
+        self, stamp: int, rows: Any, msgtype: str, mapped: TrackTopic
+    ) -> Iterator[Measurement]:
+        vehicle = self.robot.vehicle
+        read = track_values(rows, msgtype, mapped, vehicle)
+        if not read.adds_up:
+            yield TrackSpeeds(stamp, *read.values[0].tolist())
+            return
+        before, self._counter = self._counter, (stamp, read.values[0])
+        if before is None or stamp <= before[0]:
+            return
+        stamps = np.array([before[0], stamp])
+        readings = np.stack([before[1], read.values[0]])
+        middles, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
+        for reason in lost:
+            self._lose("tracks", reason)
+        for middle, (left, right) in zip(middles.tolist(), speeds.tolist(), strict=True):
+            yield TrackSpeeds(middle, left, right)
+
+    def _fix(self, stamp: int, rows: Any, msgtype: str, mapped: FixTopic) -> Iterator[Measurement]:
+        if msgtype == NAVSATFIX:
+            self.geodetic = True
+            if not on_globe(rows).all():
+                self._lose("fixes", "not a place on the globe")
+                return
+            if self.origin is None:
+                latitude, longitude, altitude = rows[0, :3].tolist()
+                self.origin = (latitude, longitude, altitude if np.isfinite(altitude) else 0.0)
+            poses = np.full((1, 3), np.nan)
+            poses[:, :2] = east_north(rows[:, :3], self.origin)
+            variances = np.array([[rows[0, 3], np.nan]])
+        else:
+            poses, variances = planar_poses(rows), rows[:, 6:8].copy()
+        if fill_variances(variances, mapped).any():
+            self._lose("fixes", "no covariance, and no position_sigma given")
+            return
+        x, y, yaw = without_unknown_headings(poses, variances)[0].tolist()
+        variance, yaw_variance = variances[0].tolist()
+        yield PositionFix(stamp, x, y, variance, *mapped.position)
+        if np.isfinite(yaw):
+            yield HeadingFix(stamp, yaw, yaw_variance)
+
+    def _heading(self, stamp: int, rows: Any, mapped: HeadingTopic) -> Iterator[Measurement]:
+        yaw, variances = headings(rows, mapped)
+        if np.isnan(variances).any():
+            self._lose("heading", "no covariance, and no sigma given")
+            return
+        yield HeadingFix(stamp, float(yaw[0]), float(variances[0]))
+
+
+def _imu_sample(stamp: int, row: Sequence[float]) -> ImuSample:
+    x, y, z, a_x, a_y, a_z = (float(value) for value in row)
+    absent = np.isnan([a_x, a_y, a_z]).all()
+    return ImuSample(stamp, (x, y, z), None if absent else (a_x, a_y, a_z))

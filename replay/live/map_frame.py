@@ -1,0 +1,90 @@
+"""Map frame: an estimator with fixes beside that of `odom`, which has none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+
+CLEAR = 4.0
+"""Standard deviations of a fix beyond which it contradicts that `map` is `odom` [-]."""
+SOON = 5.0
+"""Longest age of a heading with which the pose in `map` starts [s]."""
+ANY_HEADING = 3.0
+"""Standard deviation of an unknown yaw [rad]."""
+
+
+class MapFrame:
+    """Estimator of the pose in `map`, from the first fix on.
+
+    It starts as a copy of that in `odom` if the first fix agrees with it, as fixes of a simulation or
+    of a localisation that starts with the robot do; otherwise at the first fix, with its heading if
+    one is known and with any heading if not. Parameters and biases are those learnt so far.
+
+    Attributes:
+        estimator: the estimator; None before the first fix.
+    """
+
+    def __init__(self) -> None:
+        self.estimator: PoseEstimator | None = None
+        self._heading: HeadingFix | None = None
+
+    def take(self, group: list[Measurement], odom: PoseEstimator, *, geodetic: bool) -> None:
+        """Update with measurements of one stamp.
+
+        Args:
+            group: the measurements.
+            odom: the estimator of the pose in `odom`, updated with all of them but the fixes.
+            geodetic: whether positions are east and north of an origin, so that the first one agrees
+                with `odom` without saying anything of the yaw.
+        """
+        if self.estimator is not None:
+            for measurement in group:
+                self.estimator.feed(measurement)
+            return
+        for measurement in group:
+            if isinstance(measurement, HeadingFix):
+                self._heading = measurement
+        fix = next((one for one in group if isinstance(one, PositionFix)), None)
+        if fix is not None and odom.stamp is not None and _is_finite(fix):
+            self.estimator = self._started(fix, odom, geodetic=geodetic)
+            for measurement in group:
+                if isinstance(measurement, PositionFix | HeadingFix):
+                    self.estimator.feed(measurement)
+
+    def restart(self) -> None:
+        """Start anew at the next fix."""
+        self.estimator, self._heading = None, None
+
+    def _started(self, fix: PositionFix, odom: PoseEstimator, *, geodetic: bool) -> PoseEstimator:
+        heading, lever_arm = self._heading, np.array([fix.forward, fix.left])
+        if heading is not None and abs(fix.stamp - heading.stamp) * NANOSECOND > SOON:
+            heading = None
+        pose, sigma = odom.pose, math.sqrt(fix.variance)
+        if not geodetic:
+            expected = pose[:2] + rotate(lever_arm, pose[2])
+            spread = sigma + math.sqrt(float(np.trace(odom.pose_covariance[:2, :2])))
+            near = math.hypot(fix.x - expected[0], fix.y - expected[1]) <= CLEAR * spread
+            if near and (heading is None or _agrees(heading, odom)):
+                return odom.copy()
+        if heading is None:
+            sigma += float(np.hypot(*lever_arm))
+            return odom.restarted((fix.x, fix.y, 0.0), (sigma, sigma, ANY_HEADING))
+        x, y = np.array([fix.x, fix.y]) - rotate(lever_arm, heading.yaw)
+        start = (float(x), float(y), heading.yaw)
+        return odom.restarted(start, (sigma, sigma, math.sqrt(heading.variance)))
+
+
+def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:
+    off = (heading.yaw - float(odom.pose[2]) + math.pi) % (2.0 * math.pi) - math.pi
+    spread = math.sqrt(heading.variance) + math.sqrt(float(odom.pose_covariance[2, 2]))
+    return abs(off) <= CLEAR * spread
+
+
+def _is_finite(fix: PositionFix) -> bool:
+    return bool(np.isfinite([fix.x, fix.y, fix.variance]).all()) and fix.variance > 0.0

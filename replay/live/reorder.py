@@ -1,0 +1,66 @@
+"""Reorder buffer: from the order of arrival to the order of stamps."""
+
+from __future__ import annotations
+
+import heapq
+from itertools import count, groupby
+from typing import NamedTuple
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.input_checks import Key, key_of
+from icreckon.estimator.log.measurements import Measurement
+
+JUMP = 1.0
+"""Step between two stamps beyond which the clock has jumped and nothing is held any more [s]."""
+
+
+class _Held(NamedTuple):
+    """Measurement in the heap; the number keeps equal keys in the order of arrival."""
+
+    key: Key
+    number: int
+    measurement: Measurement
+
+
+class ReorderBuffer:
+    """Buffer that holds measurements until no older ones are to be expected.
+
+    Args:
+        wait: span of stamps for which a measurement is held, 0 for none [s].
+    """
+
+    def __init__(self, wait: float) -> None:
+        self._wait = round(wait / NANOSECOND)
+        self._jump = self._wait + round(JUMP / NANOSECOND)
+        self._heap: list[_Held] = []
+        self._numbers = count()
+        self._last: int | None = None
+
+    def put(self, measurements: list[Measurement]) -> list[list[Measurement]]:
+        """Add measurements.
+
+        Returns:
+            Measurements that are due, one list for each stamp, in order.
+        """
+        due: list[list[Measurement]] = []
+        for one in measurements:
+            before, self._last = self._last, one.stamp
+            if before is not None and abs(one.stamp - before) > self._jump:
+                due += self.take_all()
+            heapq.heappush(self._heap, _Held(key_of(one), next(self._numbers), one))
+        if not self._wait:
+            return due + self.take_all()
+        # A stamp is complete only when a later one is there.
+        until, ready = (self._last or 0) - self._wait, []
+        while self._heap and self._heap[0].key[0] < until:
+            ready.append(heapq.heappop(self._heap).measurement)
+        return due + _by_stamp(ready)
+
+    def take_all(self) -> list[list[Measurement]]:
+        """Take out all measurements, one list for each stamp, in order."""
+        ready = [heapq.heappop(self._heap).measurement for _ in range(len(self._heap))]
+        return _by_stamp(ready)
+
+
+def _by_stamp(measurements: list[Measurement]) -> list[list[Measurement]]:
+    return [list(group) for _, group in groupby(measurements, key=lambda one: one.stamp)]

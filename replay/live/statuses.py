@@ -1,0 +1,141 @@
+"""Statuses of a live run for /diagnostics: estimate, sensors, parameters, clocks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from icreckon.estimator.filter.health import SensorHealth
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.base.diagnostic_status import (
+    ERROR,
+    LARGE_NIS,
+    OK,
+    STALE,
+    WARN,
+    DiagnosticStatus,
+)
+from icreckon.replay.live.odometry import LiveOdometry
+
+MANY_REJECTED = 0.1
+"""Share of rejected measurements between two reports from which a sensor is reported as WARN."""
+
+
+class LiveStatuses:
+    """Statuses of a live run, with changes since the last report.
+
+    Args:
+        live: the run.
+    """
+
+    def __init__(self, live: LiveOdometry) -> None:
+        self._live = live
+        self._before: dict[str, tuple[int, int]] = {}
+
+    def report(self) -> list[DiagnosticStatus]:
+        """Make the statuses of the present moment."""
+        live = self._live
+        statuses = [self._estimate("odom", live.odom)]
+        if live.map is not None:
+            statuses.append(self._map())
+        newest = live.odom if live.map is None or live.map.estimator is None else live.map.estimator
+        for name, sensor in sorted(newest.health.sensors.items()):
+            statuses.append(self._sensor(name, sensor))
+        if newest.stamp is not None:
+            statuses.append(_parameters(newest))
+        statuses.append(self._clocks())
+        return statuses
+
+    def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
+        name = f"icreckon: pose in {frame}"
+        if estimator.stamp is None:
+            topics = ", ".join(one.topic for one in self._live.inputs.subscriptions())
+            return DiagnosticStatus(ERROR, name, f"no estimate yet; listening to {topics}", {})
+        covariance = estimator.pose_covariance
+        position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
+        yaw = math.degrees(math.sqrt(max(float(covariance[2, 2]), 0.0)))
+        v_x, v_y, w = estimator.twist.tolist()
+        health = estimator.health
+        values = {
+            "position_sigma_m": f"{position:.4f}",
+            "yaw_sigma_deg": f"{yaw:.4f}",
+            "v_x_m_s": f"{v_x:.4f}",
+            "v_y_m_s": f"{v_y:.4f}",
+            "w_rad_s": f"{w:.4f}",
+            "standing": str(estimator.stands).lower(),
+            "standstill_updates": str(health.standstill_updates),
+            "gaps_in_track_speeds": str(health.track_gaps),
+            "stuck_tracks": str(health.stuck_tracks),
+            "warm_start": str(self._live.warm).lower(),
+        }
+        return DiagnosticStatus(OK, name, f"sigma {position:.2f} m, {yaw:.2f} deg", values)
+
+    def _map(self) -> DiagnosticStatus:
+        estimator = self._live.map.estimator if self._live.map is not None else None
+        if estimator is None:
+            return DiagnosticStatus(STALE, "icreckon: pose in map", "no fix yet", {})
+        return self._estimate("map", estimator)
+
+    def _sensor(self, name: str, sensor: SensorHealth) -> DiagnosticStatus:
+        rejected = sum(sensor.rejected.values())
+        used_before, rejected_before = self._before.get(name, (0, 0))
+        self._before[name] = (sensor.used, rejected)
+        used_now = sensor.used - used_before
+        rejected_now = rejected - rejected_before
+        values = {"used": str(sensor.used), "late": str(sensor.late)}
+        values |= {
+            f"rejected: {reason}": str(count) for reason, count in sorted(sensor.rejected.items())
+        }
+        nis = sensor.recent_nis
+        if nis is not None:
+            values["nis_recent"] = f"{nis:.3f}"
+        title = f"icreckon: {name}"
+        if not used_now and not rejected_now:
+            return DiagnosticStatus(STALE, title, "nothing since the last report", values)
+        share = rejected_now / (used_now + rejected_now)
+        if share > MANY_REJECTED:
+            reasons = ", ".join(sorted(sensor.rejected))
+            return DiagnosticStatus(WARN, title, f"{share:.0%} rejected: {reasons}", values)
+        if nis is not None and nis > LARGE_NIS:
+            text = (
+                f"NIS {nis:.1f} (ideal 1): its noise in the robot file is too small, or it is wrong"
+            )
+            return DiagnosticStatus(WARN, title, text, values)
+        return DiagnosticStatus(OK, title, f"{used_now} used since the last report", values)
+
+    def _clocks(self) -> DiagnosticStatus:
+        inputs = self._live.inputs
+        values = {
+            f"{purpose} clock": f"{choice.clock}: {choice.reason}"
+            for purpose, choice in inputs.clocks.items()
+        }
+        for purpose in inputs.clocks:
+            latency = getattr(inputs.mapping, purpose).latency
+            values[f"{purpose} latency_s"] = f"{latency:g}"
+        values |= {f"unusable, {reason}": str(count) for reason, count in inputs.lost.items()}
+        steps = self._live.odom.health.clock_steps
+        values["clock_steps"] = str(steps)
+        by_arrival = [one for one, choice in inputs.clocks.items() if not choice.by_default]
+        name = "icreckon: clocks"
+        if not inputs.clocks:
+            return DiagnosticStatus(STALE, name, "not chosen yet", values)
+        if by_arrival:
+            text = f"{', '.join(by_arrival)} by time of arrival, not by header stamps"
+            return DiagnosticStatus(WARN, name, text, values)
+        text = f"header stamps; set back {steps} times" if steps else "header stamps"
+        return DiagnosticStatus(WARN if steps else OK, name, text, values)
+
+
+def _parameters(estimator: PoseEstimator) -> DiagnosticStatus:
+    values = {}
+    for name, value in estimator.parameters.items():
+        one = estimator.parameter_health[name]
+        values[name] = f"{value:.6g} +- {one.sigma:.2g}"
+        if one.sigma_at_start:
+            values[f"{name} share"] = f"{one.share:.3f}"
+    values |= {name: f"{value:.6g}" for name, value in estimator.biases.items()}
+    estimated = [one for one in estimator.parameter_health.values() if one.sigma_at_start]
+    shown = sum(one.excited for one in estimated)
+    text = f"{shown} of {len(estimated)} shown by the present motion" if estimated else "kept fixed"
+    return DiagnosticStatus(OK, "icreckon: parameters", text, values)

@@ -1,0 +1,112 @@
+"""Conversion of message rows to measured values, shared by logs and live messages.
+
+Rows are those of `message_rows`, one or many of one topic; nothing here depends on other messages.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.robot.robot_file import Vehicle
+from icreckon.replay.bags.message_types import ODOMETRY, TWIST
+from icreckon.replay.mapping.columns import PoseColumns, TrackColumns
+from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TrackTopic
+from icreckon.replay.mapping.track_units import ADDS_UP, metres
+
+NO_HEADING_VARIANCE = 1e3
+"""Yaw variance [rad²] from which a fix is assumed to have no heading."""
+
+
+class TrackValues(NamedTuple):
+    """Track speeds, or readings of cumulative counters.
+
+    Attributes:
+        values: (n, 2) left and right [m/s], or [m] if they add up.
+        adds_up: whether the values are counters, whose differences are the motion.
+        wrap: range of the counters [m], or None.
+    """
+
+    values: Floats
+    adds_up: bool = False
+    wrap: float | None = None
+
+
+def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
+    """Track speeds of a controller's forward speed and yaw rate.
+
+    Args:
+        rows: (n, 2) forward speed [m/s], yaw rate [rad/s].
+        gauge: track gauge of the controller [m].
+    """
+    half = 0.5 * gauge * rows[:, 1]
+    return TrackValues(np.column_stack([rows[:, 0] - half, rows[:, 0] + half]))
+
+
+def track_values(
+    rows: Floats, msgtype: str, mapped: TrackTopic | TrackColumns, vehicle: Vehicle
+) -> TrackValues:
+    """Convert the rows of `message_rows.track_readers`, or of a table.
+
+    Args:
+        rows: (n, 2) rows.
+        msgtype: message type of the rows.
+        mapped: topic or columns of the track speeds.
+        vehicle: the robot's dimensions.
+    """
+    if msgtype in (ODOMETRY, TWIST):
+        own = mapped.gauge if isinstance(mapped, TrackTopic) else None
+        return speeds_of_twist(rows, vehicle.track_gauge if own is None else own)
+    factor = metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
+    wrap = None if mapped.wrap is None else mapped.wrap * factor
+    return TrackValues(rows * factor, mapped.unit in ADDS_UP, wrap)
+
+
+def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:
+    """Fill in missing variances of fixes in place, and raise too small ones.
+
+    Args:
+        variances: (n, 2) of each coordinate [m²] and of yaw [rad²]; NaN for unknown.
+        mapped: topic or columns of the fixes.
+
+    Returns:
+        (n,) mask of the fixes whose position variance is still unknown.
+    """
+    unknown = np.isnan(variances[:, 0])
+    if mapped.position_sigma is not None:
+        variances[unknown, 0] = mapped.position_sigma**2
+        if mapped.heading_sigma is not None:
+            variances[unknown, 1] = mapped.heading_sigma**2
+        unknown = np.zeros(len(variances), dtype=bool)
+    if mapped.least_sigma is not None:
+        too_good = (variances[:, 0] > 0.0) & (variances[:, 0] < mapped.least_sigma**2)
+        variances[too_good, 0] = mapped.least_sigma**2
+    return unknown
+
+
+def without_unknown_headings(poses: Floats, variances: Floats) -> Floats:
+    """Poses (n, 3) x, y, yaw with a yaw of NaN where it has no usable variance."""
+    none = np.isnan(variances[:, 1]) | (variances[:, 1] >= NO_HEADING_VARIANCE)
+    return np.column_stack([poses[:, :2], np.where(none, np.nan, poses[:, 2])])
+
+
+def headings(rows: Floats, mapped: HeadingTopic) -> tuple[Floats, Floats]:
+    """Convert the rows of `message_rows.HEADING_READERS`.
+
+    Args:
+        rows: (n, 2) yaw [rad], variance [rad²] or NaN.
+        mapped: topic of the heading.
+
+    Returns:
+        (n,) yaw of the robot [rad] and (n,) variances; NaN for unknown.
+    """
+    yaw = wrap_angle(rows[:, 0] + math.radians(mapped.offset_deg))
+    variances = rows[:, 1].copy()
+    if mapped.sigma is not None:
+        variances[np.isnan(variances)] = mapped.sigma**2
+    return yaw, variances

@@ -1,0 +1,260 @@
+"""Live messages become the measurements that a replay of their bag reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from bag_messages import (
+    DRIVES,
+    JOINTS,
+    SECOND,
+    STORE,
+    T,
+    drive_bag,
+    header,
+    imu,
+    joints,
+    odometry,
+    pose_stamped,
+    pose_with_covariance,
+    robot_with,
+    twist,
+    vector,
+    write_bag,
+)
+from icreckon.estimator.log.measurements import Measurement
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.inputs import LiveInputs
+from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.read_log import read_log
+
+T0 = 1_700_000_000 * SECOND
+STAMPS = [T0 + k * SECOND // 20 for k in range(40)]
+TRACKS = [("/js", joints(stamp, (1.0 + 0.1 * k, 2.0))) for k, stamp in enumerate(STAMPS)]
+
+
+def through(bag: Path, robot: Robot) -> list[Measurement]:
+    """Measurements of all messages of a bag, one after the other."""
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    topics = {one.topic: one for one in inputs.subscriptions()}
+    found: list[Measurement] = []
+    with AnyReader([bag], default_typestore=STORE) as reader:
+        when = 0
+        for connection, when, raw in reader.messages(
+            [one for one in reader.connections if one.topic in topics]
+        ):
+            message = reader.deserialize(raw, connection.msgtype)
+            kind = connection.msgtype
+            found += inputs.take(topics[connection.topic], kind, message, when)
+        found += inputs.flush(when + 10 * SECOND)
+    return found
+
+
+def same(live: Sequence[Measurement], replayed: Sequence[Measurement]) -> None:
+    key = [(one.stamp, type(one).__name__) for one in live]
+    live = [live[place] for place in sorted(range(len(key)), key=lambda place: key[place])]
+    replayed = sorted(replayed, key=lambda one: (one.stamp, type(one).__name__))
+    assert [type(one) for one in live] == [type(one) for one in replayed]
+    for one, other in zip(live, replayed, strict=True):
+        for name in type(one).__match_args__:
+            mine, theirs = getattr(one, name), getattr(other, name)
+            if mine is None or theirs is None:
+                assert mine is theirs
+            else:
+                assert np.asarray(mine) == pytest.approx(np.asarray(theirs), abs=1e-12), name
+
+
+def navsatfix(stamp: int, north: float, status: int = 0):
+    return T["sensor_msgs/msg/NavSatFix"](
+        header(stamp, "gps"),
+        T["sensor_msgs/msg/NavSatStatus"](status, 1),
+        52.0 + north / 111_000.0,
+        13.0,
+        float("nan") if north > 3.0 else 100.0,
+        np.diag([0.04, 0.09, 1.0]).ravel(),
+        2,
+    )
+
+
+def orientation(stamp: int, yaw: float):
+    none = np.array([-1.0, *[0.0] * 8])
+    turn = T["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    full = np.diag([1.0, 1.0, 0.01]).ravel()
+    return T["sensor_msgs/msg/Imu"](header(stamp), turn, full, vector(), none, vector(), none)
+
+
+def twist_stamped(stamp: int, v: float, w: float):
+    return T["geometry_msgs/msg/TwistStamped"](header(stamp), twist(v, w))
+
+
+IMU = [("/imu", imu(stamp, rate=(0.0, 0.0, 0.01 * k))) for k, stamp in enumerate(STAMPS)]
+CASES = {
+    "wheel rates, IMU": ({"tracks": JOINTS, "imu": {"topic": "/imu"}}, TRACKS + IMU),
+    "latency": (
+        {"tracks": JOINTS | {"latency": 0.21}, "imu": {"topic": "/imu", "latency": -0.01}},
+        TRACKS + IMU,
+    ),
+    "unit": ({"tracks": JOINTS | {"unit": "rpm"}}, TRACKS),
+    "odometry with its own gauge": (
+        {"tracks": {"topic": "/o", "gauge": 1.1}},
+        [("/o", odometry(stamp, 1.0, 0.01 * k)) for k, stamp in enumerate(STAMPS)],
+    ),
+    "twist": (
+        {"tracks": {"topic": "/t"}},
+        [("/t", twist_stamped(stamp, 0.5, 0.02 * k)) for k, stamp in enumerate(STAMPS)],
+    ),
+    "GPS": (
+        {"tracks": JOINTS, "fixes": {"topic": "/gps", "position": [0.3, -0.1]}},
+        TRACKS + [("/gps", navsatfix(stamp, 0.5 * k)) for k, stamp in enumerate(STAMPS[::4])],
+    ),
+    "GPS, origin, without a fix": (
+        {"tracks": JOINTS, "fixes": {"topic": "/gps", "origin": [52.0, 13.0, 90.0]}},
+        TRACKS
+        + [("/gps", navsatfix(stamp, 1.0 * k, -(k % 2))) for k, stamp in enumerate(STAMPS[::4])],
+    ),
+    "poses with covariance": (
+        {"tracks": JOINTS, "fixes": {"topic": "/pose", "least_sigma": 0.5}},
+        TRACKS
+        + [
+            ("/pose", pose_with_covariance(stamp, (0.01, 0.3, 0.02), x=1.0 * k))
+            for k, stamp in enumerate(STAMPS[::4])
+        ],
+    ),
+    "poses without covariance": (
+        {"tracks": JOINTS, "fixes": {"topic": "/pose", "position_sigma": 0.2}},
+        TRACKS + [("/pose", pose_stamped(stamp, x=0.1, y=2.0)) for stamp in STAMPS[::4]],
+    ),
+    "headings": (
+        {"tracks": JOINTS, "heading": {"topic": "/compass", "offset_deg": 90.0}},
+        TRACKS + [("/compass", orientation(stamp, 0.1 * k)) for k, stamp in enumerate(STAMPS[::4])],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_live_run_reads_what_a_replay_reads(name: str, tmp_path: Path) -> None:
+    log, messages = CASES[name]
+    messages = sorted(
+        messages, key=lambda one: one[1].header.stamp.sec * SECOND + one[1].header.stamp.nanosec
+    )
+    robot = robot_with(**log)
+    bag = write_bag(tmp_path / "bag", messages, delay=3_000_000)
+    replayed = list(read_log(bag, robot).measurements())
+    assert len(replayed) >= len(STAMPS)
+    same(through(bag, robot), replayed)
+
+
+def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:
+    stream = []
+    for k, stamp in enumerate(STAMPS):
+        late = 3 * SECOND // 2 if k >= 20 else 0
+        message = joints(stamp + late, (0.0, 0.0))
+        message.position = np.array([7.0 * k % 100.0, -9.0 * k % 100.0])
+        stream.append(("/js", message))
+    robot = robot_with(tracks=JOINTS | {"unit": "counts", "counts_per_turn": 1e3, "wrap": 100.0})
+    bag = write_bag(tmp_path / "bag", stream)
+    replayed = list(read_log(bag, robot).measurements())
+    assert len(replayed) == len(STAMPS) - 2
+    same(through(bag, robot), replayed)
+
+
+def test_fields_of_any_message_are_read(tmp_path: Path) -> None:
+    robot = robot_with(
+        tracks={"topic": "/drive", "left": ["wheels[0].rate"], "right": ["wheels[1].rate"]}
+    )
+    bag = drive_bag(tmp_path / "bag", DRIVES)
+    same(through(bag, robot), list(read_log(bag, robot).measurements()))
+
+
+def test_transforms_are_fixes(tmp_path: Path) -> None:
+    def transform(stamp: int, parent: str, child: str, x: float, yaw: float):
+        turn = T["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+        step = T["geometry_msgs/msg/Transform"](vector(x, 0.5, 0.0), turn)
+        return T["geometry_msgs/msg/TransformStamped"](header(stamp, parent), child, step)
+
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    kind = "tf2_msgs/msg/TFMessage"
+    bag = tmp_path / "bag"
+    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        static = writer.add_connection("/tf_static", kind, typestore=STORE)
+        moving = writer.add_connection("/tf", kind, typestore=STORE)
+        speeds = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
+        mounted = transform(T0, "lidar", "base_link", 0.4, np.pi / 2)
+        writer.write(static, T0, STORE.serialize_cdr(T[kind]([mounted]), kind))
+        for k, (stamp, (_, speed)) in enumerate(zip(STAMPS, TRACKS, strict=True)):
+            writer.write(speeds, stamp, STORE.serialize_cdr(speed, speed.__msgtype__))
+            step = [transform(stamp, "odom", "lidar", 0.1 * k, 0.05 * k)]
+            if k % 4 == 0:
+                step.append(transform(stamp, "map", "odom", 1.0, 0.01 * k))
+            writer.write(moving, stamp, STORE.serialize_cdr(T[kind](step), kind))
+    robot = robot_with(
+        tracks=JOINTS,
+        fixes={
+            "topic": "/tf",
+            "frames": ["map", "base_link"],
+            "position_sigma": 0.1,
+            "heading_sigma": 0.05,
+        },
+    )
+    replayed = list(read_log(bag, robot).measurements())
+    assert sum(type(one).__name__ == "HeadingFix" for one in replayed) == 10
+    same(through(bag, robot), replayed)
+
+
+def test_clocks_that_disagree_are_replaced_by_the_time_of_arrival(tmp_path: Path) -> None:
+    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
+    since_boot = [("/imu", imu(stamp - T0 + 5 * SECOND)) for stamp in STAMPS]
+    messages = [pair for both in zip(TRACKS, since_boot, strict=True) for pair in both]
+    times = [stamp + off for stamp in STAMPS for off in (0, 1_000_000)]
+    bag = write_bag(tmp_path / "bag", messages, times=times)
+    live, replayed = through(bag, robot), list(read_log(bag, robot).measurements())
+    assert min(one.stamp for one in live) >= T0
+    same(live, replayed)
+
+
+def test_messages_without_stamps_count_by_their_arrival(tmp_path: Path) -> None:
+    robot = robot_with(tracks=JOINTS)
+    bag = write_bag(
+        tmp_path / "bag", [("/js", joints(0, (1.0, k))) for k in range(40)], times=STAMPS
+    )
+    same(through(bag, robot), list(read_log(bag, robot).measurements()))
+
+
+def test_clocks_are_chosen_although_a_stream_is_missing() -> None:
+    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    tracks = inputs.subscriptions()[0]
+    assert tracks.purpose == "tracks"
+    for _, message in TRACKS[:10]:
+        stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+        assert inputs.take(tracks, "sensor_msgs/msg/JointState", message, stamp) == []
+    assert inputs.flush(STAMPS[9]) == []
+    assert len(inputs.flush(STAMPS[0] + 2 * SECOND)) == 10
+    _, late = TRACKS[10]
+    assert len(inputs.take(tracks, "sensor_msgs/msg/JointState", late, STAMPS[10])) == 1
+
+
+def test_unusable_messages_are_counted_and_wrong_types_refused() -> None:
+    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"}, fixes={"topic": "/gps"})
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    by_purpose = {one.purpose: one for one in inputs.subscriptions()}
+    fix = navsatfix(T0, 1.0, status=-1)
+    assert inputs.take(by_purpose["fixes"], fix.__msgtype__, fix, T0) == []
+    short = joints(T0, (1.0,))
+    assert inputs.take(by_purpose["tracks"], short.__msgtype__, short, T0) == []
+    assert inputs.lost == {"fixes: receiver without a fix": 1, "tracks: cannot be read": 1}
+    with pytest.raises(ReplayError, match=r"/imu.*sensor_msgs/msg/JointState.*readable are"):
+        inputs.take(by_purpose["imu"], short.__msgtype__, short, T0)
+
+
+def test_a_robot_without_track_speeds_is_refused() -> None:
+    robot = robot_with(imu={"topic": "/imu"})
+    with pytest.raises(ReplayError, match=r"maps no track speeds: add \[log.tracks\]"):
+        LiveInputs(robot, topic_map(robot, "robot"))

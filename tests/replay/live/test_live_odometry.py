@@ -1,0 +1,257 @@
+"""A live run equals the replay of its bag, however its messages come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.base.diagnostic_status import ERROR, OK, STALE, WARN
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.live.inputs import Subscription
+from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry, live_topics
+from icreckon.replay.live.reorder import ReorderBuffer
+from icreckon.replay.live.statuses import LiveStatuses
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+VARIANT = "constant-online"
+SETTINGS = Settings()
+SECONDS = 8.0
+
+
+class Arrived(NamedTuple):
+    """A message of a bag, as `LiveOdometry.take` wants it."""
+
+    topic: str
+    msgtype: str
+    message: Any
+    arrival: int
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
+    scenario = Scenario(duration=SECONDS, seed=4, trajectory="slalom", fix_rate=2.0)
+    path = tmp_path_factory.mktemp("live") / "bag"
+    return write_log(simulate(scenario, robot), path, "mcap", robot)
+
+
+@pytest.fixture(scope="module")
+def messages(bag: Path, robot: Robot) -> list[Arrived]:
+    topics = {
+        one.topic for one in LiveOdometry(robot, VARIANT, settings=SETTINGS).inputs.subscriptions()
+    }
+    with AnyReader([bag]) as reader:
+        wanted = [one for one in reader.connections if one.topic in topics]
+        return [
+            Arrived(one.topic, one.msgtype, reader.deserialize(raw, one.msgtype), when)
+            for one, when, raw in reader.messages(wanted)
+        ]
+
+
+@pytest.fixture(scope="module")
+def log(bag: Path, robot: Robot) -> Log:
+    return read_log(bag, robot)
+
+
+def subscriptions(live: LiveOdometry) -> dict[str, Subscription]:
+    return {one.topic: one for one in live.inputs.subscriptions()}
+
+
+def through(live: LiveOdometry, messages: Iterable[Arrived]) -> Iterator[LiveEstimate]:
+    topics, when = subscriptions(live), 0
+    for topic, msgtype, message, when in messages:
+        if topic in topics:
+            yield from live.take(topics[topic], msgtype, message, when)
+    yield from live.flush(when)
+
+
+def live_run(robot: Robot, messages: Iterable[Arrived], **options: Any) -> list[LiveEstimate]:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, **options)
+    return list(through(live, messages))
+
+
+def shuffled(messages: list[Arrived], seconds: float) -> list[Arrived]:
+    """Messages that arrive late by up to some time, each by another."""
+    delays = np.random.default_rng(7).uniform(0.0, seconds, len(messages)) * 1e9
+    arrivals = np.array([one.arrival for one in messages]) + delays
+    return [messages[place] for place in np.argsort(arrivals)]
+
+
+@pytest.mark.parametrize("fixes", [False, True])
+@pytest.mark.parametrize("disorder", [0.0, 0.08])
+def test_equals_the_replay(
+    fixes: bool, disorder: float, robot: Robot, log: Log, messages: list[Arrived]
+) -> None:
+    estimates = live_run(robot, shuffled(messages, disorder), reorder=0.1, use_fixes=fixes)
+    stamps = [one.stamp for one in estimates]
+    assert stamps == sorted(set(stamps))
+    rows = {one.stamp: one for one in estimates}
+    alone = run(replace(log, fixes=None), robot, VARIANT, settings=SETTINGS)
+    assert len(alone.stamps) > 350
+    for k, stamp in enumerate(alone.stamps.tolist()):
+        one, trajectory = rows[stamp], alone.trajectory
+        assert one.pose == pytest.approx(trajectory.poses[k], abs=1e-9)
+        assert one.pose_covariance == pytest.approx(
+            trajectory.pose_covariances[k], rel=1e-9, abs=1e-12
+        )
+        assert one.twist == pytest.approx(trajectory.twists[k], abs=1e-9)
+        assert one.twist_covariance == pytest.approx(trajectory.twist_covariances[k], rel=1e-9)
+    if not fixes:
+        assert all(one.map_pose is None for one in estimates)
+        return
+    fused = run(log, robot, VARIANT, settings=SETTINGS)
+    assert np.abs(fused.trajectory.poses[-1] - alone.trajectory.poses[-1]).max() > 0.01
+    assert log.fixes is not None
+    for k, stamp in enumerate(fused.stamps.tolist()):
+        if stamp >= log.fixes.stamps[0]:
+            assert rows[stamp].map_pose == pytest.approx(fused.trajectory.poses[k], abs=1e-9)
+
+
+def test_late_messages_correct_the_estimate_at_once(robot: Robot, messages: list[Arrived]) -> None:
+    in_order = live_run(robot, messages, use_fixes=False)
+    late = LiveOdometry(robot, VARIANT, settings=SETTINGS, use_fixes=False)
+    estimates = list(through(late, shuffled(messages, 0.08)))
+    assert late.odom.health.sensors["tracks"].late > 50
+    assert late.odom.pose == pytest.approx(in_order[-1].pose, abs=1e-9)
+    assert [one.stamp for one in estimates] == sorted({one.stamp for one in estimates})
+
+
+def test_odom_does_not_jump_where_map_does(robot: Robot, messages: list[Arrived]) -> None:
+    estimates = live_run(robot, messages, reorder=0.05)
+    step = np.diff([one.pose[:2] for one in estimates], axis=0)
+    assert np.hypot(*step.T).max() < robot.vehicle.max_track_speed * 0.015
+    in_map = [one.map_pose for one in estimates if one.map_pose is not None]
+    assert np.hypot(*np.diff(in_map, axis=0)[:, :2].T).max() > 0.015
+
+
+def test_the_rate_is_limited(robot: Robot, messages: list[Arrived]) -> None:
+    estimates = live_run(robot, messages, highest_rate=10.0, use_fixes=False)
+    assert len(estimates) == pytest.approx(10.0 * SECONDS, abs=2)
+
+
+def test_a_restart_begins_at_the_origin_with_the_learnt(
+    robot: Robot, messages: list[Arrived]
+) -> None:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    list(through(live, messages))
+    learnt = live.odom.parameters | live.odom.biases
+    assert np.hypot(*live.odom.pose[:2]) > 0.5
+    assert learnt["gyro_bias"] != 0.0
+    live.restart()
+    assert live.odom.stamp is None
+    assert live.odom.parameters | live.odom.biases == learnt
+    # The same messages again: the clock went back.
+    again = list(through(live, messages))
+    assert again[0].stamp < messages[20].arrival
+    assert np.hypot(*again[0].pose[:2]) < 0.01
+
+
+def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path: Path) -> None:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
+    assert not live.warm
+    list(through(live, messages))
+    live.save(tmp_path / "state.json")
+    assert live.map is not None
+    assert live.map.estimator is not None
+    warm = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
+    assert warm.warm
+    assert warm.odom.stamp is None
+    assert warm.odom.parameters == live.map.estimator.parameters
+    wider = msgspec.structs.replace(
+        robot, vehicle=msgspec.structs.replace(robot.vehicle, track_gauge=0.6)
+    )
+    with pytest.raises(EstimatorError, match="track_gauge"):
+        LiveOdometry(wider, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
+
+
+def test_a_map_that_begins_elsewhere_is_taken_over(
+    robot: Robot, messages: list[Arrived], log: Log
+) -> None:
+    def moved(one: Arrived) -> Arrived:
+        """Fixes in a map turned by a right angle, with their heading."""
+        if "pose" not in one.topic:
+            return one
+        message = deepcopy(one.message)
+        place = message.pose.pose.position
+        place.x, place.y = 50.0 - place.y, 20.0 + place.x
+        return one._replace(message=message)
+
+    estimates = live_run(robot, [moved(one) for one in messages], reorder=0.05)
+    last, truth = estimates[-1], log.truth
+    assert last.map_pose is not None
+    assert truth is not None
+    x, y, yaw = truth.poses.poses[-1]
+    assert last.map_pose[:2] == pytest.approx((50.0 - y, 20.0 + x), abs=0.3)
+    off = last.map_pose[2] - yaw - np.pi / 2
+    assert abs((off + np.pi) % (2 * np.pi) - np.pi) < 0.3
+
+
+def test_statuses_name_what_is_wrong(robot: Robot, messages: list[Arrived]) -> None:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    statuses = LiveStatuses(live)
+    before = {one.name: one for one in statuses.report()}
+    assert before["icreckon: pose in odom"].level == ERROR
+    assert "/joint_states" in before["icreckon: pose in odom"].message
+    assert before["icreckon: clocks"].level == STALE
+    half = len(messages) // 2
+    list(through(live, messages[:half]))
+    running = {one.name: one for one in statuses.report()}
+    for name in ("pose in odom", "pose in map", "gyro", "tracks", "position", "clocks"):
+        assert running[f"icreckon: {name}"].level == OK, running[f"icreckon: {name}"]
+    assert set(live.odom.parameters) <= set(running["icreckon: parameters"].values)
+    silent = {one.name: one for one in statuses.report()}
+    assert silent["icreckon: gyro"].level == STALE
+    wild = [
+        one._replace(message=_nan_rates(one.message)) if "imu" in one.topic else one
+        for one in messages[half : half + 200]
+    ]
+    list(through(live, wild))
+    after = {one.name: one for one in statuses.report()}
+    assert after["icreckon: imu"].level == WARN
+    assert "not finite" in after["icreckon: imu"].message
+
+
+def _nan_rates(message: Any) -> Any:
+    broken = deepcopy(message)
+    broken.angular_velocity.z = float("nan")
+    return broken
+
+
+def test_invalid_options_are_refused(robot: Robot) -> None:
+    for options in ({"reorder": -1.0}, {"reorder": float("nan")}, {"highest_rate": 1e9}):
+        with pytest.raises(EstimatorError, match="must be from 0 to"):
+            LiveOdometry(robot, VARIANT, settings=SETTINGS, **options)
+
+
+def test_a_robot_without_topics_listens_to_those_of_the_simulator(robot: Robot) -> None:
+    bare = msgspec.structs.replace(robot, log={})
+    mapping = live_topics(bare)
+    assert mapping.tracks is not None
+    assert mapping.tracks.topic == "/joint_states"
+
+
+def test_the_buffer_gives_way_when_the_clock_jumps() -> None:
+    second = 10**9
+    buffer = ReorderBuffer(0.5)
+    assert buffer.put([TrackSpeeds(10 * second, 0.0, 0.0)]) == []
+    # Years ahead, and back: everything is handed on, nothing stays behind.
+    ahead = buffer.put([TrackSpeeds(10**9 * second, 0.0, 0.0)])
+    assert [one.stamp for group in ahead for one in group] == [10 * second]
+    back = buffer.put([TrackSpeeds(11 * second, 0.0, 0.0)])
+    assert [one.stamp for group in back for one in group] == [10**9 * second]
+    assert [one.stamp for group in buffer.take_all() for one in group] == [11 * second]
