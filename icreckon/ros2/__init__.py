@@ -1,4 +1,5 @@
 """ROS 2 node: topics in; odometry, tf and diagnostics out.
 
-The one place that imports rclpy: a thin shell around `replay.live`, which holds all that can be tested without ROS.
+The one place that imports rclpy: a thin shell around `replay.live`, which holds all that can be
+tested without ROS.
 """

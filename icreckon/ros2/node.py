@@ -215,7 +215,7 @@ class OdometryNode:
             f"the clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s: starting anew at the "
             "origin, with the learnt parameters"
         )
-        self.live.restart()
+        self.live.restart(self._now())
 
     def _now(self) -> int:
         return int(self.node.get_clock().now().nanoseconds)

@@ -42,6 +42,8 @@ WITNESSES = 5
 """Messages of each stream of tracks and IMU after which the clocks are chosen."""
 LONGEST_WAIT = 2.0
 """Time after the first message at which the clocks are chosen at the latest [s]."""
+LEFT_OVER, AHEAD = 2 * NANOSECONDS, NANOSECONDS
+"""Time after the clock went back in which messages so far ahead are left over [ns]."""
 TRANSFORM_MEMORY = 2 * NANOSECONDS
 """Age of the oldest transforms between which live poses are interpolated [ns]."""
 
@@ -63,7 +65,7 @@ class Subscription(NamedTuple):
 
 
 class _Arrived(NamedTuple):
-    """Row of a message whose clock is not chosen yet: times in ns, header None without one."""
+    """Row of a message whose clock is not chosen yet; times in ns, header or None."""
 
     purpose: str
     msgtype: str
@@ -99,6 +101,7 @@ class LiveInputs:
     _begun: int | None = None
     _counter: tuple[int, np.ndarray[Any, Any]] | None = None
     _newest_transform: int = -1
+    _went_back: int | None = None
 
     def __post_init__(self) -> None:
         """Refuse a mapping without track speeds.
@@ -171,8 +174,14 @@ class LiveInputs:
         """
         return self._ready(now) if self._waiting else []
 
-    def restart(self) -> None:
-        """Forget the clocks and all that waits, after a jump of the clock of arrivals."""
+    def restart(self, now: int | None = None) -> None:
+        """Forget the clocks and all that waits.
+
+        Args:
+            now: time to which the clock of arrivals went back [ns]; messages that were sent before are
+                dropped if they still arrive.
+        """
+        self._went_back = now
         self.clocks.clear()
         self._waiting.clear()
         self._begun, self._counter, self._newest_transform = None, None, -1
@@ -194,6 +203,8 @@ class LiveInputs:
             return []
         header = getattr(message, "header", None)
         stamp = None if header is None else header.stamp.sec * NANOSECONDS + header.stamp.nanosec
+        if stamp is not None and self._is_left_over(stamp, arrival):
+            return self._lose(stream.purpose, "from before the clock went back")
         return [_Arrived(stream.purpose, msgtype, stamp, arrival, row)]
 
     def _transforms(
@@ -227,6 +238,13 @@ class LiveInputs:
                 f"read; readable are {', '.join(stream.readers)}"
             )
         return reader
+
+    def _is_left_over(self, stamp: int, arrival: int) -> bool:
+        back = self._went_back
+        if back is None or arrival - back > LEFT_OVER:
+            self._went_back = None
+            return False
+        return stamp - arrival > AHEAD
 
     def _lose(self, purpose: str, reason: str) -> list[_Arrived]:
         name = f"{purpose}: {reason}"

@@ -46,7 +46,7 @@ class LiveEstimate(NamedTuple):
 
 
 class LiveOdometry:
-    """Odometry of a robot from live messages; no threads, clocks or transport of its own.
+    """Odometry of a robot from live messages, without threads, clocks or transport.
 
     A run over the messages of a bag equals `icreckon replay --engine streaming` of that bag, provided
     that `reorder` covers the disorder of the messages. Held track speeds are used as they come: the
@@ -95,6 +95,7 @@ class LiveOdometry:
         self.map = MapFrame() if mapping.fixes is not None else None
         self._buffer = ReorderBuffer(reorder)
         self._interval = round(1.0 / highest_rate / NANOSECOND) if highest_rate else 0
+        self._history = round(self.odom.settings.history / NANOSECOND)
         self._newest: int | None = None
 
     def take(
@@ -125,17 +126,21 @@ class LiveOdometry:
         estimates = self._process(self.inputs.flush(now))
         return estimates + list(self._estimates(self._buffer.take_all()))
 
-    def restart(self) -> None:
-        """Start anew at the origin with the learnt parameters."""
+    def restart(self, now: int | None = None) -> None:
+        """Start anew at the origin with the learnt parameters.
+
+        Args:
+            now: time to which the clock of arrivals went back [ns], None if it did not.
+        """
         self.odom = self.odom.restarted()
-        self.inputs.restart()
+        self.inputs.restart(now)
         self._buffer.take_all()
         if self.map is not None:
             self.map.restart()
         self._newest = None
 
     def save(self, path: Path) -> None:
-        """Save what was learnt, for the next start; with fixes, the estimator that used them.
+        """Save what was learnt, with fixes if there were any, for the next start.
 
         Args:
             path: the file, which is replaced.
@@ -165,10 +170,11 @@ class LiveOdometry:
         newest = self._newest
         if newest is None:
             return True
-        if stamp == newest:
+        # A late IMU sample takes back a step that track speeds had made alone. A stamp that is further
+        # back is that of a clock that was set back.
+        if 0 <= newest - stamp <= self._history:
             return False
-        # A grid of slots keeps the mean rate, whatever the rate of the IMU. A clock that was set back
-        # starts a new slot.
+        # A grid of slots keeps the mean rate, whatever the rate of the IMU.
         return not self._interval or stamp // self._interval != newest // self._interval
 
     def _estimate(self, stamp: int) -> LiveEstimate:
@@ -186,7 +192,7 @@ class LiveOdometry:
 
 
 def live_topics(robot: Robot) -> TopicMap:
-    """Topics of a robot's streams; those of `icreckon simulate` if the robot file maps none.
+    """Topics of a robot's streams; by default those of `icreckon simulate`.
 
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.

@@ -131,6 +131,20 @@ def test_late_messages_correct_the_estimate_at_once(robot: Robot, messages: list
     assert [one.stamp for one in estimates] == sorted({one.stamp for one in estimates})
 
 
+def test_stamps_rise_although_the_imu_comes_late(robot: Robot, messages: list[Arrived]) -> None:
+    """Track speeds that are ahead of the IMU make steps of their own, which it takes back."""
+    burst = (
+        400_000_000  # [ns]; IMU samples come forty at once, after the track speeds of their time
+    )
+    behind = sorted(
+        messages,
+        key=lambda one: (one.arrival // burst + 1) * burst if "imu" in one.topic else one.arrival,
+    )
+    estimates = live_run(robot, behind, use_fixes=False)
+    assert len(estimates) > 100
+    assert all(np.diff([one.stamp for one in estimates]) > 0)
+
+
 def test_odom_does_not_jump_where_map_does(robot: Robot, messages: list[Arrived]) -> None:
     estimates = live_run(robot, messages, reorder=0.05)
     step = np.diff([one.pose[:2] for one in estimates], axis=0)
@@ -159,6 +173,19 @@ def test_a_restart_begins_at_the_origin_with_the_learnt(
     again = list(through(live, messages))
     assert again[0].stamp < messages[20].arrival
     assert np.hypot(*again[0].pose[:2]) < 0.01
+
+
+def test_messages_left_over_from_before_the_clock_went_back_are_dropped(
+    robot: Robot, messages: list[Arrived]
+) -> None:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    list(through(live, messages))
+    begin = messages[0].arrival
+    live.restart(begin)
+    left_over = [one._replace(arrival=begin) for one in messages[-20:]]
+    estimates = list(through(live, [*left_over, *messages[:300]]))
+    assert max(one.stamp for one in estimates) < messages[320].arrival
+    assert sum(live.inputs.lost.values()) == len(left_over)
 
 
 def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path: Path) -> None:

@@ -1,0 +1,353 @@
+"""The node over real ROS 2: player, node and recorder as three processes."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from conftest import REPOSITORY
+from icreckon.estimator.base.frames import compose
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.reading.read_log import read_log
+
+pytestmark = pytest.mark.slow
+
+ROBOT, VARIANT = "auriga-alpha", "inertia-online"
+INPUTS = ("/joint_states", "/imu/data_raw", "/fix/pose")
+OUTPUTS = {
+    "/odom": "nav_msgs/msg/Odometry",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/pose_in_map": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/icrs": "visualization_msgs/msg/MarkerArray",
+}
+INPUT_TYPES = {
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/imu/data_raw": "sensor_msgs/msg/Imu",
+    "/fix/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+}
+SECONDS, RATE = 20.0, 2.0
+LONGEST = 120.0
+"""Longest time to wait for a process [s]."""
+PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
+
+
+@pytest.fixture(scope="module")
+def ros(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Environment of the processes: a domain of their own, tf2_msgs built where it is missing."""
+    if find_spec("rclpy") is None:
+        pytest.skip("no ROS 2: pip install -e '.[ros2-test]', or source a ROS 2")
+    folder = tmp_path_factory.mktemp("ros")
+    environment = os.environ | {
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(folder / "log"),
+        "PYTHONUNBUFFERED": "1",
+    }
+    if find_spec("tf2_msgs") is None:
+        if not (shutil.which("gcc") and shutil.which("g++")):
+            pytest.skip("no compiler to build tf2_msgs with, which the ROS 2 wheels lack")
+        builder = REPOSITORY / "tests" / "ros2_tf2_msgs.py"
+        subprocess.run([sys.executable, builder, folder / "built"], env=environment, check=True)
+        before = environment.get("PYTHONPATH")
+        paths = [str(folder / "built"), *([before] if before else [])]
+        environment["PYTHONPATH"] = os.pathsep.join(paths)
+    return environment
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bag") / "drive"
+    icreckon(
+        "simulate", "--out", path, "--robot", ROBOT, "--duration", SECONDS, "--trajectory",
+        "slalom", "--seed", 5,
+    )  # fmt: skip
+    return path
+
+
+def icreckon(*words: object) -> None:
+    command = [Path(sys.executable).parent / "icreckon", *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+class Process(NamedTuple):
+    """A running program and the file of its output."""
+
+    popen: subprocess.Popen[str]
+    log: Path
+
+    def text(self) -> str:
+        return self.log.read_text(encoding="utf-8")
+
+    def stop(self, by: int = signal.SIGINT) -> int:
+        self.popen.send_signal(by)
+        return self.popen.wait(LONGEST)
+
+
+@contextmanager
+def started(environment: dict[str, str], log: Path, command: Sequence[object]) -> Iterator[Process]:
+    with log.open("w", encoding="utf-8") as file:
+        popen = subprocess.Popen(
+            list(map(str, command)), env=environment, stdout=file, stderr=file, text=True
+        )
+        try:
+            yield Process(popen, log)
+        finally:
+            if popen.poll() is None:
+                popen.kill()
+                popen.wait()
+
+
+def node(environment: dict[str, str], log: Path, **parameters: object) -> Any:
+    """Start the node."""
+    words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    program = Path(sys.executable).parent / "icreckon"
+    command = [program, "ros2-node", "--robot", ROBOT, "--variant", VARIANT, "--ros-args", *words]
+    return started(environment, log, command)
+
+
+def recorder(environment: dict[str, str], path: Path, topics: dict[str, str]) -> Any:
+    wanted = [f"{topic}:{kind}" for topic, kind in topics.items()]
+    program = REPOSITORY / "tests" / "ros2_recorder.py"
+    return started(environment, path.with_suffix(".log"), [sys.executable, program, path, *wanted])
+
+
+def play(environment: dict[str, str], bag: Path, *options: object, rate: float = RATE) -> None:
+    program = REPOSITORY / "tests" / "ros2_player.py"
+    command = [sys.executable, program, bag, ",".join(INPUTS), rate, *options]
+    subprocess.run(list(map(str, command)), env=environment, check=True, timeout=2 * LONGEST)
+
+
+def until(condition: Callable[[], bool], process: Process) -> None:
+    end = time.monotonic() + LONGEST
+    while not condition():
+        assert process.popen.poll() is None, process.text()
+        assert time.monotonic() < end, process.text()
+        time.sleep(0.05)
+
+
+def recorded(path: Path) -> dict[str, list[Any]]:
+    messages: dict[str, list[Any]] = {}
+    with AnyReader([path]) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            messages.setdefault(connection.topic, []).append(message)
+    return messages
+
+
+def stamp_of(header: Any) -> int:
+    return header.stamp.sec * 10**9 + header.stamp.nanosec
+
+
+def pose_of(place: Any, turn: Any) -> np.ndarray:
+    return np.array([place.x, place.y, 2.0 * np.arctan2(turn.z, turn.w)])
+
+
+def same_pose(one: np.ndarray, other: np.ndarray) -> None:
+    assert one[:2] == pytest.approx(other[:2], abs=1e-9)
+    assert np.sin(0.5 * (one[2] - other[2])) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def live(
+    ros: dict[str, str], bag: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[dict[str, list[Any]], Path, Path]:
+    """Messages of a live run with a cold start, its recorded bag, and its state file."""
+    folder = tmp_path_factory.mktemp("live")
+    state = folder / "state.json"
+    options = {"reorder": 2.0, "state_file": state, "icr_markers": "true", "input_depth": 10_000}
+    with (
+        recorder(ros, folder / "out", OUTPUTS | INPUT_TYPES) as record,
+        node(ros, folder / "node.log", **options) as running,
+    ):
+        until((folder / "out.ready").exists, record)
+        until(lambda: "ready:" in running.text(), running)
+        play(ros, bag, "--subscribers", 2)
+        time.sleep(3.0)
+        assert running.stop() == 0, running.text()
+        assert record.stop() == 0, record.text()
+    assert "Traceback" not in running.text()
+    assert "cold start" in running.text()
+    return recorded(folder / "out"), folder / "out", state
+
+
+def test_no_message_is_lost(live: Any, bag: Path) -> None:
+    messages, sent = live[0], recorded(bag)
+    for topic in INPUTS:
+        assert len(messages[topic]) == len(sent[topic])
+    imu = [stamp_of(one.header) for one in sent["/imu/data_raw"]]
+    odometry = [stamp_of(one.header) for one in messages["/odom"]]
+    assert odometry == imu
+    last = {one.name: one for one in messages["/diagnostics"][-1].status}
+    counts = {one.key: one.value for one in last["icreckon: tracks"].values}
+    assert int(counts["used"]) == len(sent["/joint_states"])
+    assert counts["late"] == "0"
+
+
+def test_equals_the_replay_of_the_bag(live: Any, bag: Path, tmp_path: Path) -> None:
+    """Odom equals a run without fixes, and the pose in map the command line's replay."""
+    messages = live[0]
+    robot = load_robot(ROBOT)
+    alone = run(replace(read_log(bag, robot), fixes=None), robot, VARIANT)
+    odometry = {stamp_of(one.header): one for one in messages["/odom"]}
+    assert len(alone.stamps) > 900
+    for k, stamp in enumerate(alone.stamps.tolist()):
+        one, trajectory = odometry[stamp], alone.trajectory
+        pose = pose_of(one.pose.pose.position, one.pose.pose.orientation)
+        same_pose(pose, trajectory.poses[k])
+        covariance = one.pose.covariance.reshape(6, 6)
+        assert covariance[PLANAR] == pytest.approx(trajectory.pose_covariances[k], abs=1e-9)
+        assert covariance[2, 2] == covariance[3, 3] == covariance[4, 4] == 1e6
+        twist = one.twist.twist
+        body = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
+        assert body == pytest.approx(trajectory.twists[k], abs=1e-9)
+        covariance = one.twist.covariance.reshape(6, 6)
+        assert covariance[PLANAR] == pytest.approx(trajectory.twist_covariances[k], abs=1e-9)
+        assert (one.header.frame_id, one.child_frame_id) == ("odom", "base_link")
+    compare_with_replay(messages, bag, tmp_path)
+
+
+def compare_with_replay(messages: dict[str, list[Any]], bag: Path, folder: Path) -> None:
+    out = folder / "replayed"
+    icreckon(
+        "replay", bag, "--robot", ROBOT, "--variants", VARIANT, "--engine", "streaming",
+        "--formats", "csv", "--out", out,
+    )  # fmt: skip
+    in_map = {stamp_of(one.header): one.pose.pose for one in messages["/pose_in_map"]}
+    first, compared = min(in_map), 0
+    with (out / f"{VARIANT}.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            if int(row["stamp_ns"]) >= first:
+                live_pose = in_map[int(row["stamp_ns"])]
+                replayed = np.array([float(row[name]) for name in ("x_m", "y_m", "yaw_rad")])
+                same_pose(pose_of(live_pose.position, live_pose.orientation), replayed)
+                compared += 1
+    assert compared > 900
+
+
+def test_equals_the_replay_of_its_own_recording(live: Any, tmp_path: Path) -> None:
+    messages, recording, _ = live
+    compare_with_replay(messages, recording, tmp_path)
+
+
+def test_transforms_make_one_tree(live: Any) -> None:
+    messages = live[0]
+    odometry = {stamp_of(one.header): one.pose.pose for one in messages["/odom"]}
+    in_map = {stamp_of(one.header): one.pose.pose for one in messages["/pose_in_map"]}
+    assert len(messages["/tf"]) == len(odometry)
+    joined = 0
+    for message in messages["/tf"]:
+        links = {
+            (one.header.frame_id, one.child_frame_id): pose_of(
+                one.transform.translation, one.transform.rotation
+            )
+            for one in message.transforms
+        }
+        stamp = stamp_of(message.transforms[0].header)
+        base = links["odom", "base_link"]
+        at = odometry[stamp]
+        same_pose(base, pose_of(at.position, at.orientation))
+        if ("map", "odom") in links:
+            there = in_map[stamp]
+            whole = compose(links["map", "odom"], base)
+            same_pose(whole, pose_of(there.position, there.orientation))
+            joined += 1
+    assert joined == len(in_map) > 1900
+
+
+def test_diagnostics_and_markers(live: Any) -> None:
+    messages = live[0]
+    last = {one.name: one for one in messages["/diagnostics"][-1].status}
+    for name in ("pose in odom", "pose in map", "gyro", "tracks", "position", "parameters"):
+        assert f"icreckon: {name}" in last
+    assert last["icreckon: clocks"].level == 0
+    assert last["icreckon: pose in odom"].hardware_id == ROBOT
+    assert len(messages["/icrs"]) > 0.5 * SECONDS * 5.0
+    left, right = messages["/icrs"][-1].markers[0].points
+    assert left.y > 0.0 > right.y
+
+
+def test_starts_warm_and_again_after_a_kill(
+    live: Any, ros: dict[str, str], bag: Path, tmp_path: Path
+) -> None:
+    state = tmp_path / "state.json"
+    shutil.copy(live[2], state)
+    options = {"state_file": state, "save_period": 1.0}
+    with node(ros, tmp_path / "first.log", **options) as running:
+        until(lambda: "ready:" in running.text(), running)
+        assert "warm start" in running.text()
+        before = state.read_bytes()
+        play(ros, bag, rate=8.0)
+        assert state.read_bytes() != before, "saved while running"
+        running.stop(signal.SIGKILL)
+    with (
+        recorder(ros, tmp_path / "out", OUTPUTS) as record,
+        node(ros, tmp_path / "again.log", **options) as running,
+    ):
+        until((tmp_path / "out.ready").exists, record)
+        until(lambda: "ready:" in running.text(), running)
+        assert "warm start" in running.text()
+        play(ros, bag, rate=8.0)
+        # SIGTERM, as systemd and docker send.
+        assert running.stop(signal.SIGTERM) == 0, running.text()
+        assert record.stop() == 0, record.text()
+    odometry = recorded(tmp_path / "out")["/odom"]
+    assert odometry[0].pose.pose.position.x == pytest.approx(0.0, abs=0.01)
+    assert len(odometry) > 500
+    last = {
+        one.name: {pair.key: pair.value for pair in one.values}
+        for one in recorded(tmp_path / "out")["/diagnostics"][-1].status
+    }
+    assert last["icreckon: pose in odom"]["warm_start"] == "true"
+
+
+def test_simulated_time_that_jumps_back_starts_anew(
+    ros: dict[str, str], bag: Path, tmp_path: Path
+) -> None:
+    with (
+        recorder(ros, tmp_path / "out", {"/odom": OUTPUTS["/odom"]}) as record,
+        node(ros, tmp_path / "node.log", use_sim_time="true", use_fixes="false") as running,
+    ):
+        until((tmp_path / "out.ready").exists, record)
+        until(lambda: "ready:" in running.text(), running)
+        play_inputs_twice(ros, bag)
+        assert running.stop() == 0, running.text()
+        assert record.stop() == 0, record.text()
+    assert "the clock went back by" in running.text()
+    stamps = [stamp_of(one.header) for one in recorded(tmp_path / "out")["/odom"]]
+    (back,) = np.flatnonzero(np.diff(stamps) < 0)
+    after = recorded(tmp_path / "out")["/odom"][back + 1]
+    assert np.hypot(after.pose.pose.position.x, after.pose.pose.position.y) < 0.05
+
+
+def play_inputs_twice(environment: dict[str, str], bag: Path) -> None:
+    program = REPOSITORY / "tests" / "ros2_player.py"
+    command = [sys.executable, program, bag, ",".join(INPUTS[:2]), 8.0, "--clock", "--loops", 2]
+    subprocess.run(list(map(str, command)), env=environment, check=True, timeout=2 * LONGEST)
+
+
+def test_a_missing_robot_is_one_clear_line(ros: dict[str, str]) -> None:
+    program = Path(sys.executable).parent / "icreckon"
+    done = subprocess.run(
+        [program, "ros2-node"], env=ros, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 1
+    assert "parameter robot: give a robot file" in done.stderr
+    assert "Traceback" not in done.stderr

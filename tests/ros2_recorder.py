@@ -1,0 +1,56 @@
+"""Record topics of ROS 2 as a bag, until interrupted.
+
+    python ros2_recorder.py BAG TOPIC:TYPE TOPIC:TYPE ...
+
+Times of recording are those of arrival. A file BAG.ready appears when it listens.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import QoSProfile
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+
+def main() -> None:
+    """Record until SIGINT or SIGTERM."""
+    bag, wanted = Path(sys.argv[1]), [one.split(":") for one in sys.argv[2:]]
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    arrived: list[tuple[str, int, bytes]] = []
+    rclpy.init()
+    node = rclpy.create_node("recorder")
+
+    def take(topic: str, raw: bytes) -> None:
+        arrived.append((topic, time.time_ns(), raw))
+
+    for topic, kind in wanted:
+        package, _, name = kind.split("/")
+        message = getattr(import_module(f"{package}.msg"), name)
+        node.create_subscription(
+            message, topic, partial(take, topic), QoSProfile(depth=100_000), raw=True
+        )
+    bag.with_suffix(".ready").touch()
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in wanted
+        }
+        for topic, when, raw in arrived:
+            writer.write(connections[topic], when, raw)
+    rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()
