@@ -12,6 +12,7 @@ from icreckon.estimator.filter.health import Health as Health
 from icreckon.estimator.filter.health import JudgedInnovation as JudgedInnovation
 from icreckon.estimator.filter.health import ParameterHealth as ParameterHealth
 from icreckon.estimator.filter.health import SensorHealth as SensorHealth
+from icreckon.estimator.filter.health import TrackLatencyHealth as TrackLatencyHealth
 from icreckon.estimator.log.log import Log as Log
 from icreckon.estimator.log.measurements import BodyVelocity as BodyVelocity
 from icreckon.estimator.log.measurements import HeadingFix as HeadingFix
@@ -43,6 +44,7 @@ from icreckon.estimator.robot.variants import VARIANTS as VARIANTS
 from icreckon.estimator.robot.variants import Adaptation as Adaptation
 from icreckon.estimator.robot.variants import default_adaptation as default_adaptation
 from icreckon.estimator.robot.variants import state_names as state_names
+from icreckon.estimator.streaming.latencies import Latencies as Latencies
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator as PoseEstimator
 from icreckon.estimator.streaming.pose_estimator import Snapshot as Snapshot
 from icreckon.estimator.streaming.recorded_run import Run as Run

@@ -70,6 +70,8 @@ Positive = Annotated[float, Bound("a positive number", 0.0, beyond=True)]
 NotNegative = Annotated[float, Bound("zero or a positive number", 0.0)]
 # Coordinate of a place on the robot [m].
 OnRobot = Annotated[float, Bound("a number of metres, 100 at most", -100.0, 100.0)]
+# Latency of stamps; later ones come from another clock [s].
+Latency = Annotated[float, Bound("a number of seconds, 10 at most", -10.0, 10.0)]
 
 
 def check_bounds(

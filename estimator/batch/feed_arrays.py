@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import msgspec
@@ -18,6 +19,7 @@ from icreckon.estimator.engine.layout import IMU_GATES
 from icreckon.estimator.engine.schedule import steps_after
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.input_settings import input_settings
@@ -32,9 +34,11 @@ FIRST_SAMPLES = 3
 def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeries) -> int:
     """Feed track speeds and IMU samples in the order of their stamps.
 
-    The estimate is that of `PoseEstimator.feed` for each of them, to rounding. The newest
-    `Settings.history` seconds are fed one by one, so that late measurements can be inserted. Late
-    measurements of the time before are `TOO_OLD` afterwards.
+    The estimate is that of `PoseEstimator.feed` for each of them, to rounding. Latencies are those at the
+    start; that of the tracks is watched only where samples are fed one by one.
+
+    The newest `Settings.history` seconds are fed one by one, so that late measurements can be inserted.
+    Late measurements of the time before are `TOO_OLD` afterwards.
 
     All samples are fed one by one if the compiled steps do not support them: if values are implausible or
     missing, stamps do not rise, there are marks, or the engine is "plain". The steps are compiled at the
@@ -48,7 +52,12 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     Returns:
         Number of measurements that were used.
     """
-    log = Log("arrays", tracks, imu)
+    late_tracks, late_imu = estimator.late(TrackSpeeds), estimator.late(ImuSample)
+    log = Log(
+        "arrays",
+        replace(tracks, stamps=tracks.stamps - late_tracks),
+        replace(imu, stamps=imu.stamps - late_imu),
+    )
     bulk = _bulk(log, estimator.settings.history)
     if bulk is None:
         return _feed_each(estimator, log)
@@ -62,7 +71,7 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
 
 def _feed_each(estimator: PoseEstimator, log: Log) -> int:
     """Feed measurements one by one; return the number of those that were used."""
-    return sum(map(estimator.feed, log.measurements()))
+    return sum(map(estimator.feed_corrected, log.measurements()))
 
 
 class _Bulk(NamedTuple):

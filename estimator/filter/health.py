@@ -120,6 +120,21 @@ class SensorHealth:
         self.judged_count += other.judged_count
 
 
+@dataclass(frozen=True)
+class TrackLatencyHealth:
+    """Latency of the track speeds' stamps.
+
+    Attributes:
+        used: what is taken off the stamps [s].
+        estimated: what turning shows, by gyro and tracks; None before there was enough (5 rad) [s].
+        sigma: standard error of `estimated` [s].
+    """
+
+    used: float = 0.0
+    estimated: float | None = None
+    sigma: float | None = None
+
+
 @dataclass
 class Health:
     """Counts of all sensors, and of events of the filter.
@@ -130,6 +145,7 @@ class Health:
         track_gaps: number of gaps in the track speeds longer than `Settings.hold`.
         stuck_tracks: number of times that a track's sensor was found stuck.
         clock_steps: number of times that the clock of all sensors was found set back.
+        track_latency: latency of the track speeds, used and estimated.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
@@ -137,6 +153,7 @@ class Health:
     track_gaps: int = 0
     stuck_tracks: int = 0
     clock_steps: int = 0
+    track_latency: TrackLatencyHealth = TrackLatencyHealth()
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""
@@ -162,6 +179,7 @@ class Health:
             self.track_gaps,
             self.stuck_tracks,
             self.clock_steps,
+            self.track_latency,
         )
 
     def add(self, other: Health) -> None:

@@ -29,6 +29,7 @@ from icreckon.estimator.robot.variants import (
 )
 from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.late_measurements import History
+from icreckon.estimator.streaming.latencies import Latencies, StampCorrection
 from icreckon.estimator.streaming.save import (
     SavedEstimator,
     read_saved,
@@ -82,6 +83,8 @@ class PoseEstimator:
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
+        latencies: latencies of the stamps that are fed, None if they are times of measurement, as those
+            of a `Log`; `Latencies.of(robot)` for raw stamps of a robot's drivers.
 
     Raises:
         EstimatorError: there is no such variant, an argument is invalid, a friction variant's robot
@@ -96,9 +99,11 @@ class PoseEstimator:
         settings: Settings | None = None,
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        latencies: Latencies | None = None,
     ) -> None:
         require_robot(robot)
         require_kind("settings", settings, Settings, or_none=True)
+        require_kind("latencies", latencies, Latencies, or_none=True)
         start = three_numbers("start", start, "three finite numbers: x, y [m], yaw [rad]")
         start_sigma = three_numbers(
             "start_sigma",
@@ -117,6 +122,7 @@ class PoseEstimator:
         self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
         # Counts of measurements that do not reach the filter; no checkpoint of the filter resets them.
         self._arrivals = Health()
+        self._stamps = StampCorrection(robot, latencies or Latencies())
         # There are no gates for kinds of measurements that are registered later.
         self._streams = dict(STREAMS)
 
@@ -192,6 +198,7 @@ class PoseEstimator:
         """Counts of the measurements so far: a copy, which later ones do not change."""
         health = self._reckoning.health
         health.add(self._arrivals)
+        health.track_latency = self._stamps.health()
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
@@ -241,9 +248,9 @@ class PoseEstimator:
     def feed(self, measurement: Measurement) -> bool:
         """Update with one measurement.
 
-        A measurement is rejected, and counted in `health`, if it is invalid (not finite, bad variance,
-        duplicate stamp), later than `Settings.history`, or outside of its gate. The estimate then changes
-        at most by propagation to its stamp.
+        The latency of its stream is taken off its stamp. It is rejected, and counted in `health`, if it
+        is invalid (not finite, bad variance, duplicate stamp), later than `Settings.history`, or outside
+        of its gate. The estimate then changes at most by propagation to its stamp.
 
         Returns:
             True if the measurement was used.
@@ -251,6 +258,19 @@ class PoseEstimator:
         Raises:
             EstimatorError: the object is no measurement, or of a kind that was registered later.
         """
+        return self.feed_corrected(self._stamps.corrected(as_plain(measurement)))
+
+    @property
+    def latencies(self) -> Latencies:
+        """Latencies that are taken off the stamps."""
+        return self._stamps.latencies
+
+    def late(self, kind: type[Measurement]) -> int:
+        """Latency that `feed` takes off the stamps of a type of measurements [ns]."""
+        return self._stamps.late(kind)
+
+    def feed_corrected(self, measurement: Measurement) -> bool:
+        """Update with one measurement whose stamp is its time of measurement; see `feed`."""
         measurement = as_plain(measurement)
         stream, key = self._streams.get(type(measurement)), key_of(measurement)
         if stream is None:
@@ -269,6 +289,7 @@ class PoseEstimator:
             self._arrivals.sensor(stream).reject(reason)
             return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
         admission.in_time()
+        self._stamps.watch(measurement)
         if in_order:
             return history.append(key, measurement)
         self._arrivals.sensor(stream).late += 1
@@ -295,7 +316,7 @@ class PoseEstimator:
             sensor.rejected[TOO_OLD] -= 1
             if not sensor.rejected[TOO_OLD]:
                 del sensor.rejected[TOO_OLD]
-            used |= self.feed(measurement)
+            used |= self.feed_corrected(measurement)
         return used
 
     # --- relative motion --------------------------------------------------------------------------
@@ -439,6 +460,7 @@ class PoseEstimator:
             start_sigma=start_sigma,
         )
         new._start_with(self._reckoning.checkpoint(), 0.0)
+        new._stamps = StampCorrection(self.robot, self.latencies, self._stamps.estimated)
         return new
 
     def _saved(self) -> SavedEstimator:
@@ -450,6 +472,8 @@ class PoseEstimator:
             self._history.checkpoint(),
             self._arrivals.copy(),
             dict(self._admission.witnesses),
+            self._stamps.latencies,
+            self._stamps.estimated,
         )
 
     def _continue(self, saved: SavedEstimator) -> None:
@@ -457,6 +481,7 @@ class PoseEstimator:
         self._history.restore(saved.history)
         self._arrivals = saved.arrivals
         self._admission.witnesses = saved.witnesses
+        self._stamps = StampCorrection(self.robot, saved.latencies, saved.estimated_latency)
 
     def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
         self._reckoning.warm_start(checkpoint, off)
@@ -474,6 +499,7 @@ class PoseEstimator:
         settings: Settings | None = None,
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        latencies: Latencies | None = None,
     ) -> PoseEstimator:
         """Start a new estimator with the parameters, biases and scales of a saved one.
 
@@ -488,6 +514,8 @@ class PoseEstimator:
             settings: settings of the new estimator; None for those of the saved one.
             start: pose at the first track speeds: x, y [m], yaw [rad].
             start_sigma: its standard deviations [m, m, rad].
+            latencies: latencies of the stamps; None for those of the saved one. An estimate of the saved
+                one is the first here, if there is to be one.
 
         Raises:
             EstimatorError: as for `restore`, or `off` is negative.
@@ -505,4 +533,7 @@ class PoseEstimator:
             start_sigma=start_sigma,
         )
         estimator._start_with(saved.now, off)
+        wanted = saved.latencies if latencies is None else latencies
+        estimated = saved.estimated_latency if wanted.estimate_tracks else 0.0
+        estimator._stamps = StampCorrection(robot, wanted, estimated)
         return estimator

@@ -28,6 +28,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, state_names
 from icreckon.estimator.streaming.late_measurements import HistoryCheckpoint
+from icreckon.estimator.streaming.latencies import Latencies
 
 FORMAT = "icreckon estimator"
 VERSION = 3
@@ -59,6 +60,8 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         history: checkpoint of the history, for late measurements.
         arrivals: counts of measurements that did not reach the filter.
         witnesses: see `estimator.log.input_checks.Admission`.
+        latencies: latencies of the stamps.
+        estimated_latency: part of the track speeds' latency that was estimated [s].
     """
 
     variant: str
@@ -68,6 +71,8 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     history: HistoryCheckpoint
     arrivals: Health
     witnesses: dict[str, tuple[int, int]]
+    latencies: Latencies = Latencies()
+    estimated_latency: float = 0.0
 
     def require_fit(
         self, robot: Robot, variant: str | None, source: str, *, to_continue: bool

@@ -13,10 +13,10 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import relative, rotate
+from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
 from icreckon.estimator.log.scores import interpolate_poses, pieces
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
-from icreckon.replay.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
 
 LAGS = np.arange(-0.3, 1.0, 0.01)
 GRID_STEP = 0.1

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
 from icreckon.estimator.log.scores import pieces
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.replay.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
 
 LATENCIES = np.arange(-0.5, 1.0, 0.02)
 """Grid of candidate latencies [s]; negative if the gyro is late."""

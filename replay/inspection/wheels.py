@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.replay.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.replay.inspection.imu_mounting import ABSURD, STILL_MARGIN, Mounting, standstill
 
 GRAVITY = 9.81

@@ -12,6 +12,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.pose_estimator import IcrPoints, PoseEstimator
 from icreckon.replay.live.inputs import LiveInputs, Subscription
 from icreckon.replay.live.map_frame import MapFrame
@@ -86,11 +87,15 @@ class LiveOdometry:
             mapping = TopicMap(tracks=mapping.tracks, imu=mapping.imu)
         self.robot = robot
         self.inputs = LiveInputs(robot, mapping)
+        # `inputs` takes off the latencies of the robot file; that of the tracks is watched, and estimated
+        # where the file gives none.
+        given = "latency" in robot.log.get("tracks", {})
+        latencies = Latencies(estimate_tracks=not given)
         self.warm = saved is not None and saved.exists()
         self.odom = (
-            _warm(saved, robot, variant, settings)
+            _warm(saved, robot, variant, settings, latencies)
             if saved is not None and self.warm
-            else PoseEstimator(robot, variant, settings=settings)
+            else PoseEstimator(robot, variant, settings=settings, latencies=latencies)
         )
         self.map = MapFrame() if mapping.fixes is not None else None
         self._buffer = ReorderBuffer(reorder)
@@ -201,6 +206,10 @@ def live_topics(robot: Robot) -> TopicMap:
     return mapping if mapping.tracks is not None else writable_topics(mapping)
 
 
-def _warm(saved: Path, robot: Robot, variant: str, settings: Settings | None) -> PoseEstimator:
+def _warm(
+    saved: Path, robot: Robot, variant: str, settings: Settings | None, latencies: Latencies
+) -> PoseEstimator:
     off = max(0.0, time.time() - saved.stat().st_mtime)
-    return PoseEstimator.warm_start(saved, robot, variant, off=off, settings=settings)
+    return PoseEstimator.warm_start(
+        saved, robot, variant, off=off, settings=settings, latencies=latencies
+    )

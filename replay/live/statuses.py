@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.filter.health import SensorHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
@@ -18,6 +19,8 @@ from icreckon.replay.base.diagnostic_status import (
 )
 from icreckon.replay.live.odometry import LiveOdometry
 
+CHANGED_LATENCY = 0.05
+"""Difference of latencies from which a latency is reported as changed [s]."""
 MANY_REJECTED = 0.1
 """Share of rejected measurements between two reports from which a sensor is reported as WARN."""
 
@@ -44,7 +47,7 @@ class LiveStatuses:
             statuses.append(self._sensor(name, sensor))
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
-        statuses.append(self._clocks())
+        statuses += [self._clocks(), self._latency(newest)]
         return statuses
 
     def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
@@ -110,9 +113,6 @@ class LiveStatuses:
             f"{purpose} clock": f"{choice.clock}: {choice.reason}"
             for purpose, choice in inputs.clocks.items()
         }
-        for purpose in inputs.clocks:
-            latency = getattr(inputs.mapping, purpose).latency
-            values[f"{purpose} latency_s"] = f"{latency:g}"
         values |= {f"unusable, {reason}": str(count) for reason, count in inputs.lost.items()}
         steps = self._live.odom.health.clock_steps
         values["clock_steps"] = str(steps)
@@ -125,6 +125,28 @@ class LiveStatuses:
             return DiagnosticStatus(WARN, name, text, values)
         text = f"header stamps; set back {steps} times" if steps else "header stamps"
         return DiagnosticStatus(WARN if steps else OK, name, text, values)
+
+    def _latency(self, estimator: PoseEstimator) -> DiagnosticStatus:
+        """Latencies that are used; WARN if turning shows another one of the tracks."""
+        inputs, health = self._live.inputs, estimator.health.track_latency
+        mapped = {
+            one.purpose: getattr(inputs.mapping, one.purpose) for one in inputs.subscriptions()
+        }
+        values = {f"{purpose}_s": f"{one.latency:g}" for purpose, one in mapped.items()}
+        given = mapped["tracks"].latency
+        used = given + health.used
+        values["tracks_s"] = f"{used:.3f}"
+        name = "icreckon: latency"
+        if health.estimated is None or health.sigma is None:
+            return DiagnosticStatus(OK, name, "tracks: not enough turning yet to see it", values)
+        estimated = given + health.estimated
+        values["tracks_estimated_s"] = f"{estimated:.3f} +- {health.sigma:.3f}"
+        text = (
+            f"tracks: {used:.2f} s taken off, turning shows {estimated:.2f} +- {health.sigma:.2f} s"
+        )
+        off = abs(estimated - used)
+        wrong = off > max(CHANGED_LATENCY, BEYOND * health.sigma)
+        return DiagnosticStatus(WARN if wrong else OK, name, text, values)
 
 
 def _parameters(estimator: PoseEstimator) -> DiagnosticStatus:

@@ -9,9 +9,9 @@ from typing import Literal
 
 import msgspec
 
-from icreckon.estimator.base.checks import OnRobot, Positive, check_bounds
+from icreckon.estimator.base.checks import Latency, OnRobot, Positive, check_bounds
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Held, Latency, TrackUnit, check_unit
+from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}

@@ -10,13 +10,13 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-from icreckon.estimator.base.checks import Bound, OnRobot, Positive, check_bounds
+from icreckon.estimator.base.checks import Bound, Latency, OnRobot, Positive, check_bounds
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Held, Latency, TrackUnit, check_unit
+from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
 
 Clock = Literal["auto", "header", "recording"]
 """Clock of a stream: header stamps, time of recording, or the choice of `replay.reading.clocks`."""

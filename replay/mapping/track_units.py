@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.checks import Bound
 
 TrackUnit = Literal[
     "rad/s", "deg/s", "rpm", "m/s", "mm/s", "km/h", "rad", "deg", "turns", "counts", "m", "mm"
@@ -97,6 +96,3 @@ def differences(
 
 Held = Literal["auto", "interpolate", "keep"]
 """Treatment of repeated track speeds, see `replay.reading.held_speeds`."""
-LONGEST = 10.0
-"""Longest latency; later stamps come from another clock [s]."""
-Latency = Annotated[float, Bound(f"a number of seconds, {LONGEST:g} at most", -LONGEST, LONGEST)]

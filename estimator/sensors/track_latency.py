@@ -1,0 +1,191 @@
+"""Latency of the track speeds against the gyro, estimated while driving.
+
+Turning shows it: the yaw change in a window by the gyro is a straight line in the yaw change by the
+track speeds in the same window, shifted by the latency. Sums for a regression are kept for each shift
+of a grid, in blocks of equal turning, so that old blocks can be dropped and the standard error follows
+from leaving out one block at a time. A batch version that looks at a whole log is
+`replay.inspection.latency`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.lag_search import beside_lowest, jackknife_sigma
+
+SHIFTS = np.arange(-0.3, 0.8, 0.02)
+"""Grid of candidate latencies [s]."""
+WINDOW, WINDOW_STEP = 1.0, 0.1
+"""Length and spacing of the windows [s]."""
+BLOCK = 1.25
+"""Turning that closes a block, by the gyro [rad]."""
+FEWEST_BLOCKS, MOST_BLOCKS = 4, 32
+"""Numbers of blocks at which there is an estimate, and from which the oldest is dropped."""
+LARGEST_HOLE = 0.5
+"""Gap between samples at which the windows begin anew [s]."""
+LEAST_CORRELATION = 0.7
+"""Smallest correlation of tracks and gyro at which there is an estimate [-]."""
+CAPACITY = 4096
+"""Number of samples that are kept to integrate over the windows: 10 s at 400 Hz."""
+
+
+class TrackLatency(NamedTuple):
+    """Latency of the track speeds behind the gyro, and its standard error [s]."""
+
+    seconds: float
+    sigma: float
+
+
+class _Angle:
+    """Angle integrated from samples of a rate, over the last seconds.
+
+    Args:
+        held: whether a rate holds until the next sample; otherwise it changes steadily in between.
+    """
+
+    def __init__(self, *, held: bool) -> None:
+        self.seconds = np.zeros(CAPACITY)
+        self.values = np.zeros(CAPACITY)
+        self.count = 0
+        self._held, self._rate = held, 0.0
+
+    def take(self, second: float, rate: float) -> bool:
+        """Add a sample; return False, and do not, if there is a hole before it."""
+        value = 0.0
+        if self.count:
+            step = second - self.seconds[self.count - 1]
+            if abs(step) > LARGEST_HOLE:
+                return False
+            if step <= 0.0:
+                return True
+            mean = self._rate if self._held else 0.5 * (self._rate + rate)
+            value = self.values[self.count - 1] + step * mean
+        if self.count == CAPACITY:
+            kept = CAPACITY // 2
+            self.seconds[:kept] = self.seconds[kept:].copy()
+            self.values[:kept] = self.values[kept:].copy()
+            self.count = kept
+        self.seconds[self.count], self.values[self.count] = second, value
+        self.count, self._rate = self.count + 1, rate
+        return True
+
+    def at(self, seconds: Floats) -> Floats:
+        """Angles at some times."""
+        return np.interp(seconds, self.seconds[: self.count], self.values[: self.count])
+
+
+class TrackLatencyEstimator:
+    """Estimator of the latency of track speeds, from samples in the order of arrival."""
+
+    def __init__(self) -> None:
+        self._origin: int | None = None
+        self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
+        self._open = np.zeros((6, len(SHIFTS)))
+        self._turned = 0.0
+        self._begin()
+
+    def take_tracks(self, stamp: int, left: float, right: float) -> bool:
+        """Add track speeds.
+
+        Args:
+            stamp: raw stamp [ns].
+            left: left track [m/s], in any scale.
+            right: right track.
+
+        Returns:
+            True if a block was completed, so that the estimate may have changed.
+        """
+        second = self._second(stamp)
+        if not self._tracks.take(second, right - left):
+            self._begin()
+            self._tracks.take(second, right - left)
+        return self._use_windows(second)
+
+    def take_gyro(self, stamp: int, yaw_rate: float) -> None:
+        """Add a yaw rate.
+
+        Args:
+            stamp: raw stamp [ns].
+            yaw_rate: by the gyro, its bias included [rad/s].
+        """
+        second = self._second(stamp)
+        if not self._gyro.take(second, yaw_rate):
+            self._begin()
+            self._gyro.take(second, yaw_rate)
+
+    def estimate(self) -> TrackLatency | None:
+        """Estimate the latency; None while it is not observable."""
+        if len(self._blocks) < FEWEST_BLOCKS:
+            return None
+        blocks = np.array(self._blocks)
+        total = blocks.sum(axis=0)
+        best = _best(total)
+        if best is None:
+            return None
+        parts = [_best(total - block) for block in blocks]
+        values = np.array([part for part in parts if part is not None])
+        if len(values) < len(parts):
+            return None
+        return TrackLatency(best, jackknife_sigma(values))
+
+    def _second(self, stamp: int) -> float:
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) * NANOSECOND
+
+    def _begin(self) -> None:
+        """Begin new windows; completed blocks stay."""
+        self._gyro, self._tracks = _Angle(held=False), _Angle(held=True)
+        self._next: float | None = None
+
+    def _use_windows(self, newest: float) -> bool:
+        """Use windows that both angles cover; return True if a block was completed."""
+        gyro, tracks = self._gyro, self._tracks
+        if gyro.count < 2 or tracks.count < 2:
+            return False
+        if self._next is None:
+            first = max(gyro.seconds[0], tracks.seconds[0] - SHIFTS[0])
+            self._next = float(np.ceil(first / WINDOW_STEP) * WINDOW_STEP)
+        completed = False
+        gyro_end = gyro.seconds[gyro.count - 1]
+        while self._next + WINDOW + SHIFTS[-1] <= newest and self._next + WINDOW <= gyro_end:
+            completed |= self._use_window(self._next)
+            self._next += WINDOW_STEP
+        return completed
+
+    def _use_window(self, start: float) -> bool:
+        ends = np.array([start, start + WINDOW])
+        begin, end = self._gyro.at(ends)
+        y = float(end - begin)
+        shifted = self._tracks.at(np.concatenate([start + SHIFTS, start + WINDOW + SHIFTS]))
+        x = shifted[len(SHIFTS) :] - shifted[: len(SHIFTS)]
+        if not x.any():
+            return False  # standing
+        one = np.ones(len(SHIFTS))
+        self._open += np.array([one, x, y * one, x * x, x * y, y * y * one])
+        self._turned += abs(y) * WINDOW_STEP / WINDOW
+        if self._turned < BLOCK:
+            return False
+        self._blocks.append(self._open)
+        self._open, self._turned = np.zeros((6, len(SHIFTS))), 0.0
+        return True
+
+
+def _best(sums: Floats) -> float | None:
+    """Shift of the smallest misfit, refined by a parabola; None if not observable."""
+    n, x, y, xx, xy, yy = sums
+    variance = yy - y * y / n
+    with np.errstate(divide="ignore", invalid="ignore"):
+        misfit = variance - (xy - x * y / n) ** 2 / (xx - x * x / n)
+    if not np.isfinite(misfit).all():
+        return None
+    at = int(np.argmin(misfit))
+    if at in (0, len(SHIFTS) - 1) or variance[at] <= 0.0:
+        return None
+    if 1.0 - misfit[at] / variance[at] < LEAST_CORRELATION**2:
+        return None
+    return float(SHIFTS[at] + beside_lowest(misfit, at) * (SHIFTS[1] - SHIFTS[0]))

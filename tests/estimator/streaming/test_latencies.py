@@ -1,0 +1,300 @@
+"""Latencies: taken off raw stamps by the estimator, and that of the tracks found while driving."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import sample_log
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import (
+    HeadingFix,
+    Measurement,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+)
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.track_latency import TrackLatencyEstimator
+from icreckon.estimator.streaming.latencies import Latencies
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.inspection.latency import track_latency
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+VARIANT = "constant-online"
+LATE = Latencies(tracks=0.21, imu=0.013, position=0.3, heading=0.4)
+
+
+@pytest.fixture(scope="module")
+def log(robot: Robot) -> Log:
+    fixes = FixSpec(heading_sigma=0.05)
+    scenario = Scenario(duration=60.0, seed=2, trajectory="random", fix_rate=2.0, fixes=fixes)
+    return simulate(scenario, robot)
+
+
+@pytest.fixture(scope="module")
+def own(log: Log, robot: Robot) -> float:
+    """Latency of averaged speeds that hold until the next, as `inspect` finds it in the whole log [s]."""
+    assert log.imu is not None
+    vertical = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
+    found = track_latency(log.tracks, log.imu, vertical)
+    assert found is not None
+    assert found.seconds == pytest.approx(0.02, abs=0.01)
+    return found.seconds
+
+
+def raw(log: Log, latencies: Latencies) -> list[Measurement]:
+    """Measurements of a log with late stamps, in the order of those."""
+    late = latencies.by_kind()
+    stamped = [
+        replace(one, stamp=one.stamp + round(late[type(one)] / NANOSECOND))  # type: ignore[type-var]
+        for one in log.measurements()
+    ]
+    return sorted(stamped, key=lambda one: one.stamp)
+
+
+def test_raw_stamps_give_what_corrected_ones_give(log: Log, robot: Robot) -> None:
+    corrected = PoseEstimator(robot, VARIANT)
+    for measurement in log.measurements():
+        corrected.feed(measurement)
+    estimator = PoseEstimator(robot, VARIANT, latencies=LATE)
+    for measurement in raw(log, LATE):
+        estimator.feed(measurement)
+    assert estimator.stamp == corrected.stamp
+    assert estimator.state == pytest.approx(corrected.state, abs=1e-12)
+    assert estimator.covariance == pytest.approx(corrected.covariance, abs=1e-12)
+    assert estimator.health.sensors["tracks"].late > 2900
+    ignored = PoseEstimator(robot, VARIANT)
+    for measurement in raw(log, LATE):
+        ignored.feed(measurement)
+    assert np.abs(ignored.pose - corrected.pose).max() > 0.01
+
+
+def test_a_log_of_raw_stamps_is_corrected_as_a_whole(log: Log) -> None:
+    latencies = Latencies(tracks=0.21, imu=0.013, position=0.3, heading=0.4, pose=0.5)
+    late = latencies.by_kind()
+    assert log.imu is not None
+    assert log.fixes is not None
+
+    def later(stamps: np.ndarray, seconds: float) -> np.ndarray:
+        return stamps + round(seconds / NANOSECOND)
+
+    of_others = [
+        HeadingFix(10**9, 1.0, 0.1),
+        PoseFix(10**9, 1.0, 1.0, 0.0, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+    ]
+    as_fed = replace(
+        log,
+        tracks=replace(log.tracks, stamps=later(log.tracks.stamps, late[TrackSpeeds])),
+        imu=replace(log.imu, stamps=later(log.imu.stamps, latencies.imu)),
+        fixes=replace(log.fixes, stamps=later(log.fixes.stamps, late[PositionFix])),
+        others=tuple(of_others),
+    )
+    back = latencies.taken_off(as_fed)
+    assert np.array_equal(back.tracks.stamps, log.tracks.stamps)
+    assert back.imu is not None
+    assert np.array_equal(back.imu.stamps, log.imu.stamps)
+    assert back.fixes is not None
+    assert np.array_equal(back.fixes.stamps, log.fixes.stamps)
+    assert [one.stamp for one in back.others] == [500_000_000, 600_000_000]
+    assert [type(one) for one in back.others] == [PoseFix, HeadingFix]
+
+
+def test_arrays_are_corrected_as_single_samples_are(log: Log, robot: Robot) -> None:
+    latencies = Latencies(tracks=0.1, imu=-0.02)
+    assert log.imu is not None
+    one_by_one = PoseEstimator(robot, VARIANT, latencies=latencies)
+    for measurement in Log("raw", log.tracks, log.imu).measurements():
+        one_by_one.feed(measurement)
+    at_once = PoseEstimator(robot, VARIANT, latencies=latencies)
+    feed_arrays(at_once, log.tracks, log.imu)
+    assert at_once.stamp == one_by_one.stamp
+    assert at_once.state == pytest.approx(one_by_one.state, abs=1e-9)
+
+
+def test_the_latencies_are_those_of_the_robot_file(robot: Robot) -> None:
+    import msgspec
+
+    given = msgspec.structs.replace(
+        robot,
+        log={
+            "tracks": {"topic": "/js", "latency": 0.2},
+            "imu": {"topic": "/imu"},
+            "fixes": {"topic": "/gps", "latency": 0.1},
+        },
+    )
+    assert Latencies.of(given) == Latencies(tracks=0.2, position=0.1, heading=0.1)
+    assert Latencies.of(msgspec.structs.replace(robot, log={})).estimate_tracks
+    with pytest.raises(EstimatorError, match=r"Latencies.tracks.*10 at most.*20"):
+        Latencies(tracks=20.0)
+    with pytest.raises(EstimatorError, match="latencies"):
+        PoseEstimator(robot, VARIANT, latencies=0.2)  # type: ignore[arg-type]
+
+
+def test_an_unknown_latency_is_found_and_taken_off(log: Log, robot: Robot, own: float) -> None:
+    """After a minute (8 rad of turning) it is known to 0.02 s, and later stamps are right."""
+    estimator = PoseEstimator(robot, VARIANT, latencies=Latencies(estimate_tracks=True))
+    assert estimator.health.track_latency.estimated is None
+    for measurement in raw(log, Latencies(tracks=0.2)):
+        estimator.feed(measurement)
+    found = estimator.health.track_latency
+    assert found.estimated == pytest.approx(0.2 + own, abs=0.01)
+    assert found.sigma is not None
+    assert found.sigma < 0.02
+    assert found.used == pytest.approx(0.2 + own, abs=0.02)
+    assert estimator.late(TrackSpeeds) == round(found.used / NANOSECOND)
+
+
+def test_a_given_latency_is_watched_but_kept(log: Log, robot: Robot, own: float) -> None:
+    estimator = PoseEstimator(robot, VARIANT, latencies=Latencies(tracks=0.05))
+    for measurement in raw(log, Latencies(tracks=0.25)):
+        estimator.feed(measurement)
+    found = estimator.health.track_latency
+    assert found.used == 0.05
+    assert found.estimated == pytest.approx(0.25 + own, abs=0.01)
+
+
+def test_a_latency_that_is_none_is_not_taken_off(log: Log, robot: Robot, own: float) -> None:
+    estimator = PoseEstimator(robot, VARIANT, latencies=Latencies(estimate_tracks=True))
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+    found = estimator.health.track_latency
+    assert found.used == 0.0
+    assert found.estimated == pytest.approx(own, abs=0.01)
+
+
+def test_an_estimated_latency_outlives_a_restart(log: Log, robot: Robot, tmp_path: Path) -> None:
+    latencies = Latencies(estimate_tracks=True)
+    estimator = PoseEstimator(robot, VARIANT, latencies=latencies)
+    for measurement in raw(log, Latencies(tracks=0.2)):
+        estimator.feed(measurement)
+    used = estimator.health.track_latency.used
+    assert used > 0.18
+    estimator.save(tmp_path / "state.json")
+    for again in (
+        PoseEstimator.restore(tmp_path / "state.json", robot),
+        PoseEstimator.warm_start(tmp_path / "state.json", robot, off=10.0),
+        estimator.copy(),
+        estimator.restarted(),
+    ):
+        assert again.health.track_latency.used == used
+        assert again.latencies == latencies
+    given = PoseEstimator.warm_start(
+        tmp_path / "state.json", robot, off=10.0, latencies=Latencies(tracks=0.1)
+    )
+    assert given.health.track_latency.used == 0.1
+
+
+def events(
+    late: float, *, rate: float = 50.0, seconds: float = 120.0, pause: float = 0.0
+) -> Iterator[tuple[int, float | tuple[float, float]]]:
+    """Gyro samples and track speeds of a robot that turns at random, tracks late and held."""
+    rng = np.random.default_rng(3)
+    knots = np.arange(-5.0, seconds + 5.0, 2.0)
+    rates = rng.normal(0.0, 0.5, len(knots))
+    count = int(100.0 * seconds)
+    for k in range(count):
+        t = k / 100.0
+        if pause and 50.0 < t < 50.0 + pause:
+            continue
+        stamp = round(t * 1e9)
+        yield stamp, float(np.interp(t, knots, rates) + 0.02 + 0.01 * rng.standard_normal())
+        if k % round(100.0 / rate) == 0:
+            turning = float(np.interp(t - late + 0.5 / rate, knots, rates))
+            yield stamp, (0.5 - 0.3 * turning, 0.5 + 0.3 * turning)
+
+
+@pytest.mark.parametrize("late", [-0.15, 0.0, 0.07, 0.21, 0.6])
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+def test_latency_of_either_sign_at_any_rate(late: float, rate: float) -> None:
+    estimator = TrackLatencyEstimator()
+    for stamp, value in events(late, rate=rate, pause=3.0):
+        if isinstance(value, float):
+            estimator.take_gyro(stamp, value)
+        else:
+            estimator.take_tracks(stamp, *value)
+    found = estimator.estimate()
+    assert found is not None
+    assert found.seconds == pytest.approx(late, abs=max(0.004, 3.0 * found.sigma))
+    assert found.sigma < 0.01
+
+
+def test_a_latency_that_changes_is_followed() -> None:
+    estimator, after = TrackLatencyEstimator(), 200 * 10**9
+    for late, offset in ((0.1, 0), (0.3, after)):
+        for stamp, value in events(late, seconds=190.0):
+            if isinstance(value, float):
+                estimator.take_gyro(stamp + offset, value)
+            else:
+                estimator.take_tracks(stamp + offset, *value)
+        found = estimator.estimate()
+        assert found is not None
+        assert found.seconds == pytest.approx(late, abs=0.01)
+
+
+def test_no_turning_or_no_agreement_gives_no_latency() -> None:
+    straight, unrelated = TrackLatencyEstimator(), TrackLatencyEstimator()
+    rng = np.random.default_rng(1)
+    for stamp, value in events(0.1):
+        if isinstance(value, float):
+            straight.take_gyro(stamp, 0.001)
+            unrelated.take_gyro(stamp, value)
+        else:
+            straight.take_tracks(stamp, 0.5, 0.5)
+            unrelated.take_tracks(stamp, *rng.normal(size=2).tolist())
+    assert straight.estimate() is None
+    assert unrelated.estimate() is None
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_watch() -> None:
+    estimator = TrackLatencyEstimator()
+    for offset in (10**12, 0):
+        for stamp, value in events(0.2):
+            if isinstance(value, float):
+                estimator.take_gyro(stamp + offset, value)
+            else:
+                estimator.take_tracks(stamp + offset, *value)
+    found = estimator.estimate()
+    assert found is not None
+    assert found.seconds == pytest.approx(0.2, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("name", "robot_name", "latency"),
+    [
+        ("warthog_asphalt_2024_9_25_12h8s57", "warthog", 0.203),
+        ("warthog_grass_2024_7_29_14h46s15", "warthog", 0.204),
+        ("husky_deflated_part1", "husky-deflated", 0.240),
+    ],
+)
+def test_real_latencies_are_those_of_the_whole_log(
+    data_dir: Path, name: str, robot_name: str, latency: float
+) -> None:
+    """Within two standard errors of what `inspect` finds in the log (its own is up to 0.04 s)."""
+    import msgspec
+
+    robot = load_robot(robot_name)
+    tracks = {**robot.log["tracks"], "latency": 0.0}
+    robot = msgspec.structs.replace(robot, log={**robot.log, "tracks": tracks})
+    log = read_log(sample_log(data_dir, name), robot)
+    estimator, models = TrackLatencyEstimator(), SensorModels(robot)
+    for measurement in Log("raw", log.tracks, log.imu).measurements():
+        if isinstance(measurement, TrackSpeeds):
+            estimator.take_tracks(measurement.stamp, measurement.left, measurement.right)
+        else:
+            estimator.take_gyro(measurement.stamp, models.yaw_rate(measurement))  # type: ignore[arg-type]
+    found = estimator.estimate()
+    assert found is not None
+    assert found.seconds == pytest.approx(latency, abs=2.0 * found.sigma)
+    assert found.sigma < 0.02
