@@ -134,7 +134,7 @@ class OdometryNode:
         from nav_msgs.msg import Odometry
 
         options, node = self.options, self.node
-        self._odometry = node.create_publisher(Odometry, "odom", 10)
+        self._odometry = node.create_publisher(Odometry, "odom", 100)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         has_map = self.live.map is not None
         self._map_pose = (
