@@ -17,7 +17,7 @@ NO_FIGURES = {"versions", "engine", "inputs", "configuration", "command", "secon
 
 def run_command(arguments: Sequence[str], *, cwd: Path | None = None, **environment: str) -> None:
     """Run `icreckon` in a process of its own; exit with its output if it fails."""
-    done = subprocess.run(  # noqa: S603 - our own command
+    done = subprocess.run(
         [Path(sys.executable).parent / "icreckon", *arguments],
         env={**os.environ, **environment},
         cwd=cwd,

@@ -88,7 +88,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as cache:
             for cold in (True, False):
                 command = [sys.executable, __file__, "--here", "--variants", variant]
-                done = subprocess.run(  # noqa: S603 - this very file
+                done = subprocess.run(
                     [*command, "--seconds", str(options.seconds)],
                     env={**os.environ, "NUMBA_CACHE_DIR": cache},
                     capture_output=True,

@@ -107,7 +107,7 @@ def decoding_time(path: Path) -> tuple[float, int]:
 
 def peak_megabytes(script: str, *words: str) -> float:
     """The most memory that a process takes that runs a script with these arguments [MB]."""
-    done = subprocess.run(  # noqa: S603
+    done = subprocess.run(
         [sys.executable, "-c", f"import sys\n{script}\n{PEAK}", *words],
         capture_output=True,
         text=True,

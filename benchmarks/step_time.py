@@ -91,7 +91,7 @@ def plain_microseconds(steps: int) -> float:
 
 def first_seconds(cache: str) -> float:
     """Time that the compiled engine takes in a new process, with what is kept in a folder [s]."""
-    done = subprocess.run(  # noqa: S603 - our own text
+    done = subprocess.run(
         [sys.executable, "-c", FIRST_STEPS],
         env={**os.environ, "NUMBA_CACHE_DIR": cache},
         capture_output=True,
