@@ -130,6 +130,7 @@ class LiveInputs:
             if stream is None:
                 continue
             by_path = purpose == "tracks" and bool(self.mapping.tracks and self.mapping.tracks.left)
+            by_path |= stream.any_reader is not None
             types = () if by_path else tuple(stream.readers)
             found += [
                 Subscription(purpose, topic, types, topic != stream.topic)
@@ -229,9 +230,9 @@ class LiveInputs:
         reader = stream.readers.get(msgtype)
         tracks = self.mapping.tracks
         if reader is None and stream.purpose == "tracks" and tracks is not None and tracks.left:
-            if stream.any_reader is None:
-                stream.any_reader = FieldReader(tracks.left, tracks.right)
-            reader = stream.any_reader
+            # One object for all messages of the topic: paths of fields are parsed once.
+            stream.any_reader = stream.any_reader or FieldReader(tracks.left, tracks.right)
+        reader = reader or stream.any_reader
         if reader is None:
             raise ReplayError(
                 f"topic {stream.topic!r} is of type {msgtype!r}, of which {stream.purpose} cannot be "
@@ -327,7 +328,7 @@ class LiveInputs:
             yield TrackSpeeds(middle, left, right)
 
     def _fix(self, stamp: int, rows: Any, msgtype: str, mapped: FixTopic) -> Iterator[Measurement]:
-        if msgtype == NAVSATFIX:
+        if msgtype == NAVSATFIX or mapped.latitude:
             self.geodetic = True
             if not on_globe(rows).all():
                 self._lose("fixes", "not a place on the globe")

@@ -5,16 +5,48 @@ It is the `[log.columns]` table of a robot file.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
-from icreckon.estimator.base.checks import Latency, OnRobot, Positive, check_bounds
+from icreckon.estimator.base.checks import Bound, Latency, OnRobot, Positive, check_bounds
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
+RateUnit = Literal["rad/s", "deg/s"]
+AccelerationUnit = Literal["m/s2", "g"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
+
+
+def check_axes(rates: tuple[str, ...], forces: tuple[str, ...], what: str) -> None:
+    """Refuse names of an IMU's axes that are not all there.
+
+    Args:
+        rates: names of the angular velocity's axes.
+        forces: names of the linear acceleration's axes.
+        what: kind of the names, for the message: "columns" or "fields".
+
+    Raises:
+        ValueError: a number of names that is not allowed.
+    """
+    if len(rates) not in (1, 3):
+        raise ValueError(f"angular_velocity must name three {what}, or that of z alone")
+    if len(forces) not in (0, 3):
+        raise ValueError(f"linear_acceleration must name three {what}, or none")
+
+
+Pair = tuple[str | None, str | None]
+
+
+def check_place(plane: Pair, globe: Pair, what: str) -> None:
+    """Refuse names of a place that are neither x and y nor latitude and longitude.
+
+    Raises:
+        ValueError: one is missing, or there are both.
+    """
+    if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
+        raise ValueError(f"x and y must name {what}, or else latitude and longitude")
 
 
 class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -63,17 +95,14 @@ class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     angular_velocity: tuple[str, ...]
     linear_acceleration: tuple[str, ...] = ()
-    rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
-    acceleration_unit: Literal["m/s2", "g"] = "m/s2"
+    rate_unit: RateUnit = "rad/s"
+    acceleration_unit: AccelerationUnit = "m/s2"
     time: str | None = None
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        if len(self.angular_velocity) not in (1, 3):
-            raise ValueError("angular_velocity must name three columns, or that of z alone")
-        if len(self.linear_acceleration) not in (0, 3):
-            raise ValueError("linear_acceleration must name three columns, or none")
+        check_axes(self.angular_velocity, self.linear_acceleration, "columns")
 
 
 class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -115,10 +144,33 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        plane, globe = (self.x, self.y), (self.latitude, self.longitude)
-        if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
-            raise ValueError("x and y must name columns, or else latitude and longitude")
+        check_place((self.x, self.y), (self.latitude, self.longitude), "columns")
         check_origin(self.origin)
+
+
+class HeadingColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Columns of a heading without a position.
+
+    Attributes:
+        yaw: column of the heading, counter-clockwise.
+        unit: its unit.
+        clockwise: whether it counts clockwise, from north (a compass), so that yaw is 90 degrees less it.
+        sigma: standard deviation [rad].
+        offset_deg: offset added to get the direction of driving in the frame of the fixes [deg].
+        time: column of its time, if other than the map's.
+        latency: latency of the stamps, subtracted from them [s].
+    """
+
+    yaw: str
+    sigma: Positive
+    unit: Literal["rad", "deg"] = "rad"
+    clockwise: bool = False
+    offset_deg: Annotated[float, Bound("a number")] = 0.0
+    time: str | None = None
+    latency: Latency = 0.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -134,6 +186,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         imu: columns of the IMU.
         fixes: columns of the fixes.
         truth: columns of the truth; x, y and yaw.
+        heading: columns of a heading without a position.
     """
 
     time: str
@@ -142,6 +195,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     imu: ImuColumns | None = None
     fixes: PoseColumns | None = None
     truth: PoseColumns | None = None
+    heading: HeadingColumns | None = None
 
     def __post_init__(self) -> None:
         if self.truth is not None and not (self.truth.x and self.truth.yaw):

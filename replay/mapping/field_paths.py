@@ -6,6 +6,9 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.base.errors import ReplayError
 
 STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
@@ -64,3 +67,20 @@ class FieldReader:
     def __call__(self, message: Any) -> tuple[float, float]:  # noqa: D102
         left, right = (sum(get(message) for get in side) / len(side) for side in self._sides)
         return (left, right)
+
+
+class FieldRowReader:
+    """Reader of a message: a row made of some of its fields.
+
+    Args:
+        names: paths of the fields.
+        make: function from the values (1, k) to the rows (1, m).
+    """
+
+    def __init__(self, names: Sequence[str], make: Callable[[Floats], Floats]) -> None:
+        self._getters = [field_getter(name) for name in names]
+        self._make = make
+
+    def __call__(self, message: Any) -> tuple[float, ...]:  # noqa: D102
+        values = np.array([[get(message) for get in self._getters]])
+        return tuple(self._make(values)[0].tolist())

@@ -14,7 +14,13 @@ from icreckon.estimator.base.checks import Bound, Latency, OnRobot, Positive, ch
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.columns import ColumnMap
+from icreckon.replay.mapping.columns import (
+    AccelerationUnit,
+    ColumnMap,
+    RateUnit,
+    check_axes,
+    check_place,
+)
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
 
@@ -70,20 +76,30 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The topic of the IMU (sensor_msgs/Imu).
+    """The topic of the IMU.
 
     Attributes:
-        topic: name.
+        topic: name; sensor_msgs/Imu, or any other type if `angular_velocity` names its fields.
+        angular_velocity: fields of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty for Imu.
+        linear_acceleration: fields of x, y and z (specific force); empty for none, and for Imu.
+        rate_unit: unit of these fields of the angular velocity.
+        acceleration_unit: unit of these fields of the acceleration.
         time: clock of the stamps.
         latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
+    angular_velocity: tuple[str, ...] = ()
+    linear_acceleration: tuple[str, ...] = ()
+    rate_unit: RateUnit = "rad/s"
+    acceleration_unit: AccelerationUnit = "m/s2"
     time: Clock = "auto"
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if self.angular_velocity or self.linear_acceleration:
+            check_axes(self.angular_velocity, self.linear_acceleration, "fields")
 
 
 class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -92,7 +108,15 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         topic: name; geometry_msgs/PoseWithCovarianceStamped or PoseStamped, nav_msgs/Odometry,
             sensor_msgs/NavSatFix (then `odom` is east and north from `origin`), or tf
-            (tf2_msgs/TFMessage, geometry_msgs/TransformStamped) with `frames`.
+            (tf2_msgs/TFMessage, geometry_msgs/TransformStamped) with `frames`; or any other type, if
+            `x` and `y`, or `latitude` and `longitude`, name its fields.
+        x: field of x [m], as "position.x"; the next ones likewise.
+        y: field of y [m].
+        yaw: field of the heading, counter-clockwise from x [rad], or None.
+        latitude: field [deg].
+        longitude: field [deg].
+        altitude: field [m], or None.
+        sigma: field of the standard deviation of each coordinate [m], or None.
         position_sigma: standard deviation of each coordinate if a message has no covariance [m].
         heading_sigma: standard deviation of yaw if a message has no covariance [rad]; if left out, such
             a message has no heading.
@@ -107,6 +131,13 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     topic: str
+    x: str | None = None
+    y: str | None = None
+    yaw: str | None = None
+    latitude: str | None = None
+    longitude: str | None = None
+    altitude: str | None = None
+    sigma: str | None = None
     position_sigma: Positive | None = None
     heading_sigma: Positive | None = None
     least_sigma: Positive | None = None
@@ -120,6 +151,9 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self)
         _check_frames(self.frames)
         check_origin(self.origin)
+        plane, globe = (self.x, self.y), (self.latitude, self.longitude)
+        if any((*plane, *globe, self.yaw, self.altitude, self.sigma)):
+            check_place(plane, globe, "fields")
 
 
 class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -6,21 +6,77 @@ Rows are those of `message_rows`, one or many of one topic; nothing here depends
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.frames import wrap_angle, yaw_to_quaternion
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.bags.message_types import ODOMETRY, TWIST
-from icreckon.replay.mapping.columns import PoseColumns, TrackColumns
-from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TrackTopic
+from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
+from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
 from icreckon.replay.mapping.track_units import ADDS_UP, metres
 
+STANDARD_GRAVITY = 9.80665
+"""Acceleration of a unit g [m/s²]."""
 NO_HEADING_VARIANCE = 1e3
 """Yaw variance [rad²] from which a fix is assumed to have no heading."""
+
+
+def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
+    """Rows as of `message_rows.imu_row` from the values of named fields or columns.
+
+    Args:
+        spec: names and units.
+        values: (n, k) values in the order of angular_velocity, linear_acceleration.
+    """
+    axes = len(spec.angular_velocity)
+    rates, forces = values[:, :axes], values[:, axes:]
+    if axes == 1:
+        rates = np.column_stack([np.zeros_like(rates), np.zeros_like(rates), rates])
+    if spec.rate_unit == "deg/s":
+        rates = np.radians(rates)
+    if not forces.shape[1]:
+        forces = np.full((len(values), 3), np.nan)
+    elif spec.acceleration_unit == "g":
+        forces = forces * STANDARD_GRAVITY
+    return np.column_stack([rates, forces])
+
+
+def pose_names(spec: FixTopic | PoseColumns) -> list[str]:
+    """Names of the fields or columns of a pose; empty if none is named."""
+    named = (spec.x, spec.y, spec.yaw, spec.latitude, spec.longitude, spec.altitude, spec.sigma)
+    return [one for one in named if one]
+
+
+def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Floats:
+    """Rows as of `message_rows.POSE_READERS` or, of geodetic places, `GEODETIC_READERS`.
+
+    Args:
+        spec: names of the fields or columns.
+        values: (n,) values of each of `pose_names`.
+    """
+    count = len(next(iter(values.values())))
+    unknown = np.full(count, np.nan)
+    variance = values[spec.sigma] ** 2 if spec.sigma else unknown
+    if spec.latitude and spec.longitude:
+        altitude = values[spec.altitude] if spec.altitude else unknown
+        return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
+    yaw = values[spec.yaw] if spec.yaw else unknown
+    yaw_variance = np.full(count, spec.heading_sigma**2 if spec.heading_sigma else np.nan)
+    return np.column_stack(
+        [
+            values[spec.x or ""],
+            values[spec.y or ""],
+            yaw_to_quaternion(yaw),
+            variance,
+            np.where(np.isnan(variance), np.nan, yaw_variance),
+            *([unknown] * 3),
+        ]
+    )
 
 
 class TrackValues(NamedTuple):
@@ -95,12 +151,12 @@ def without_unknown_headings(poses: Floats, variances: Floats) -> Floats:
     return np.column_stack([poses[:, :2], np.where(none, np.nan, poses[:, 2])])
 
 
-def headings(rows: Floats, mapped: HeadingTopic) -> tuple[Floats, Floats]:
+def headings(rows: Floats, mapped: HeadingTopic | HeadingColumns) -> tuple[Floats, Floats]:
     """Convert the rows of `message_rows.HEADING_READERS`.
 
     Args:
         rows: (n, 2) yaw [rad], variance [rad²] or NaN.
-        mapped: topic of the heading.
+        mapped: topic or columns of the heading.
 
     Returns:
         (n,) yaw of the robot [rad] and (n,) variances; NaN for unknown.

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import msgspec
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.bags.bag_files import Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, STRING, TWIST
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.field_paths import FieldReader
+from icreckon.replay.mapping.field_paths import FieldReader, FieldRowReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
+from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.fast_rows import quick_reader
 from icreckon.replay.reading.message_rows import (
     GEODETIC_READERS,
@@ -244,7 +246,13 @@ def wanted_streams(
             speeds.any_reader = FieldReader(tracks.left, tracks.right)
         yield speeds
     if imu := mapping.imu:
-        yield stream("imu", imu.topic, imu.time, {IMU: imu_row})
+        if imu.angular_velocity:
+            by_field = stream("imu", imu.topic, imu.time, {})
+            names = (*imu.angular_velocity, *imu.linear_acceleration)
+            by_field.any_reader = FieldRowReader(names, partial(imu_rows, imu))
+            yield by_field
+        else:
+            yield stream("imu", imu.topic, imu.time, {IMU: imu_row})
     if fixes := mapping.fixes:
         yield _poses("fixes", fixes, source, definitions)
     if heading := mapping.heading:
@@ -270,9 +278,18 @@ def _poses(
             definitions=definitions,
             frames=mapped.frames,
         )
+    names = pose_names(mapped) if isinstance(mapped, FixTopic) else []
+    if names and isinstance(mapped, FixTopic):
+        by_field = Stream(purpose, mapped.topic, source, mapped.time, {}, definitions=definitions)
+        by_field.any_reader = FieldRowReader(names, partial(_pose_row, mapped, names))
+        return by_field
     geodetic = GEODETIC_READERS if isinstance(mapped, FixTopic) else {}
     readers = POSE_READERS | geodetic
     return Stream(purpose, mapped.topic, source, mapped.time, readers, definitions=definitions)
+
+
+def _pose_row(mapped: FixTopic, names: Sequence[str], values: Floats) -> Floats:
+    return pose_rows(mapped, dict(zip(names, values.T, strict=True)))
 
 
 def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:

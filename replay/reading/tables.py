@@ -9,23 +9,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
-from icreckon.estimator.base.frames import yaw_to_quaternion
 from icreckon.replay.bags.message_types import NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import (
     NANOSECONDS_OF,
     ColumnMap,
+    HeadingColumns,
     ImuColumns,
     PoseColumns,
     TimeUnit,
     TrackColumns,
 )
+from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 PARQUET_MAGIC = b"PAR1"
 CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".csv.bz2")
 DELIMITERS = "\t;,"
-STANDARD_GRAVITY = 9.80665
 LARGEST_TIME = 2.0**63
 
 
@@ -191,9 +191,10 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
     return found
 
 
-def wanted_columns(
-    columns: ColumnMap,
-) -> Iterator[tuple[str, TrackColumns | ImuColumns | PoseColumns, list[str]]]:
+Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns
+
+
+def wanted_columns(columns: ColumnMap) -> Iterator[tuple[str, Columns, list[str]]]:
     """Yield each stream of a column map: purpose, map, and columns except the time."""
     if tracks := columns.tracks:
         yield "tracks", tracks, [*tracks.left, *tracks.right]
@@ -201,49 +202,26 @@ def wanted_columns(
         yield "imu", imu, [*imu.angular_velocity, *imu.linear_acceleration]
     for purpose, poses in (("fixes", columns.fixes), ("truth", columns.truth)):
         if poses:
-            named = (poses.x, poses.y, poses.yaw, poses.latitude, poses.longitude)
-            yield purpose, poses, [one for one in (*named, poses.altitude, poses.sigma) if one]
+            yield purpose, poses, pose_names(poses)
+    if heading := columns.heading:
+        yield "heading", heading, [heading.yaw]
 
 
-def _rows(
-    spec: TrackColumns | ImuColumns | PoseColumns, names: list[str], values: Floats
-) -> tuple[str, Floats]:
+def _rows(spec: Columns, names: list[str], values: Floats) -> tuple[str, Floats]:
     """Equivalent message type, and the rows that its reader would return."""
     if isinstance(spec, TrackColumns):
         left = values[:, : len(spec.left)].mean(axis=1)
         return COLUMNS, np.column_stack([left, values[:, len(spec.left) :].mean(axis=1)])
     if isinstance(spec, ImuColumns):
-        return COLUMNS, _imu_rows(spec, values)
+        return COLUMNS, imu_rows(spec, values)
+    if isinstance(spec, HeadingColumns):
+        return COLUMNS, _heading_rows(spec, values)
     by_name = dict(zip(names, values.T, strict=True))
-    unknown = np.full(len(values), NAN)
-    variance = by_name[spec.sigma] ** 2 if spec.sigma else unknown
-    if spec.latitude and spec.longitude:
-        altitude = by_name[spec.altitude] if spec.altitude else unknown
-        places = (by_name[spec.latitude], by_name[spec.longitude], altitude, variance)
-        return NAVSATFIX, np.column_stack(places)
-    yaw = by_name[spec.yaw] if spec.yaw else unknown
-    yaw_variance = np.full(len(values), spec.heading_sigma**2 if spec.heading_sigma else NAN)
-    return COLUMNS, np.column_stack(
-        [
-            by_name[spec.x or ""],
-            by_name[spec.y or ""],
-            yaw_to_quaternion(yaw),
-            variance,
-            np.where(np.isnan(variance), NAN, yaw_variance),
-            *([unknown] * 3),
-        ]
-    )
+    return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, by_name)
 
 
-def _imu_rows(spec: ImuColumns, values: Floats) -> Floats:
-    axes = len(spec.angular_velocity)
-    rates, forces = values[:, :axes], values[:, axes:]
-    if axes == 1:
-        rates = np.column_stack([np.zeros_like(rates), np.zeros_like(rates), rates])
-    if spec.rate_unit == "deg/s":
-        rates = np.radians(rates)
-    if not forces.shape[1]:
-        forces = np.full((len(values), 3), NAN)
-    elif spec.acceleration_unit == "g":
-        forces = forces * STANDARD_GRAVITY
-    return np.column_stack([rates, forces])
+def _heading_rows(spec: HeadingColumns, values: Floats) -> Floats:
+    yaw = np.radians(values[:, 0]) if spec.unit == "deg" else values[:, 0]
+    if spec.clockwise:
+        yaw = 0.5 * np.pi - yaw
+    return np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])

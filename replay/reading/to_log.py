@@ -228,7 +228,7 @@ class _Assembly:
         spec = columns.fixes if table and columns else self.gathered.mapping.fixes
         if spec is None:
             return None
-        if stream.msgtype == NAVSATFIX:
+        if stream.msgtype == NAVSATFIX or spec.latitude:
             stamps, poses, variances = self._geodetic(stream, spec.origin)
         else:
             stamps, rows = self._arrays(stream, 11)
@@ -276,8 +276,12 @@ class _Assembly:
         return stamps, poses, np.column_stack([rows[:, 3], np.full(len(rows), NAN)])
 
     def _headings(self, stream: Stream | None) -> tuple[HeadingFix, ...]:
-        mapped = self.gathered.mapping.heading
-        if stream is None or mapped is None:
+        if stream is None:
+            return ()
+        columns = self.gathered.mapping.columns
+        table = columns is not None and stream.from_table
+        mapped = columns.heading if table and columns else self.gathered.mapping.heading
+        if mapped is None:
             return ()
         stamps, rows = self._arrays(stream, 2)
         yaw, variances = headings(rows, mapped)

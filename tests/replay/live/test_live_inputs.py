@@ -27,7 +27,7 @@ from bag_messages import (
     vector,
     write_bag,
 )
-from icreckon.estimator.log.measurements import Measurement
+from icreckon.estimator.log.measurements import ImuSample, Measurement
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import LiveInputs
@@ -93,6 +93,12 @@ def twist_stamped(stamp: int, v: float, w: float):
     return T["geometry_msgs/msg/TwistStamped"](header(stamp), twist(v, w))
 
 
+def point(stamp: int, x: float):
+    return T["geometry_msgs/msg/PointStamped"](
+        header(stamp, "map"), T["geometry_msgs/msg/Point"](x, 2.0, 0.3)
+    )
+
+
 IMU = [("/imu", imu(stamp, rate=(0.0, 0.0, 0.01 * k))) for k, stamp in enumerate(STAMPS)]
 CASES = {
     "wheel rates, IMU": ({"tracks": JOINTS, "imu": {"topic": "/imu"}}, TRACKS + IMU),
@@ -130,6 +136,45 @@ CASES = {
         {"tracks": JOINTS, "fixes": {"topic": "/pose", "position_sigma": 0.2}},
         TRACKS + [("/pose", pose_stamped(stamp, x=0.1, y=2.0)) for stamp in STAMPS[::4]],
     ),
+    "IMU by its fields": (
+        {
+            "tracks": JOINTS,
+            "imu": {
+                "topic": "/gyro",
+                "angular_velocity": ["twist.angular.z"],
+                "linear_acceleration": ["twist.linear.x", "twist.linear.y", "twist.linear.z"],
+                "rate_unit": "deg/s",
+                "acceleration_unit": "g",
+            },
+        },
+        TRACKS + [("/gyro", twist_stamped(stamp, 0.1, 5.0 * k)) for k, stamp in enumerate(STAMPS)],
+    ),
+    "fixes by their fields": (
+        {
+            "tracks": JOINTS,
+            "fixes": {
+                "topic": "/p",
+                "x": "point.x",
+                "y": "point.y",
+                "yaw": "point.z",
+                "sigma": "point.z",
+                "heading_sigma": 0.1,
+            },
+        },
+        TRACKS + [("/p", point(stamp, 0.1 * k)) for k, stamp in enumerate(STAMPS[::4])],
+    ),
+    "GPS by its fields": (
+        {
+            "tracks": JOINTS,
+            "fixes": {
+                "topic": "/gps",
+                "latitude": "latitude",
+                "longitude": "longitude",
+                "position_sigma": 0.5,
+            },
+        },
+        TRACKS + [("/gps", navsatfix(stamp, 0.5 * k)) for k, stamp in enumerate(STAMPS[::4])],
+    ),
     "headings": (
         {"tracks": JOINTS, "heading": {"topic": "/compass", "offset_deg": 90.0}},
         TRACKS + [("/compass", orientation(stamp, 0.1 * k)) for k, stamp in enumerate(STAMPS[::4])],
@@ -148,6 +193,48 @@ def test_a_live_run_reads_what_a_replay_reads(name: str, tmp_path: Path) -> None
     replayed = list(read_log(bag, robot).measurements())
     assert len(replayed) >= len(STAMPS)
     same(through(bag, robot), replayed)
+
+
+def test_fields_are_converted_to_si(tmp_path: Path) -> None:
+    """Axes, units and places of fields of any type, against hand-made figures."""
+    log, messages = CASES["IMU by its fields"]
+    robot = robot_with(**log)
+    bag = write_bag(
+        tmp_path / "imu",
+        sorted(
+            messages, key=lambda one: one[1].header.stamp.nanosec + one[1].header.stamp.sec * SECOND
+        ),
+    )
+    imu_samples = [one for one in read_log(bag, robot).measurements() if isinstance(one, ImuSample)]
+    assert imu_samples[3].angular_velocity == pytest.approx((0.0, 0.0, np.radians(15.0)))
+    assert imu_samples[3].linear_acceleration == pytest.approx((0.1 * 9.80665, 0.0, 0.0))
+    log, messages = CASES["fixes by their fields"]
+    robot = robot_with(**log)
+    bag = write_bag(
+        tmp_path / "fixes",
+        sorted(
+            messages, key=lambda one: one[1].header.stamp.nanosec + one[1].header.stamp.sec * SECOND
+        ),
+    )
+    fixes = read_log(bag, robot).fixes
+    assert fixes is not None
+    assert fixes.poses[3] == pytest.approx((0.3, 2.0, 0.3))
+    assert fixes.variances[3] == pytest.approx((0.09, 0.01))
+
+
+@pytest.mark.parametrize(
+    ("stream", "keys", "match"),
+    [
+        ("imu", {"angular_velocity": ["a", "b"]}, "angular_velocity must name three fields"),
+        ("imu", {"linear_acceleration": ["a", "b", "c"]}, "angular_velocity must name three"),
+        ("fixes", {"x": "a"}, "x and y must name fields"),
+        ("fixes", {"sigma": "a"}, "x and y must name fields"),
+    ],
+)
+def test_fields_that_are_not_all_there_are_refused(stream: str, keys: dict, match: str) -> None:
+    robot = robot_with(tracks=JOINTS, **{stream: {"topic": "/t", **keys}})
+    with pytest.raises(ReplayError, match=match):
+        topic_map(robot, "robot")
 
 
 def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from pyarrow import csv, parquet
 
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.topics import topic_map
@@ -185,6 +186,30 @@ def test_fixes_in_the_plane(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.fixes.variances, [[0.01, 0.04], [0.01, 0.04]])
     with pytest.raises(ReplayError, match=r"position_sigma .* \[log.columns.fixes\]"):
         read(tmp_path / "run.csv", tracks=SPEEDS, fixes={"x": "x", "y": "y"})
+
+
+@pytest.mark.parametrize(
+    ("keys", "yaw"),
+    [
+        ({}, 1.5),
+        ({"unit": "deg"}, np.radians(1.5)),
+        ({"unit": "deg", "clockwise": True}, np.radians(88.5)),
+        ({"offset_deg": 180.0}, 1.5 - np.pi),
+    ],
+)
+def test_headings_without_a_position(tmp_path: Path, keys: dict[str, object], yaw: float) -> None:
+    text = "t,l,r,h\n1.0,0.1,0.2,1.5\n1.1,0.1,0.2,\n1.2,0.1,0.2,1.5\n"
+    log = read(
+        write(tmp_path / "run.csv", text),
+        tracks=SPEEDS,
+        heading={"yaw": "h", "sigma": 0.2, "latency": 0.5, **keys},
+    )
+    first, second = log.others
+    assert isinstance(first, HeadingFix)
+    assert isinstance(second, HeadingFix)
+    assert (first.stamp, second.stamp) == (500_000_000, 700_000_000)
+    assert first.yaw == pytest.approx(yaw)
+    assert first.variance == pytest.approx(0.04)
 
 
 @pytest.mark.parametrize(
