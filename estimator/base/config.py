@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 import types
 import typing
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import msgspec
 
 from icreckon.estimator.base.errors import IcreckonError, nearest_hint
 
 T = TypeVar("T", bound=msgspec.Struct)
+
+AT = re.compile(r" - at `\$\.?(.*)`$", re.DOTALL)
+ANY_KEY = "[...]"
+STEP = re.compile(r"\[[^\]]*\]|[^.\[\]]+")
+EXPECTED, GOT = re.compile(r"^Expected `([^`]*)`"), re.compile(r", got `([^`]*)`")
+MISSING = re.compile(r"^Object missing required field (`[^`]*`)")
+KINDS = {
+    "object": "a table",
+    "array": "a list",
+    "str": "text",
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+}
+"""Types of msgspec's messages in words."""
 
 
 def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
@@ -51,7 +67,46 @@ def convert(data: dict[str, Any], kind: type[T], source: str, error: type[Icreck
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as problem:
-        raise error(f"{source}: {problem}") from None
+        raise error(f"{source}: {in_words(str(problem), data)}") from None
+
+
+def in_words(problem: str, data: dict[str, Any]) -> str:
+    """Rephrase a validation error, as "[gyro] bias_walk: expected a number, found text".
+
+    Args:
+        problem: message of the error.
+        data: the data in which it was found.
+    """
+    found = AT.search(problem)
+    text, path = (problem[: found.start()], found.group(1)) if found else (problem, "")
+    text = EXPECTED.sub(lambda parts: f"expected {_kinds(parts[1])}", text)
+    text = GOT.sub(lambda parts: f", found {_kinds(parts[1])}", text)
+    text = MISSING.sub(r"\1 is missing", text)
+    steps, value = [], cast(Any, data)
+    for step in STEP.findall(path):
+        key: Any = step
+        if step == ANY_KEY:
+            # The key of a free table is not in the message.
+            key = next(iter(value)) if len(value) == 1 else None
+        elif step[1:-1].isdigit():
+            key = int(step[1:-1])
+        steps.append(str(key) if step == ANY_KEY and key is not None else step)
+        value = value[key] if key is not None and isinstance(value, dict | list) else {}
+    of_table = steps if isinstance(value, dict) else steps[:-1]
+    names = [step for step in of_table if not step.startswith("[")]
+    leaf = "" if isinstance(value, dict) or not steps else steps[-1]
+    if leaf.startswith("["):
+        leaf, names = (names[-1], names[:-1]) if names else ("", names)
+    numbers = [f"number {int(step[1:-1]) + 1}" for step in steps if step[1:-1].isdigit()]
+    where = " ".join(
+        [*([f"[{'.'.join(names)}]"] if names else []), *([leaf] if leaf else []), *numbers]
+    )
+    return f"{where}: {text}" if where else text
+
+
+def _kinds(names: str) -> str:
+    """Types of a message in words, without the null of optional ones."""
+    return " or ".join(KINDS.get(name, name) for name in names.split(" | ") if name != "null")
 
 
 def _refuse_unknown_keys(

@@ -64,8 +64,12 @@ def test_free_tables_take_any_key():
 
 
 def test_wrong_type_names_the_place():
-    assert "$.inner.speed" in refused({"title": "t", "inner": {"speed": "fast"}})
-    assert "$.inner" in refused({"title": "t", "inner": 3})
+    speed = refused({"title": "t", "inner": {"speed": "fast"}})
+    assert speed.endswith("[inner] speed: expected a number, found text")
+    inner = refused({"title": "t", "inner": 3})
+    assert inner.endswith("inner: expected a table, found a whole number")
+    several = refused({"title": "t", "several": [{}, {"speed": "fast"}]})
+    assert "[several] speed number 2: expected a number, found text" in several
 
 
 def test_missing_key_is_named():

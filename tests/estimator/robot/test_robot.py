@@ -99,9 +99,9 @@ def test_misspelt_key_is_refused_with_the_nearest_right_one(tmp_path, more, foun
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ("[imu]\ngyro_noise_density = 'low'", "imu.gyro_noise_density"),
-        ("[imu]\nposition = [0.0, 0.0]", "imu.position"),
-        ("[imu]\ngyro_axes = 'y'", "imu.gyro_axes"),
+        ("[imu]\ngyro_noise_density = 'low'", "[imu] gyro_noise_density"),
+        ("[imu]\nposition = [0.0, 0.0]", "[imu] position"),
+        ("[imu]\ngyro_axes = 'y'", "[imu] gyro_axes"),
         ("[indices]\neta0 = 0.9", "eta0 must be at least 1"),
         ("[indices]\neta0 = nan", "eta0"),
         ("[indices]\nzeta1 = inf", "zeta1 must be finite, found inf"),

@@ -151,7 +151,7 @@ def test_true_motions_are_as_many_as_runs_but_at_most_twenty_unless_told():
         ({"scenario": Scenario(include_truth=False)}, "leave out include_truth"),
         ({"robot": "auriga-alfa"}, "did you mean 'auriga-alpha'"),
         ({"robot_changes": {"vehicle": {"mas": 1.0}}}, "did you mean 'mass'"),
-        ({"robot_changes": {"vehicle": 3.0}}, "Expected `object`"),
+        ({"robot_changes": {"vehicle": 3.0}}, "expected a table"),
         ({"robot_changes": {"vehicle.mass": -1.0}}, "mass must be a positive number"),
     ],
 )
@@ -170,7 +170,7 @@ def test_what_a_study_may_not_say(wrong, told):
         ({"grid": {"fix_rat": [1.0]}}, "did you mean 'fix_rate'"),
         ({"grid": {"gyr.noise_density": [1.0]}}, "did you mean 'gyro'"),
         ({"grid": {"gyro.noise_densty": [1.0]}}, "did you mean 'noise_density'"),
-        ({"grid": {"gyro.noise_density": ["a"]}}, "Expected `float"),
+        ({"grid": {"gyro.noise_density": ["a"]}}, "expected a number"),
         ({"grid": {"gyro.noise_density": [-1.0]}}, "zero or a positive number"),
         ({"grid": {"noise": ["tactica"]}}, "did you mean 'tactical'"),
         ({"grid": {"seed": [1, 2]}}, "nothing to change by 'seed'"),
