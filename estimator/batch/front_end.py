@@ -38,6 +38,7 @@ from icreckon.estimator.sensors.standstill import (
     StandstillRecord,
     quiet_mean,
     stopped_after,
+    tracks_rest,
 )
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
@@ -257,7 +258,7 @@ def fill_lane(
             spread = measured_noise(noise.gyro)
             mean = quiet_mean(still, stamps, rates, end, rate, spread, settings)
             inputs[k, ROW_QUIET_MEAN, lane] = mean
-            found_noise = imu_noise(noise, settings)
+            found_noise = imu_noise(noise, tracks_rest(still), settings)
             for axis in range(3):
                 inputs[k, ROW_NOISE + axis, lane] = found_noise[axis]
         if steps.extras[k] & POSITION:

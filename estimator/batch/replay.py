@@ -11,6 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
@@ -123,7 +124,8 @@ def run_side_by_side(
         health = before.health
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
-        health.noise = noise_health(front.records(0)[2], front_settings)
+        _, still, noise = front.records(0)
+        health.noise = noise_health(noise, still.stopped_since != NEVER, front_settings)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
     return found
 

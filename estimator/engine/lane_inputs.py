@@ -11,7 +11,7 @@ from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.filter.filter_record import may_be_pushed, take_track_speeds
 from icreckon.estimator.sensors.imu_clock import take_stamp
 from icreckon.estimator.sensors.imu_noise import imu_noise, measure_noise, measured_noise
-from icreckon.estimator.sensors.standstill import is_full, quiet_mean
+from icreckon.estimator.sensors.standstill import is_full, quiet_mean, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
@@ -64,7 +64,7 @@ def sample_inputs(
     take_stamp(record.imu, stamp, settings.hold)
     inputs[SLOW, 0] = 1.0 if may_be_pushed(record) else 0.0
     measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
-    fill_noise(record.noise, inputs, settings)
+    fill_noise(record, inputs)
     spread = measured_noise(record.noise.gyro)
     inputs[QUIET_MEAN, 0] = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
     inputs[RATE, 0] = rate
@@ -80,12 +80,12 @@ def move_inputs(records: Any, inputs: Floats, stamp: int) -> None:
     inputs[SLOW, 0] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
     inputs[QUIET_MEAN, 0], inputs[RATE, 0] = math.nan, 0.0
     inputs[FORCE_X, 0] = inputs[FORCE_Y, 0] = math.nan
-    fill_noise(record.noise, inputs, record.settings)
+    fill_noise(record, inputs)
 
 
-def fill_noise(noise: Any, inputs: Floats, settings: Any) -> None:
+def fill_noise(record: Any, inputs: Floats) -> None:
     """Fill the noise of the IMU that a step assumes."""
-    found = imu_noise(noise, settings)
+    found = imu_noise(record.noise, tracks_rest(record.still), record.settings)
     for axis in range(3):
         inputs[NOISE + axis, 0] = found[axis]
 

@@ -83,7 +83,7 @@ from icreckon.estimator.sensors.sensor_models import (
     STANDSTILL_VARIANCE,
     SensorModels,
 )
-from icreckon.estimator.sensors.standstill import QuietReadings, stands
+from icreckon.estimator.sensors.standstill import QuietReadings, stands, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
 
 
@@ -162,8 +162,8 @@ class Reckoning:
     @property
     def health(self) -> Health:
         """Copy of the counts of the measurements, with the measured noise."""
-        health = self._counts.copy()
-        health.noise = noise_health(self._record.noise, self._record.settings)
+        health, record = self._counts.copy(), self._record
+        health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
         judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
         health.sensors.update(judged)
         return health
@@ -355,7 +355,7 @@ class Reckoning:
         take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
         measure_noise(record.noise, m.stamp, rate, *along, hold)
-        noise = imu_noise(record.noise, record.settings)
+        noise = imu_noise(record.noise, tracks_rest(record.still), record.settings)
         spread = measured_noise(record.noise.gyro)
         mean = self._readings.mean(record.still, m.stamp, rate, spread, record.settings)
         # A mean that is not a number is that of a moving robot.

@@ -139,14 +139,17 @@ class NoiseHealth(NamedTuple):
     assumed: float
 
 
-def noise_health(record: NoiseRecord, settings: InputSettings) -> dict[str, NoiseHealth]:
+def noise_health(
+    record: NoiseRecord, at_rest: bool, settings: InputSettings
+) -> dict[str, NoiseHealth]:
     """Noise of each axis of an IMU, by the name of its sensor.
 
     Args:
         record: record of the noise.
+        at_rest: the tracks rest.
         settings: settings of the filter.
     """
-    assumed = imu_noise(record, settings)
+    assumed = imu_noise(record, at_rest, settings)
     of_force = settings.accelerometer_noise_density
     found = {}
     for name, density in assumed._asdict().items():

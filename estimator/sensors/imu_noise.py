@@ -28,8 +28,9 @@ CLIP = 4.0
 OF_DIFFERENCES, OF_MEAN_SIZE = 6.0, math.sqrt(0.5 * math.pi)
 # An interval that is longer than the usual one by this factor is a gap: differences begin anew.
 GAP = 1.7
-# The file's noise counts while the measured noise is at most this many times as large or as small.
-MORE, LESS = 2.0, 5.0
+# The file's noise counts while the measured noise is at most this many times as large, driving or with
+# resting tracks, or this many times as small. Jolts of driving are among the differences, and are motion.
+MORE, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
 # Least noise that counts, over that of the file.
 LEAST = 0.1
 # Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
@@ -225,7 +226,7 @@ def measured_noise(axis: AxisNoise) -> float:
     return OF_MEAN_SIZE * max(axis.readings.size, axis.blocks.size)
 
 
-def assumed_noise(axis: AxisNoise, of_file: float, may_be_less: bool) -> float:
+def assumed_noise(axis: AxisNoise, of_file: float, more: float, may_be_less: bool) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
     It is that of the robot file if the measured one agrees with it, and the measured one if that differs
@@ -234,11 +235,12 @@ def assumed_noise(axis: AxisNoise, of_file: float, may_be_less: bool) -> float:
     Args:
         axis: the axis.
         of_file: noise density of the robot file [unit/√Hz].
+        more: a measured noise that is larger by this factor counts.
         may_be_less: a smaller measured noise counts.
     """
     measured, density = measured_noise(axis), of_file
-    if measured > MORE * of_file:
-        density = min(measured, measured * measured / (MORE * MORE * of_file))
+    if measured > more * of_file:
+        density = min(measured, measured * measured / (more * more * of_file))
     elif may_be_less and 0.0 < measured * LESS < of_file:
         density = max(measured, measured * measured * (LESS * LESS) / of_file, LEAST * of_file)
     return density * density
@@ -250,7 +252,7 @@ def noise_of_file(settings: InputSettings) -> ImuNoise:
     return ImuNoise(settings.gyro_noise_density**2, of_force, of_force)
 
 
-def imu_noise(noise: NoiseRecord, settings: InputSettings) -> ImuNoise:
+def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> ImuNoise:
     """Noise of an IMU that the filter assumes.
 
     The accelerometers' noise of a robot file contains slopes and jolts that are slower than a block. So
@@ -258,13 +260,15 @@ def imu_noise(noise: NoiseRecord, settings: InputSettings) -> ImuNoise:
 
     Args:
         noise: record of the noise.
+        at_rest: the tracks rest.
         settings: settings of the filter.
     """
     of_gyro, of_force = settings.gyro_noise_density, settings.accelerometer_noise_density
+    more = MORE_AT_REST if at_rest else MORE
     if noise.is_first:
         of_gyro, of_force = AT_START * of_gyro, AT_START * of_force
     return ImuNoise(
-        assumed_noise(noise.gyro, of_gyro, True),
-        assumed_noise(noise.accelerometer_x, of_force, False),
-        assumed_noise(noise.accelerometer_y, of_force, False),
+        assumed_noise(noise.gyro, of_gyro, more, True),
+        assumed_noise(noise.accelerometer_x, of_force, more, False),
+        assumed_noise(noise.accelerometer_y, of_force, more, False),
     )

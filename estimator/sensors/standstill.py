@@ -82,6 +82,11 @@ def stopped_after(
         still.stopped_since = stamp
 
 
+def tracks_rest(still: StandstillRecord) -> bool:
+    """Return True if the newest track speeds are those of resting tracks."""
+    return still.stopped_since != NEVER
+
+
 def quiet_mean(
     still: StandstillRecord,
     stamps: Stamps,

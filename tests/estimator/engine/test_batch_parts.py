@@ -40,7 +40,12 @@ from icreckon.estimator.sensors.imu_noise import (
     measured_noise,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
-from icreckon.estimator.sensors.standstill import QuietReadings, StandstillRecord, stopped_after
+from icreckon.estimator.sensors.standstill import (
+    QuietReadings,
+    StandstillRecord,
+    stopped_after,
+    tracks_rest,
+)
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, sine_and_cosine
@@ -298,7 +303,7 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
         spread = measured_noise(noise.gyro)
         mean = readings.mean(still, end, float(gyro[k]), spread, chosen)
         assert inputs[k, INPUTS["gyro_density"]] == pytest.approx(
-            imu_noise(noise, chosen).gyro, rel=1e-12
+            imu_noise(noise, tracks_rest(still), chosen).gyro, rel=1e-12
         )
         assert inputs[k, INPUTS["quiet_mean"]] == pytest.approx(mean, rel=1e-12, nan_ok=True)
 

@@ -92,7 +92,7 @@ def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0))
         if k % 2 == 0:
             detector.track_speeds(second(k / 100), *speeds)
         mean = detector.yaw_rate(second(k / 100), rate)
-        of_mean = imu_noise(detector.noise, detector.settings).gyro / standstill.duration
+        of_mean = imu_noise(detector.noise, True, detector.settings).gyro / standstill.duration
         if stands(mean, bias, bias_sigma**2, of_mean, standstill.bias_margin):
             return k / 100
     return None
