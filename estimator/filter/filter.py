@@ -162,8 +162,13 @@ class Reckoning:
     @property
     def health(self) -> Health:
         """Copy of the counts of the measurements, with the measured noise."""
-        health, record = self._counts.copy(), self._record
+        health, record = self._judged_counts(), self._record
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
+        return health
+
+    def _judged_counts(self) -> Health:
+        """Copy of the counts, those of the gates included."""
+        health = self._counts.copy()
         judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
         health.sensors.update(judged)
         return health
@@ -193,7 +198,7 @@ class Reckoning:
             self._readings.memory(record.still),
             ClockRecord(record.imu.stamp, record.imu.interval),
             {name: gate.counts.rejected_in_a_row for name, gate in self._gates.items()},
-            self.health,
+            self._judged_counts(),
             self.ekf.clones,
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),

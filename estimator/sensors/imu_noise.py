@@ -56,7 +56,7 @@ class Pace(msgspec.Struct):
         return Pace(stamp, self.interval, self.run)
 
 
-class Differences(msgspec.Struct):
+class Differences(msgspec.Struct, array_like=True):
     """Second differences of values of one axis.
 
     Attributes:
