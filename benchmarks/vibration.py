@@ -12,8 +12,8 @@ Figures are RMS over the runs, and the filter's own standard deviation (RMS) tim
 - Drive: 60 s with friction as truth after ten seconds at rest; error of the position over the distance.
   Accelerometers are shaken, too, with 0.5 m/s² in each sample, where the file has 0.1.
 
-A calm gyro has a tenth of this noise, and so have the accelerometers. A sinusoid of 50 Hz that is sampled at
-50 Hz is a constant, which nothing tells from a turn.
+A calm gyro has a tenth of this noise, and so have the accelerometers. A sinusoid of 50 Hz that is sampled
+at 50 Hz is a constant, which no filter separates from a turn.
 """
 
 from __future__ import annotations

@@ -108,8 +108,8 @@ def quiet_mean(
         settings: settings of the filter.
 
     Returns:
-        The mean [rad/s]; NaN if the tracks move, have not stopped for long enough, or the gyro is not
-        quiet.
+        The mean [rad/s]; NaN if the tracks move, have not stopped for long enough, or a reading is
+        further from the mean than noise explains.
 
     Raises:
         ValueError: the buffers are too short.
