@@ -1,6 +1,6 @@
 """A shaking gyro: resting tracks, a turntable, and a drive, with the noise of the robot file wrong.
 
-    python benchmarks/vibration.py [--runs N] [--variants NAMES]
+    python benchmarks/vibration.py [--runs N] [--variants NAMES] [--data DATA]
 
 The gyro of Auriga-alpha has a bias of -0.005 rad/s and noise of 0.05 rad/s at 100 Hz (a density of
 0.005 rad/s/√Hz): white, or a sinusoid of the same power. The robot file has this density, or another one.
@@ -12,6 +12,9 @@ Figures are RMS over the runs, and the filter's own standard deviation (RMS) tim
 - Drive: 60 s with friction as truth after ten seconds at rest; error of the position over the distance.
   Accelerometers are shaken, too, with 0.5 m/s² in each sample, where the file has 0.1.
 
+With --data the noise that the filter measures in the sample logs is printed, over that of the robot
+files: least, median and largest from the first second on.
+
 A calm gyro has a tenth of this noise, and so have the accelerometers. A sinusoid of 50 Hz that is sampled
 at 50 Hz is a constant, which no filter separates from a turn.
 """
@@ -19,6 +22,7 @@ at 50 Hz is a constant, which no filter separates from a turn.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
@@ -31,7 +35,10 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.imu_noise import NoiseRecord, measure_noise, measured_noise
+from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import run_scenario
 
@@ -241,6 +248,50 @@ def jobs_of(variants: list[str], runs: int) -> dict[str, list[tuple[tuple[str, .
     }
 
 
+LOGS = {
+    "warthog_grass_2024_8_8_15h56s39": "warthog",
+    "warthog_grass_2024_8_8_16h11s19": "warthog",
+    "warthog_grass_2024_7_29_14h46s15": "warthog",
+    "warthog_asphalt_2024_9_25_12h8s57": "warthog",
+    "marmotte_part1": "marmotte",
+    "husky_deflated_part1": "husky-deflated",
+    "husky_test1.bag": "husky",
+    "jackal_test2.bag": "jackal",
+    "wetexplorer_2024-07-05-13-33-58.bag": "wetexplorer",
+    "wetexplorer_2024-07-05-13-36-28.bag": "wetexplorer",
+}
+AXES = ("gyro", "accelerometer_x", "accelerometer_y")
+
+
+def measured_in(data: Path, name: str) -> Floats:
+    """Measured noise (n, 3) over that of the robot file, after each IMU sample of a log."""
+    robot = load_robot(LOGS[name])
+    log, sensors, record = read_log(data / name, robot), SensorModels(robot), NoiseRecord()
+    if log.imu is None or log.imu.linear_acceleration is None:
+        raise ValueError(f"{name} has no IMU with accelerometers")
+    rates = sensors.yaw_rates(log.imu.angular_velocity)
+    forces = sensors.along_ground_of(log.imu.linear_acceleration)
+    samples = np.column_stack([rates, forces]).tolist()
+    found = np.empty((len(samples), 3))
+    for k, (at, sample) in enumerate(zip(log.imu.stamps.tolist(), samples, strict=True)):
+        measure_noise(record, at, *sample, Settings().hold)
+        found[k] = [measured_noise(getattr(record, axis)) for axis in AXES]
+    of_force = robot.imu.accelerometer_noise_density
+    later = log.imu.stamps >= log.imu.stamps[0] + stamp(1.0)
+    return np.asarray(found[later] / [robot.imu.gyro_noise_density, of_force, of_force])
+
+
+def print_logs(data: Path) -> None:
+    """Print the noise of the sample logs."""
+    rows = []
+    for name in LOGS:
+        low, middle, high = np.percentile(measured_in(data, name), (0, 50, 100), axis=0).tolist()
+        cells = zip(low, middle, high, strict=True)
+        rows.append((name, *(" / ".join(f"{one:.2f}" for one in cell) for cell in cells)))
+    print("\nMeasured noise over that of the robot file: least / median / largest\n")
+    table(("log", *AXES), rows)
+
+
 HEADS = {
     "At rest, 10 min, by rate": ("IMU [Hz]", "file's noise over true"),
     "At rest, 10 min, by variant": ("variant", "file's noise over true"),
@@ -257,7 +308,12 @@ def rms(values: list[float]) -> float:
 
 def main() -> None:
     """Print all tables."""
-    options = study_parser(__doc__, 8, VARIANTS).parse_args()
+    parser = study_parser(__doc__, 8, VARIANTS)
+    parser.add_argument("--data", type=Path, help="folder of the sample logs")
+    options = parser.parse_args()
+    if options.data is not None:
+        print_logs(options.data)
+        return
     for title, rows in jobs_of(options.variants, options.runs).items():
         jobs = [job for _, of_row in rows for job in of_row]
         scores = iter(spread(score, jobs, options.workers))
