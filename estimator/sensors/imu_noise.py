@@ -31,8 +31,9 @@ GAP = 1.7
 # The file's noise counts while the measured noise is at most this many times as large, driving or with
 # resting tracks, or this many times as small. Jolts of driving are among the differences, and are motion.
 MORE, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
-# Least noise that counts, over that of the file.
-LEAST = 0.1
+# Least noise of the gyro that counts, over that of the file. Driving, the delay of the track speeds counts
+# like noise, even if the gyro has none.
+LEAST, LEAST_AT_REST = 0.3, 0.1
 # Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
 AT_START = 30.0
 
@@ -226,7 +227,7 @@ def measured_noise(axis: AxisNoise) -> float:
     return OF_MEAN_SIZE * max(axis.readings.size, axis.blocks.size)
 
 
-def assumed_noise(axis: AxisNoise, of_file: float, more: float, may_be_less: bool) -> float:
+def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
     It is that of the robot file if the measured one agrees with it, and the measured one if that differs
@@ -236,13 +237,13 @@ def assumed_noise(axis: AxisNoise, of_file: float, more: float, may_be_less: boo
         axis: the axis.
         of_file: noise density of the robot file [unit/√Hz].
         more: a measured noise that is larger by this factor counts.
-        may_be_less: a smaller measured noise counts.
+        least: least noise that counts, over that of the file; at 1 a smaller one does not.
     """
     measured, density = measured_noise(axis), of_file
     if measured > more * of_file:
         density = min(measured, measured * measured / (more * more * of_file))
-    elif may_be_less and 0.0 < measured * LESS < of_file:
-        density = max(measured, measured * measured * (LESS * LESS) / of_file, LEAST * of_file)
+    elif 0.0 < measured * LESS < of_file:
+        density = max(measured, measured * measured * (LESS * LESS) / of_file, least * of_file)
     return density * density
 
 
@@ -264,11 +265,11 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
         settings: settings of the filter.
     """
     of_gyro, of_force = settings.gyro_noise_density, settings.accelerometer_noise_density
-    more = MORE_AT_REST if at_rest else MORE
+    more, least = (MORE_AT_REST, LEAST_AT_REST) if at_rest else (MORE, LEAST)
     if noise.is_first:
         of_gyro, of_force = AT_START * of_gyro, AT_START * of_force
     return ImuNoise(
-        assumed_noise(noise.gyro, of_gyro, more, True),
-        assumed_noise(noise.accelerometer_x, of_force, more, False),
-        assumed_noise(noise.accelerometer_y, of_force, more, False),
+        assumed_noise(noise.gyro, of_gyro, more, least),
+        assumed_noise(noise.accelerometer_x, of_force, more, 1.0),
+        assumed_noise(noise.accelerometer_y, of_force, more, 1.0),
     )
