@@ -31,9 +31,9 @@ GAP = 1.7
 # The file's noise counts while the measured noise is at most this many times as large, driving or with
 # resting tracks, or this many times as small. Jolts of driving are among the differences, and are motion.
 MORE, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
-# Least noise of the gyro that counts, over that of the file. Driving, the delay of the track speeds counts
-# like noise, even if the gyro has none.
-LEAST, LEAST_AT_REST = 0.3, 0.1
+# Least noise of the gyro that counts, over that of the file: the delay of the track speeds counts like
+# noise as a robot drives on, even if the gyro has none.
+LEAST = 0.3
 # Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
 AT_START = 30.0
 
@@ -265,11 +265,11 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
         settings: settings of the filter.
     """
     of_gyro, of_force = settings.gyro_noise_density, settings.accelerometer_noise_density
-    more, least = (MORE_AT_REST, LEAST_AT_REST) if at_rest else (MORE, LEAST)
+    more = MORE_AT_REST if at_rest else MORE
     if noise.is_first:
         of_gyro, of_force = AT_START * of_gyro, AT_START * of_force
     return ImuNoise(
-        assumed_noise(noise.gyro, of_gyro, more, least),
+        assumed_noise(noise.gyro, of_gyro, more, LEAST),
         assumed_noise(noise.accelerometer_x, of_force, more, 1.0),
         assumed_noise(noise.accelerometer_y, of_force, more, 1.0),
     )

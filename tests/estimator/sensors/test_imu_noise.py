@@ -11,7 +11,6 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.imu_noise import (
     LEAST,
-    LEAST_AT_REST,
     NoiseRecord,
     imu_noise,
     measure_noise,
@@ -161,13 +160,12 @@ def test_noise_that_agrees_with_the_file_changes_nothing_and_other_noise_is_foll
         record.gyro.blocks.size = factor * OF_FILE / math.sqrt(0.5 * math.pi)
         assumed.append(math.sqrt(imu_noise(record, at_rest, SETTINGS).gyro) / OF_FILE)
     found, more = np.array(assumed), 1.5 if at_rest else 2.5
-    least = LEAST_AT_REST if at_rest else LEAST
     assert (np.diff(np.log(found)) >= -1e-12).all()
     assert np.diff(np.log(found)).max() < 2.1 * np.log(share[1] / share[0])
     inside = (share > 0.201) & (share < 0.999 * more)
     assert (found[inside] == 1.0).all()
     assert found[share > more**2] == pytest.approx(share[share > more**2])
-    assert found.min() == pytest.approx(least)
+    assert found.min() == pytest.approx(LEAST)
 
 
 def test_accelerometers_are_never_better_than_the_file_says():
