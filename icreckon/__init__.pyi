@@ -10,6 +10,7 @@ from icreckon.estimator.calibration import calibrate as calibrate
 from icreckon.estimator.filter.clones import RelativeMotion as RelativeMotion
 from icreckon.estimator.filter.health import Health as Health
 from icreckon.estimator.filter.health import JudgedInnovation as JudgedInnovation
+from icreckon.estimator.filter.health import NoiseHealth as NoiseHealth
 from icreckon.estimator.filter.health import ParameterHealth as ParameterHealth
 from icreckon.estimator.filter.health import SensorHealth as SensorHealth
 from icreckon.estimator.filter.health import TrackLatencyHealth as TrackLatencyHealth

@@ -21,6 +21,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
+from icreckon.estimator.sensors.imu_noise import noise_of_file
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
     Accelerometer,
@@ -128,7 +129,7 @@ class LinearisedModel:
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
         self.fixed_for_imu = fixed = self._ekf.fixed_for_imu
-        self._gyro = Gyro(models, fixed)
+        self._gyro = Gyro(fixed)
         self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
         self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings)
         take_tracks(self._tracks, 0, 0.0, 0.0, self._inputs)
@@ -200,7 +201,7 @@ class LinearisedModel:
         if stopped and sensors.gyro:
             shown += [Shown(model.jacobian[i], STANDSTILL_SIGMA[i] ** 2) for i in range(3)]
         change = track_change(step_inputs(tracks, now, now, self._inputs))
-        at = StepTwist(model, x, self._dt, change)
+        at = StepTwist(model, x, self._dt, change, noise_of_file(self._inputs))
         if sensors.gyro:
             found = self._gyro.linearise(0.0, at)
             shown.append(Shown(found.H[0], found.R.item(), self._gyro.stand_in))

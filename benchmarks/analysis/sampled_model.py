@@ -36,6 +36,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
+from icreckon.estimator.sensors.imu_noise import noise_of_file
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels
@@ -142,7 +143,7 @@ class ModelSampler:
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
         fixed = self._ekf.fixed_for_imu
-        self._gyro = Gyro(models, fixed)
+        self._gyro = Gyro(fixed)
         self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
 
     def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:
@@ -261,7 +262,9 @@ class ModelSampler:
         change = track_change(step_inputs(tracks, begun, begun, self._inputs))
         change = change._replace(speed_variance=density**2 / dt)
         calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
-        at, calmly = StepTwist(model, x, dt, change), StepTwist(model, x, dt, calm)
+        noise = noise_of_file(self._inputs)
+        at = StepTwist(model, x, dt, change, noise)
+        calmly = StepTwist(model, x, dt, calm, noise)
         gyro = self._gyro.linearise(0.0, at)
         least = self._gyro.linearise(0.0, calmly).R.item()
         rate = -gyro.z.item() + rng.standard_normal() * math.sqrt(

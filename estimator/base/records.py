@@ -75,6 +75,12 @@ def record_of(kind: type[Record], element: Any) -> Record:
     return kind(**values)
 
 
+def plain_copy(kind: type[Record], record: Record) -> Record:
+    """Copy a record of a type, shared or not, to one that Python alone uses."""
+    is_shared = isinstance(record, SharedRecord)
+    return record_of(kind, array_on(record)[0]) if is_shared else copied(record)
+
+
 def copied(record: Record) -> Record:
     """Copy a record to memory of its own."""
     if isinstance(record, SharedRecord):

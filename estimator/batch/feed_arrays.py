@@ -123,7 +123,11 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     lanes = one.begin(measured.tracks[:, 0], np.zeros(3), np.zeros(3))
     one.continue_from(lanes, before, before.regressors)
     front = FrontEnd(measured, steps, input_settings(robot, settings))
-    front.continue_from(before.tracks.shifted(-begin), before.standstill.shifted(-begin))
+    front.continue_from(
+        before.tracks.shifted(-begin),
+        before.standstill.shifted(-begin),
+        before.noise.shifted(-begin),
+    )
     rows = ReplayRows(one, robot, steps, measured, np.zeros(0, np.int8), NO_STAMPS)
     work_through_log([one], [lanes], [rows], steps, measured, front)
 
@@ -134,7 +138,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     health.sensor("tracks").used += len(measured.track_stamps) - 1
     health.track_gaps += steps.gaps
     health.stuck_tracks += int(front.stuck_tracks[0])
-    tracks, standstill = front.records(0)
+    tracks, standstill, noise = front.records(0)
     rejected = {gate: int(counts[f"{gate}_in_a_row"][0]) for gate in IMU_GATES}
     x, P = one.state(lanes, 0, with_fast_slip=True)
     after = msgspec.structs.replace(
@@ -151,6 +155,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
         health=health,
         model=one.model_memory(lanes, 0),
         regressors=one.regressors(lanes, 0, before.regressors),
+        noise=noise.shifted(begin),
     )
     estimator.continue_from(after)
     return used

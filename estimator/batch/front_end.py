@@ -26,18 +26,25 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_tracks
+from icreckon.estimator.sensors.imu_noise import (
+    NoiseRecord,
+    imu_noise,
+    measure_noise,
+    measured_noise,
+)
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import (
     StandstillMemory,
     StandstillRecord,
     quiet_mean,
     stopped_after,
+    tracks_rest,
 )
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
 ROW_SLOW, ROW_QUIET_MEAN = INPUTS["slow"], INPUTS["quiet_mean"]
-ROW_RATE = INPUTS["rate"]
+ROW_RATE, ROW_NOISE = INPUTS["rate"], INPUTS["gyro_density"]
 ROW_FORCE_X, ROW_FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 ROW_NOW_LEFT, ROW_NOW_RIGHT = INPUTS["now_left"], INPUTS["now_right"]
 ROW_FIX = INPUTS[FIX_INPUTS[0]]
@@ -52,7 +59,7 @@ class Measured(NamedTuple):
         tracks: (runs, n, 2) speeds of the left and the right track [m/s]; NaN if a sample is missing.
         imu_stamps: (m,) [ns].
         rates: (runs, m) yaw rates of the gyros, see `SensorModels.yaw_rate` [rad/s].
-        forces: (runs, m, 2) specific force forward and to the left [m/s²].
+        forces: (runs, m, 2) specific force forward and to the left [m/s²]; NaN without accelerometers.
         fix_stamps: (k,) [ns].
         fixes: (runs, k, 7) x, y [m], yaw [rad], variance of position [m²] and of yaw [rad²], place of
             the antenna in base_link [m].
@@ -73,6 +80,7 @@ class LaneRecords(NamedTuple):
     Attributes:
         held: (lanes,) `TrackRecord` of each.
         still: (lanes,) `StandstillRecord` of each.
+        noise: (lanes,) `NoiseRecord` of each.
         quiet_stamps: (lanes, n) buffers of the stamps of yaw-rate readings [ns].
         quiet_rates: (lanes, n) buffers of the readings [rad/s].
         stuck: (lanes,) number of times that a track was found stuck.
@@ -80,6 +88,7 @@ class LaneRecords(NamedTuple):
 
     held: Any
     still: Any
+    noise: Any
     quiet_stamps: Stamps
     quiet_rates: Floats
     stuck: NDArray[np.int64]
@@ -123,6 +132,7 @@ class FrontEnd:
         self._lanes = LaneRecords(
             record_array(TrackRecord(), lanes),
             record_array(StandstillRecord(), lanes),
+            record_array(NoiseRecord(), lanes),
             np.zeros((lanes, room), np.int64),
             np.zeros((lanes, room)),
             np.zeros(lanes, np.int64),
@@ -134,31 +144,35 @@ class FrontEnd:
         """(lanes,) number of times so far that a track was found stuck."""
         return self._lanes.stuck.copy()
 
-    def continue_from(self, held: TrackRecord, standstill: StandstillMemory) -> None:
+    def continue_from(
+        self, held: TrackRecord, standstill: StandstillMemory, noise: NoiseRecord
+    ) -> None:
         """Continue from the records of a filter that has processed the first track speeds.
 
         Args:
             held: record of the track speeds; stamps are since the first.
             standstill: checkpoint of the standstill detection; stamps are since the first.
+            noise: record of the noise of the IMU; stamps are since the first.
         """
         lanes, readings = self._lanes, len(standstill.stamps)
         room = lanes.quiet_stamps.shape[1] + readings
         stamps, rates = np.zeros((1, room), np.int64), np.zeros((1, room))
         stamps[0, :readings], rates[0, :readings] = standstill.stamps, standstill.rates
         still = StandstillRecord(standstill.stopped_since, 0, readings)
-        records = record_array(held, 1), record_array(still, 1)
+        records = record_array(held, 1), record_array(still, 1), record_array(noise, 1)
         self._lanes = LaneRecords(*records, stamps, rates, lanes.stuck[:1])
         self._added = 1
 
-    def records(self, lane: int) -> tuple[TrackRecord, StandstillMemory]:
-        """Record of the track speeds and checkpoint of the standstill detection of a lane."""
+    def records(self, lane: int) -> tuple[TrackRecord, StandstillMemory, NoiseRecord]:
+        """Records of track speeds and noise, and checkpoint of the standstill, of a lane."""
         lanes = self._lanes
         still = record_of(StandstillRecord, lanes.still[lane])
         readings = lane, slice(still.first, still.end)
         stamps = lanes.quiet_stamps[readings].tolist()
         rates = lanes.quiet_rates[readings].tolist()
         standstill = StandstillMemory(still.stopped_since, tuple(stamps), tuple(rates))
-        return record_of(TrackRecord, lanes.held[lane]), standstill
+        noise = record_of(NoiseRecord, lanes.noise[lane])
+        return record_of(TrackRecord, lanes.held[lane]), standstill, noise
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of the steps from `begin` to before `end`.
@@ -214,7 +228,7 @@ def fill_lane(
     settings: InputSettings,
 ) -> None:
     """Compute the inputs of one lane; see `fill_inputs`."""
-    held, still = lanes.held[lane], lanes.still[lane]
+    held, still, noise = lanes.held[lane], lanes.still[lane], lanes.noise[lane]
     stamps, rates = lanes.quiet_stamps[lane], lanes.quiet_rates[lane]
     for k in range(len(steps.starts)):
         while added < steps.tracks[k]:
@@ -240,8 +254,13 @@ def fill_lane(
             inputs[k, ROW_RATE, lane] = rate
             force = measured.forces[lane, steps.samples[k]]
             inputs[k, ROW_FORCE_X, lane], inputs[k, ROW_FORCE_Y, lane] = force[0], force[1]
-            mean = quiet_mean(still, stamps, rates, end, rate, settings)
+            measure_noise(noise, end, rate, force[0], force[1], settings.hold)
+            spread = measured_noise(noise.gyro)
+            mean = quiet_mean(still, stamps, rates, end, rate, spread, settings)
             inputs[k, ROW_QUIET_MEAN, lane] = mean
+            found_noise = imu_noise(noise, tracks_rest(still), settings)
+            for axis in range(3):
+                inputs[k, ROW_NOISE + axis, lane] = found_noise[axis]
         if steps.extras[k] & POSITION:
             for part in range(FIX_VALUES):
                 inputs[k, ROW_FIX + part, lane] = measured.fixes[lane, steps.fixes[k], part]
@@ -255,6 +274,7 @@ def check_sizes(
     count, n, tracks = len(lanes.held), len(steps.starts), len(measured.track_stamps)
     sizes_fit = len(inputs) >= n and inputs.shape[1] == ROWS and inputs.shape[2] >= count > 0
     sizes_fit &= len(lanes.still) == len(lanes.stuck) == len(lanes.quiet_stamps) == count
+    sizes_fit &= len(lanes.noise) == count
     sizes_fit &= lanes.quiet_stamps.shape == lanes.quiet_rates.shape
     sizes_fit &= measured.tracks.shape == (count, tracks, 2) and 0 <= added <= tracks
     sizes_fit &= len(measured.rates) == count == len(measured.forces)

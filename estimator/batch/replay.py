@@ -11,6 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
@@ -29,6 +30,7 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.filter import Reckoning
+from icreckon.estimator.filter.health import noise_health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -114,13 +116,16 @@ def run_side_by_side(
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before))
     smoothed = began[0].checkpoint().regressors is not None
-    front = FrontEnd(measured, steps, input_settings(robot, of_filters))
+    front_settings = input_settings(robot, of_filters)
+    front = FrontEnd(measured, steps, front_settings)
     work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
+        _, still, noise = front.records(0)
+        health.noise = noise_health(noise, still.stopped_since != NEVER, front_settings)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
     return found
 
@@ -208,7 +213,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         raise BatchError(f"the log {log.name!r} holds fixes that are no numbers")
     sensors, force = SensorModels(robot), imu.linear_acceleration
     rates = sensors.yaw_rates(imu.angular_velocity)
-    forces = np.zeros((len(rates), 2)) if force is None else sensors.along_ground_of(force)
+    forces = np.full((len(rates), 2), np.nan) if force is None else sensors.along_ground_of(force)
     measured = Measured(
         log.tracks.stamps,
         np.ascontiguousarray(log.tracks.speeds)[None],

@@ -137,10 +137,12 @@ class LaneStep:
         """Add track speeds, see `WholeStep`."""
         return cast(int, add_track_speeds(self._records, stamp, left, right))
 
-    def take_imu(self, stamp: int, rate: float, force_x: float, force_y: float) -> bool:
+    def take_imu(
+        self, stamp: int, rate: float, force_x: float, force_y: float, *, uses_force: bool
+    ) -> bool:
         """Add an IMU sample, and take the step that it ends, see `WholeStep`."""
         readings, records, inputs = self._readings, self._records, self._inputs
-        sample = stamp, rate, force_x, force_y
+        sample = stamp, rate, force_x, force_y, uses_force
         while not add_sample(records, readings.stamps, readings.rates, inputs, *sample):
             readings.make_room()
         return cast(bool, self._compiled.imu_step(*self._begin(stamp)))

@@ -10,13 +10,15 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.filter.filter_record import may_be_pushed, take_track_speeds
 from icreckon.estimator.sensors.imu_clock import take_stamp
-from icreckon.estimator.sensors.standstill import is_full, quiet_mean
+from icreckon.estimator.sensors.imu_noise import imu_noise, measure_noise, measured_noise
+from icreckon.estimator.sensors.standstill import is_full, quiet_mean, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
 ROWS, TRACK_ROWS, SLOW = len(INPUTS), len(StepInputs._fields), INPUTS["slow"]
 QUIET_MEAN, RATE = INPUTS["quiet_mean"], INPUTS["rate"]
 FORCE_X, FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
+NOISE = INPUTS["gyro_density"]
 
 
 def take_tracks_of(records: Any, stamp: int, left: float, right: float) -> int:
@@ -33,6 +35,7 @@ def sample_inputs(
     rate: float,
     force_x: float,
     force_y: float,
+    uses_force: bool,
 ) -> bool:
     """Add an IMU sample, and fill the inputs of the step that it ends.
 
@@ -43,8 +46,9 @@ def sample_inputs(
         inputs: (n, 1) inputs of the step, written to.
         stamp: stamp of the sample [ns].
         rate: yaw rate [rad/s].
-        force_x: specific force forward [m/s²], NaN if it is not used.
+        force_x: specific force forward [m/s²], NaN if there is none.
         force_y: specific force to the left [m/s²], likewise.
+        uses_force: the step is to use the specific force.
 
     Returns:
         False if the buffers are full; nothing was done then.
@@ -56,10 +60,16 @@ def sample_inputs(
     if is_full(record.still, stamps):
         return False
     fill_tracks(record, inputs, stamp)
-    take_stamp(record.imu, stamp, record.settings.hold)
+    settings = record.settings
+    take_stamp(record.imu, stamp, settings.hold)
     inputs[SLOW, 0] = 1.0 if may_be_pushed(record) else 0.0
-    inputs[QUIET_MEAN, 0] = quiet_mean(record.still, stamps, rates, stamp, rate, record.settings)
-    inputs[RATE, 0], inputs[FORCE_X, 0], inputs[FORCE_Y, 0] = rate, force_x, force_y
+    measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
+    fill_noise(record, inputs)
+    spread = measured_noise(record.noise.gyro)
+    inputs[QUIET_MEAN, 0] = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
+    inputs[RATE, 0] = rate
+    inputs[FORCE_X, 0] = force_x if uses_force else math.nan
+    inputs[FORCE_Y, 0] = force_y if uses_force else math.nan
     return True
 
 
@@ -70,6 +80,14 @@ def move_inputs(records: Any, inputs: Floats, stamp: int) -> None:
     inputs[SLOW, 0] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
     inputs[QUIET_MEAN, 0], inputs[RATE, 0] = math.nan, 0.0
     inputs[FORCE_X, 0] = inputs[FORCE_Y, 0] = math.nan
+    fill_noise(record, inputs)
+
+
+def fill_noise(record: Any, inputs: Floats) -> None:
+    """Fill the noise of the IMU that a step assumes."""
+    found = imu_noise(record.noise, tracks_rest(record.still), record.settings)
+    for axis in range(3):
+        inputs[NOISE + axis, 0] = found[axis]
 
 
 def fill_tracks(record: Any, inputs: Floats, stamp: int) -> None:

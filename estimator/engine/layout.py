@@ -18,6 +18,9 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 # Inputs of a step: those of each lane, and those that all lanes share.
 STEP_INPUTS = (
     *StepInputs._fields,
+    "gyro_density",
+    "accelerometer_x_density",
+    "accelerometer_y_density",
     "quiet_mean",
     "rate",
     "force_x",
@@ -53,14 +56,13 @@ CONSTANTS = (
     "driving_w",
     "time_constant",
     "white_time",
-    "gyro_density",
-    "accelerometer_density",
     "imu_x",
     "imu_y",
     "threshold",
     "patience",
     "interval",
     "bias_margin",
+    "standstill_duration",
     "position_threshold",
 )
 # Columns of a bound.

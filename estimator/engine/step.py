@@ -11,6 +11,8 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, x_of
+from icreckon.estimator.engine.layout import IMU_GATES
+from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
 from icreckon.estimator.tracing import trace
@@ -103,9 +105,8 @@ class Step:
         step_input: Any = lane.input
         constant: Any = lane.constant
         self.slip = model.SlipConstants(*map(constant, model.SlipConstants._fields))
-        self.imu = ImuConstants(
-            *(constant(n) for n in ("gyro_density", "accelerometer_density", "imu_x", "imu_y"))
-        )
+        self.imu = ImuConstants(constant("imu_x"), constant("imu_y"))
+        self.noise = ImuNoise(*(step_input(f"{gate}_density") for gate in IMU_GATES))
         self.smooth = step_input("smooth_left"), step_input("smooth_right")
         self.change = TrackChange(
             (step_input("acceleration_left"), step_input("acceleration_right")),
@@ -117,9 +118,10 @@ class Step:
         self.regressors: tuple[Vector, ...] = ({}, {}, {})
         slow = step_input("slow") > 0.5
         if kind.stands:
-            bias_sigma = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS) ** 0.5
+            variance = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS)
+            of_mean = self.noise.gyro / constant("standstill_duration")
             mean, bias = step_input("quiet_mean"), lane.x[s.GYRO_BIAS]
-            self.stands = model.stands(mean, bias, bias_sigma, constant("bias_margin"))
+            self.stands = model.stands(mean, bias, variance, of_mean, constant("bias_margin"))
             slow = slow & ~self.stands
         elif not kind.imu:
             slow = slow & (lane.row("stood") < 0.5)
@@ -228,7 +230,7 @@ class Step:
                 row[state] = row.get(state, 0.0) + more
         z = lane.input("rate") - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
         interval = lane.constant("interval")
-        variance = model.gyro_variance(self.imu, interval, now.by_speeds[2], self.change)
+        variance = model.gyro_variance(self.noise.gyro, interval, now.by_speeds[2], self.change)
         part = (scale, self.regressors[2])
         lane.gated(
             "gyro",
@@ -246,7 +248,14 @@ class Step:
         lane, now, across = self.lane, self.model, 1 - axis
         rough = model.change_density(self._sigma()[axis], self.slip.time_constant)
         forecast = model.accelerometer_forecast(
-            self.imu, axis, lane.constant("interval"), now.twist, now.by_speeds, self.change, rough
+            self.imu,
+            axis,
+            self.noise[1 + axis],
+            lane.constant("interval"),
+            now.twist,
+            now.by_speeds,
+            self.change,
+            rough,
         )
         row: Vector = {}
         for factor, part in ((forecast.by_w, now.rows[2]), (forecast.by_across, now.rows[across])):

@@ -19,6 +19,7 @@ from icreckon.estimator.filter.reacquisition import RejectedFix
 from icreckon.estimator.motion.motion_model import NO_MEMORY
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_clock import ClockRecord
+from icreckon.estimator.sensors.imu_noise import NoiseRecord
 from icreckon.estimator.sensors.standstill import StandstillMemory
 
 
@@ -72,6 +73,7 @@ class FilterCheckpoint(
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
         regressors: (3, 9) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
         slip_factor: factor on the slip that position fixes have shown.
+        noise: record of the noise of the IMU.
     """
 
     stamp: int | None
@@ -90,6 +92,7 @@ class FilterCheckpoint(
     rejected_fixes: tuple[RejectedFix, ...] = ()
     stood_at: int | None = None
     slip_factor: float = 1.0
+    noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
 
     def __post_init__(self) -> None:
         if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):
@@ -105,6 +108,7 @@ class FilterCheckpoint(
         record.slip_factor = self.slip_factor
         assign(record.tracks, self.tracks)
         assign(record.imu, self.imu)
+        assign(record.noise, self.noise)
 
     def shifted(self, by: int) -> FilterCheckpoint:
         """Shift all stamps by a change of the clock [ns], except those of marks."""
@@ -119,4 +123,5 @@ class FilterCheckpoint(
             standstill=self.standstill.shifted(by),
             imu=self.imu.shifted(by),
             stood_at=later(self.stood_at),
+            noise=self.noise.shifted(by),
         )

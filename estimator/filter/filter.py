@@ -13,12 +13,18 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, assign, copied
+from icreckon.estimator.base.records import NEVER, assign, copied, plain_copy
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
 from icreckon.estimator.filter.gate import Gate, GateRecord
-from icreckon.estimator.filter.health import ADMITTED, Health, Judged, SensorHealth
+from icreckon.estimator.filter.health import (
+    ADMITTED,
+    Health,
+    Judged,
+    SensorHealth,
+    noise_health,
+)
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import slip_factor_after
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
@@ -47,6 +53,12 @@ from icreckon.estimator.sensors.imu_clock import (
     is_due_after,
     take_stamp,
 )
+from icreckon.estimator.sensors.imu_noise import (
+    NoiseRecord,
+    imu_noise,
+    measure_noise,
+    measured_noise,
+)
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
     ACCELEROMETERS,
@@ -71,7 +83,7 @@ from icreckon.estimator.sensors.sensor_models import (
     STANDSTILL_VARIANCE,
     SensorModels,
 )
-from icreckon.estimator.sensors.standstill import QuietReadings, stands
+from icreckon.estimator.sensors.standstill import QuietReadings, stands, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
 
 
@@ -119,7 +131,7 @@ class Reckoning:
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._sensors = SensorModels(robot)
         fixed = self.ekf.fixed_for_imu
-        self._gyro = Gyro(self._sensors, fixed)
+        self._gyro = Gyro(fixed)
         self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
         self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
@@ -149,7 +161,13 @@ class Reckoning:
 
     @property
     def health(self) -> Health:
-        """Copy of the counts of the measurements."""
+        """Copy of the counts of the measurements, with the measured noise."""
+        health, record = self._judged_counts(), self._record
+        health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
+        return health
+
+    def _judged_counts(self) -> Health:
+        """Copy of the counts, those of the gates included."""
         health = self._counts.copy()
         judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
         health.sensors.update(judged)
@@ -180,13 +198,14 @@ class Reckoning:
             self._readings.memory(record.still),
             ClockRecord(record.imu.stamp, record.imu.interval),
             {name: gate.counts.rejected_in_a_row for name, gate in self._gates.items()},
-            self.health,
+            self._judged_counts(),
             self.ekf.clones,
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
             self._rejected_fixes,
             _or_none(record.stood_at),
             float(record.slip_factor),
+            plain_copy(NoiseRecord, record.noise),
         )
 
     def memory(self) -> FilterMemory:
@@ -329,32 +348,33 @@ class Reckoning:
             self._counts.sensor("imu").reject("before the first track speeds")
             return False
         rate, force = self._sensors.yaw_rate(m), m.linear_acceleration
-        along = (math.nan, math.nan)
-        if force is not None and self._uses_force:
-            along = self._sensors.along_ground(force)
+        along = (math.nan, math.nan) if force is None else self._sensors.along_ground(force)
         if (m.stamp - record.stamp) * NANOSECOND > hold:
             # The sample measures the present yaw rate, not that in the gap.
             take_stamp(imu, m.stamp, hold)
             self._advance(interval_start(imu, m.stamp))
         if step is not None and self._can_step_at_once(m.stamp):
-            used = step.take_imu(m.stamp, rate, *along)
+            used = step.take_imu(m.stamp, rate, *along, uses_force=self._uses_force)
             self._counts.standstill_updates += record.stands
             return used
         take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
-        mean = self._readings.mean(record.still, m.stamp, rate, record.settings)
+        measure_noise(record.noise, m.stamp, rate, *along, hold)
+        noise = imu_noise(record.noise, tracks_rest(record.still), record.settings)
+        spread = measured_noise(record.noise.gyro)
+        mean = self._readings.mean(record.still, m.stamp, rate, spread, record.settings)
         # A mean that is not a number is that of a moving robot.
-        record.stands = mean == mean and self._stands(mean)
+        record.stands = mean == mean and self._stands(mean, noise.gyro)
         # Predict the twist of the step.
         self._begin_step(m.stamp)
         if record.stands:
             self._update_standstill()
         at = StepTwist(
-            self.model(), ekf.x.copy(), imu.interval, track_change(self._inputs(m.stamp))
+            self.model(), ekf.x.copy(), imu.interval, track_change(self._inputs(m.stamp)), noise
         )
         # Gate, update and record.
         used = self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
-        if along[0] == along[0]:
+        if self._uses_force and along[0] == along[0]:
             sigma = self.slip_sigma()
             for axis, model in enumerate(self._accelerometers):
                 density = self._disturbances.change_density(sigma[axis])
@@ -365,10 +385,17 @@ class Reckoning:
         self._advance(m.stamp)
         return used
 
-    def _stands(self, mean: float) -> bool:
-        """Return True if the mean of quiet yaw rates [rad/s] is that of a standing robot."""
+    def _stands(self, mean: float, density: float) -> bool:
+        """Return True if the mean of quiet yaw rates is that of a standing robot.
+
+        Args:
+            mean: the mean [rad/s].
+            density: noise density of the gyro [rad²/s].
+        """
         bias, variance = self.ekf.x.item(s.GYRO_BIAS), self.ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
-        return stands(mean, bias, math.sqrt(variance), self._settings.standstill.bias_margin)
+        standstill = self._settings.standstill
+        of_mean = density / standstill.duration
+        return stands(mean, bias, variance, of_mean, standstill.bias_margin)
 
     def _can_step_at_once(self, stamp: int) -> bool:
         """Return True if nothing is to follow each part of a whole step to a stamp [ns]."""

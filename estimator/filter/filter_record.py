@@ -11,6 +11,7 @@ from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
+from icreckon.estimator.sensors.imu_noise import NoiseRecord
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_after
 
@@ -27,6 +28,7 @@ class FilterRecord(msgspec.Struct):
         slip_factor: factor on the slip that position fixes have shown.
         tracks: the track speeds.
         imu: clock of the IMU.
+        noise: noise of the IMU.
         still: the standstill.
         gyro: counts of the gate of the gyro.
         accelerometer_x: counts of the gate of the forward accelerometer.
@@ -41,6 +43,7 @@ class FilterRecord(msgspec.Struct):
     slip_factor: float = 1.0
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
+    noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
     gyro: GateRecord = msgspec.field(default_factory=GateRecord)
     accelerometer_x: GateRecord = msgspec.field(default_factory=GateRecord)

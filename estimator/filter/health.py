@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
+from icreckon.estimator.sensors.input_settings import InputSettings
+
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
 ADMITTED, REJECTED, REACQUIRED = range(3)
@@ -135,9 +138,45 @@ class TrackLatencyHealth:
     sigma: float | None = None
 
 
+class NoiseHealth(NamedTuple):
+    """Noise density of one axis of the IMU.
+
+    The gyro's is in rad/s/√Hz, those of the accelerometers are in m/s²/√Hz.
+
+    Attributes:
+        measured: from the differences of the newest readings; None before there are any.
+        of_file: in the robot file.
+        assumed: in the filter: the file's, unless the measured one differs clearly.
+    """
+
+    measured: float | None
+    of_file: float
+    assumed: float
+
+
+def noise_health(
+    record: NoiseRecord, at_rest: bool, settings: InputSettings
+) -> dict[str, NoiseHealth]:
+    """Noise of each axis of an IMU, by the name of its sensor.
+
+    Args:
+        record: record of the noise.
+        at_rest: the tracks rest.
+        settings: settings of the filter.
+    """
+    assumed = imu_noise(record, at_rest, settings)
+    of_force = settings.accelerometer_noise_density
+    found = {}
+    for name, density in assumed._asdict().items():
+        of_file = settings.gyro_noise_density if name == "gyro" else of_force
+        measured = measured_noise(getattr(record, name))
+        found[name] = NoiseHealth(measured or None, of_file, math.sqrt(density))
+    return found
+
+
 @dataclass
 class Health:
-    """Counts of all sensors, and of events of the filter.
+    """Counts of all sensors, events of the filter, and the noise of the IMU.
 
     Attributes:
         sensors: counts by name of the sensor.
@@ -146,6 +185,7 @@ class Health:
         stuck_tracks: number of times that a track's sensor was found stuck.
         clock_steps: number of times that the clock of all sensors was found set back.
         track_latency: latency of the track speeds, used and estimated.
+        noise: noise of the gyro and of the accelerometers by name; empty without a filter.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
@@ -154,6 +194,7 @@ class Health:
     stuck_tracks: int = 0
     clock_steps: int = 0
     track_latency: TrackLatencyHealth = TrackLatencyHealth()
+    noise: dict[str, NoiseHealth] = field(default_factory=dict)
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""
@@ -180,6 +221,7 @@ class Health:
             self.stuck_tracks,
             self.clock_steps,
             self.track_latency,
+            self.noise.copy(),
         )
 
     def add(self, other: Health) -> None:
@@ -190,6 +232,7 @@ class Health:
         self.track_gaps += other.track_gaps
         self.stuck_tracks += other.stuck_tracks
         self.clock_steps += other.clock_steps
+        self.noise.update(other.noise)
 
 
 @dataclass(frozen=True)

@@ -21,14 +21,17 @@ class WholeStep(Protocol):
         """Add track speeds, see `estimator.filter.filter_record.take_track_speeds`."""
         ...
 
-    def take_imu(self, stamp: int, rate: float, force_x: float, force_y: float) -> bool:
+    def take_imu(
+        self, stamp: int, rate: float, force_x: float, force_y: float, *, uses_force: bool
+    ) -> bool:
         """Add an IMU sample, and take the step that it ends; True if the yaw rate is used.
 
         Args:
             stamp: stamp of the sample, later than the estimate [ns].
             rate: yaw rate from the gyros [rad/s].
-            force_x: specific force forward [m/s²], NaN if it is not used.
+            force_x: specific force forward [m/s²], NaN if there is none.
             force_y: specific force to the left [m/s²], likewise.
+            uses_force: update with the specific force, too.
         """
         ...
 

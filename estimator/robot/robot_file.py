@@ -138,10 +138,12 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         gyro_scale: reading over true rate, 1 for an ideal gyro [-].
         gyro_scale_sigma: standard deviation of the gyro's scale [-].
         gyro_bias: initial bias of the yaw rate in base_link, reading less rate [rad/s].
-        gyro_noise_density: white noise of the rate [rad/s/√Hz].
+        gyro_noise_density: white noise of the rate [rad/s/√Hz]; measured noise counts where it differs
+            clearly, see `estimator.sensors.imu_noise`.
         gyro_bias_sigma: standard deviation of the initial bias [rad/s].
         gyro_bias_walk: random walk of the bias [rad/s/√s].
-        accelerometer_noise_density: white noise, vibration and small slopes included [m/s²/√Hz].
+        accelerometer_noise_density: white noise, vibration and small slopes included [m/s²/√Hz]; clearly
+            larger measured noise counts.
         accelerometer_bias_sigma: standard deviation of the initial bias, levelling error included
             [m/s²].
         accelerometer_bias_walk: random walk of the bias [m/s²/√s].

@@ -63,9 +63,10 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         track_speed: both tracks are slower than this [m/s]; at 0 standstill is never detected.
         duration: they are for at least this long [s], no less than 1 ms.
         quiet_gyro: the yaw-rate readings of that time are within this of their mean [rad/s], or
-            within five standard deviations of their noise if that is more.
+            within five standard deviations of the file's noise if that is more; measured noise beyond
+            that counts with eight.
         bias_margin: their mean is within this of the bias estimate [rad/s], or within four standard
-            deviations of the bias estimate if that is more.
+            deviations of the two together if that is more.
 
     Raises:
         EstimatorError: a value is negative or not a finite number, or `duration` is too short.

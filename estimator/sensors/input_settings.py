@@ -21,7 +21,8 @@ class InputSettings(NamedTuple):
         track_speed: slower tracks are stopped [m/s].
         duration_ns: duration of a standstill before it is detected [ns].
         quiet_gyro: largest distance of quiet yaw-rate readings from their mean [rad/s].
-        gyro_noise_density: noise density of the gyro [rad/s/√Hz].
+        gyro_noise_density: noise density of the gyro in the robot file [rad/s/√Hz].
+        accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
     """
 
     hold: float
@@ -33,6 +34,7 @@ class InputSettings(NamedTuple):
     duration_ns: int
     quiet_gyro: float
     gyro_noise_density: float
+    accelerometer_noise_density: float
 
 
 def input_settings(robot: Robot, settings: Settings) -> InputSettings:
@@ -48,4 +50,5 @@ def input_settings(robot: Robot, settings: Settings) -> InputSettings:
         int(standstill.duration * 1e9),
         float(standstill.quiet_gyro),
         float(robot.imu.gyro_noise_density),
+        float(robot.imu.accelerometer_noise_density),
     )

@@ -24,6 +24,7 @@ from icreckon.estimator.log.measurements import (
     ZeroVelocity,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
+from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
 from icreckon.estimator.sensors.sensor_models import (
     SensorModels,
@@ -208,12 +209,14 @@ class StepTwist(NamedTuple):
         x: (SIZE,) state of the linearisation.
         interval: time between samples [s].
         change: change of the track speeds.
+        noise: noise of the IMU.
     """
 
     model: TwistModel
     x: Floats
     interval: float
     change: TrackChange
+    noise: ImuNoise
 
 
 class Gyro(MeasurementModel):
@@ -223,7 +226,6 @@ class Gyro(MeasurementModel):
     also where they are wrong.
 
     Args:
-        sensors: mounting and noise of the IMU.
         fixed: states that it does not move, see `imu_fixed`.
     """
 
@@ -232,8 +234,8 @@ class Gyro(MeasurementModel):
     inflated = (s.SLIP_W,)
     stand_in = s.SLIP_W
 
-    def __init__(self, sensors: SensorModels, fixed: tuple[int, ...]) -> None:
-        self._constants, self.fixed = sensors.constants, fixed
+    def __init__(self, fixed: tuple[int, ...]) -> None:
+        self.fixed = fixed
 
     def linearise(self, rate: float, at: StepTwist) -> Linearised:
         """Compare a yaw rate, see `SensorModels.yaw_rate` [rad/s], with its prediction."""
@@ -242,9 +244,7 @@ class Gyro(MeasurementModel):
         H = scale * model.jacobian[2:]
         H[0, s.GYRO_BIAS] += 1.0
         H[0, s.GYRO_SCALE] += w
-        variance = gyro_variance(
-            self._constants, at.interval, model.by_speeds[2].tolist(), at.change
-        )
+        variance = gyro_variance(at.noise.gyro, at.interval, model.by_speeds[2].tolist(), at.change)
         z = rate - scale * w - x.item(s.GYRO_BIAS)
         return Linearised(np.array([z]), H, np.array([[variance]]))
 
@@ -253,7 +253,7 @@ class Accelerometer(MeasurementModel):
     """Specific force along an axis of base_link: acceleration less gravity, plus bias.
 
     Args:
-        sensors: mounting and noise of the IMU.
+        sensors: mounting of the IMU.
         fixed: states that it does not move, see `imu_fixed`.
         axis: 0 for forward, 1 for left.
     """
@@ -277,6 +277,7 @@ class Accelerometer(MeasurementModel):
         forecast = accelerometer_forecast(
             self._constants,
             axis,
+            at.noise[1 + axis],
             at.interval,
             model.twist.tolist(),
             model.by_speeds.tolist(),

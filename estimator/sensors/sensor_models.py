@@ -1,4 +1,4 @@
-"""IMU: mounting, noise, and equations of its predicted measurements.
+"""IMU: mounting, and equations of its predicted measurements.
 
 The equations serve plain Python and compiled code (`estimator.tracing`).
 """
@@ -23,14 +23,10 @@ class ImuConstants(NamedTuple):
     """Constants of an IMU.
 
     Attributes:
-        gyro_density: noise density of the gyro [rad²/s].
-        accelerometer_density: noise density of the accelerometer [m²/s³].
         x: position of the IMU in base_link, forward [m].
         y: position of the IMU in base_link, to the left [m].
     """
 
-    gyro_density: float
-    accelerometer_density: float
     x: float
     y: float
 
@@ -68,7 +64,7 @@ class TrackChange(NamedTuple):
 
 
 class SensorModels:
-    """Mounting and noise of one robot's IMU.
+    """Mounting of one robot's IMU.
 
     Args:
         robot: the robot.
@@ -79,12 +75,7 @@ class SensorModels:
 
     def __init__(self, robot: Robot) -> None:
         imu = self._imu = robot.imu
-        self.constants = ImuConstants(
-            imu.gyro_noise_density**2,
-            imu.accelerometer_noise_density**2,
-            imu.position[0],
-            imu.position[1],
-        )
+        self.constants = ImuConstants(imu.position[0], imu.position[1])
         self._forward: list[float]
         self._leftward: list[float]
         self._upward: list[float]
@@ -113,25 +104,24 @@ class SensorModels:
         return _dot(self._forward, force), _dot(self._leftward, force)
 
 
-def gyro_variance(
-    imu: ImuConstants, interval: float, by_turning: Any, change: TrackChange
-) -> float:
+def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:
     """Variance of a gyro reading about the yaw rate of the motion model.
 
     Args:
-        imu: the IMU.
+        density: noise density of the gyro [rad²/s].
         interval: time between samples [s].
         by_turning: (2,) derivative of the yaw rate by the track speeds.
         change: change of the track speeds.
     """
     # The newest track speeds are averages of the time before, so they are late.
     late = _along(by_turning, change.acceleration) * change.age
-    return imu.gyro_density / interval + late * late
+    return density / interval + late * late
 
 
 def accelerometer_forecast(
     imu: ImuConstants,
     axis: int,
+    density: float,
     interval: float,
     twist: Any,
     by_speeds: Any,
@@ -146,6 +136,7 @@ def accelerometer_forecast(
     Args:
         imu: the IMU.
         axis: 0 for forward, 1 for left.
+        density: noise density of the accelerometer [m²/s³].
         interval: time between samples [s].
         twist: (3,) twist of base_link.
         by_speeds: (3, 2) its derivative by the track speeds.
@@ -159,7 +150,7 @@ def accelerometer_forecast(
     # Change of the kinematic twist, from the change of the track speeds.
     dv, dw = _along(by_axis, change.acceleration), _along(by_turning, change.acceleration)
     # Variances of the slip's own change over the sample, of the derivative's delay, and of its noise.
-    white = (imu.accelerometer_density + slip_density) / interval
+    white = (density + slip_density) / interval
     turning = dw * lever
     late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
     of_left, of_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]

@@ -1,4 +1,4 @@
-"""Standstill detection: both tracks stopped, and a gyro that reads only its bias.
+"""Standstill detection: both tracks stopped, and a gyro whose mean is its bias.
 
 The functions are written for plain Python and for numba, see `estimator.base.records`. Yaw-rate readings
 lie in a buffer beside the record, for their number is known only when a log is.
@@ -18,6 +18,11 @@ from icreckon.estimator.sensors.input_settings import InputSettings
 
 # Size of a buffer of readings that grows.
 ROOM = 64
+# Standard deviations within which quiet readings are about their mean: of the file's noise, and of
+# measured noise beyond that, which may be that of an engine and no white noise.
+OF_FILE, OF_MEASURED = 5.0, 8.0
+# Standard deviations within which their mean is about the bias.
+OF_MEAN = 4.0
 
 
 class StandstillRecord(msgspec.Struct):
@@ -77,12 +82,18 @@ def stopped_after(
         still.stopped_since = stamp
 
 
+def tracks_rest(still: StandstillRecord) -> bool:
+    """Return True if the newest track speeds are those of resting tracks."""
+    return still.stopped_since != NEVER
+
+
 def quiet_mean(
     still: StandstillRecord,
     stamps: Stamps,
     rates: Floats,
     stamp: int,
     rate: float,
+    noise: float,
     settings: InputSettings,
 ) -> float:
     """Add a yaw-rate reading; return the mean of quiet readings at standstill.
@@ -93,11 +104,12 @@ def quiet_mean(
         rates: buffer of the same length for readings [rad/s].
         stamp: stamp of the reading [ns].
         rate: the reading [rad/s].
+        noise: measured noise density of the gyro [rad/s/√Hz].
         settings: settings of the filter.
 
     Returns:
-        The mean [rad/s]; NaN if the tracks move, have not stopped for long enough, or the gyro is not
-        quiet.
+        The mean [rad/s]; NaN if the tracks move, have not stopped for long enough, or a reading is
+        further from the mean than noise explains.
 
     Raises:
         ValueError: the buffers are too short.
@@ -124,23 +136,28 @@ def quiet_mean(
         total += rates[k]
     mean = total / (end - first)
     per_second = (end - first - 1) * 1e9 / (stamp - stamps[first])
-    quiet = max(settings.quiet_gyro, 5.0 * settings.gyro_noise_density * math.sqrt(per_second))
+    of_file = settings.gyro_noise_density
+    spread = OF_FILE * of_file + OF_MEASURED * max(0.0, noise - of_file)
+    quiet = max(settings.quiet_gyro, spread * math.sqrt(per_second))
     for k in range(first, end):
         if abs(rates[k] - mean) > quiet:
             return math.nan
     return mean
 
 
-def stands(mean: float, bias: float, bias_sigma: float, margin: float) -> bool:
+def stands(
+    mean: float, bias: float, bias_variance: float, mean_variance: float, margin: float
+) -> bool:
     """Return True if quiet readings are those of a standing robot.
 
     Args:
         mean: their mean; not a number if the robot moves [rad/s].
         bias: estimated bias of the gyro [rad/s].
-        bias_sigma: standard deviation of that estimate [rad/s].
+        bias_variance: variance of that estimate [rad²/s²].
+        mean_variance: variance of the mean [rad²/s²].
         margin: means this close to the bias are those of a standing robot in any case [rad/s].
     """
-    return abs(mean - bias) <= max(margin, 4.0 * bias_sigma)
+    return abs(mean - bias) <= max(margin, OF_MEAN * math.sqrt(bias_variance + mean_variance))
 
 
 def is_full(still: StandstillRecord, stamps: Stamps) -> bool:
@@ -166,12 +183,17 @@ class QuietReadings:
         self.rates = np.concatenate([self.rates, np.zeros_like(self.rates)])
 
     def mean(
-        self, still: StandstillRecord, stamp: int, rate: float, settings: InputSettings
+        self,
+        still: StandstillRecord,
+        stamp: int,
+        rate: float,
+        noise: float,
+        settings: InputSettings,
     ) -> float:
         """Add a reading, see `quiet_mean`."""
         if is_full(still, self.stamps):
             self.make_room()
-        return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, settings))
+        return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, settings))
 
     def memory(self, still: StandstillRecord) -> StandstillMemory:
         """Checkpoint of the readings that count."""

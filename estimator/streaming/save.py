@@ -1,6 +1,6 @@
 """Saved estimators: the whole estimator as one JSON file, which people can read.
 
-    {"format": "icreckon estimator", "version": 3, "checksum": "...", "content": {
+    {"format": "icreckon estimator", "version": 4, "checksum": "...", "content": {
         "variant", "robot", "settings"      arguments of the estimator
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
@@ -31,7 +31,7 @@ from icreckon.estimator.streaming.late_measurements import HistoryCheckpoint
 from icreckon.estimator.streaming.latencies import Latencies
 
 FORMAT = "icreckon estimator"
-VERSION = 3
+VERSION = 4
 # Objects of so many characters stand on one line of the file.
 SHORT = 80
 # Keys of a robot file that an estimator does not depend on.

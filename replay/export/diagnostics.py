@@ -136,6 +136,11 @@ def _counts(variant: str, one: Run) -> DiagnosticStatus:
     values["standstill updates"] = str(one.health.standstill_updates)
     values["gaps in the track speeds"] = str(one.health.track_gaps)
     values["stuck tracks"] = str(one.health.stuck_tracks)
+    for name, noise in one.health.noise.items():
+        if noise.measured is not None:
+            values[f"{name}: noise over that of the robot file"] = (
+                f"{noise.measured / noise.of_file:.2g}"
+            )
     seconds = (one.stamps[-1] - one.stamps[0]) * NANOSECOND
     return DiagnosticStatus(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
 

@@ -33,8 +33,19 @@ from icreckon.estimator.sensors.held_tracks import (
     speeds_at,
     take_tracks,
 )
+from icreckon.estimator.sensors.imu_noise import (
+    NoiseRecord,
+    imu_noise,
+    measure_noise,
+    measured_noise,
+)
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
-from icreckon.estimator.sensors.standstill import QuietReadings, StandstillRecord, stopped_after
+from icreckon.estimator.sensors.standstill import (
+    QuietReadings,
+    StandstillRecord,
+    stopped_after,
+    tracks_rest,
+)
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, sine_and_cosine
@@ -281,14 +292,19 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
     steps, measured, inputs = all_inputs(
         tracks, np.ones(count, dtype=bool), gyro, 50.0, 100.0, chosen
     )
-    still, readings = StandstillRecord(), QuietReadings()
+    still, readings, noise = StandstillRecord(), QuietReadings(), NoiseRecord()
     taken = 0
     for k, end in enumerate(steps.ends.tolist()):
         while taken < steps.tracks[k]:
             stamp, speeds = int(measured.track_stamps[taken]), measured.tracks[0, taken].tolist()
             stopped_after(still, stamp, *speeds, chosen.track_speed)
             taken += 1
-        mean = readings.mean(still, end, float(gyro[k]), chosen)
+        measure_noise(noise, end, float(gyro[k]), 0.0, 0.0, chosen.hold)
+        spread = measured_noise(noise.gyro)
+        mean = readings.mean(still, end, float(gyro[k]), spread, chosen)
+        assert inputs[k, INPUTS["gyro_density"]] == pytest.approx(
+            imu_noise(noise, tracks_rest(still), chosen).gyro, rel=1e-12
+        )
         assert inputs[k, INPUTS["quiet_mean"]] == pytest.approx(mean, rel=1e-12, nan_ok=True)
 
 

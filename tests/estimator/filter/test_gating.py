@@ -1,5 +1,7 @@
 """Gates: what they admit, and the way back."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -9,6 +11,12 @@ from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.sensors.imu_noise import (
+    NoiseRecord,
+    imu_noise,
+    measure_noise,
+    measured_noise,
+)
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import (
     QuietReadings,
@@ -60,12 +68,15 @@ class Detector:
 
     def __init__(self, settings):
         self.settings, self.still, self.readings = settings, StandstillRecord(), QuietReadings()
+        self.noise = NoiseRecord()
 
     def track_speeds(self, stamp, left, right):
         stopped_after(self.still, stamp, left, right, self.settings.track_speed)
 
     def yaw_rate(self, stamp, rate):
-        return self.readings.mean(self.still, stamp, rate, self.settings)
+        measure_noise(self.noise, stamp, rate, math.nan, math.nan, self.settings.hold)
+        noise = measured_noise(self.noise.gyro)
+        return self.readings.mean(self.still, stamp, rate, noise, self.settings)
 
 
 def detector_of(gyro_noise_density):
@@ -75,18 +86,27 @@ def detector_of(gyro_noise_density):
 
 
 def standing_since(detector, rates, bias=0.0, bias_sigma=0.0, speeds=(0.0, 0.0)):
-    """When the detector first said that the robot stands [s], or None; 100 Hz from 0 s."""
+    """When the detector first found that the robot stands [s], or None; 100 Hz from 0 s."""
+    standstill = Settings().standstill
     for k, rate in enumerate(rates):
         if k % 2 == 0:
             detector.track_speeds(second(k / 100), *speeds)
         mean = detector.yaw_rate(second(k / 100), rate)
-        if stands(mean, bias, bias_sigma, Settings().standstill.bias_margin):
+        of_mean = imu_noise(detector.noise, True, detector.settings).gyro / standstill.duration
+        if stands(mean, bias, bias_sigma**2, of_mean, standstill.bias_margin):
             return k / 100
     return None
 
 
 def test_robot_stands_after_half_a_second_of_rest():
     assert standing_since(detector_of(5e-4), [0.0] * 100) == 0.5
+
+
+@pytest.mark.parametrize("hertz", [13.0, 16.0, 30.0, 50.0])
+def test_an_engine_does_not_hide_the_standstill(hertz):
+    """Its vibration is a hundred times the noise of the file, and the mean is the bias."""
+    rates = 0.1 * np.sin(2.0 * np.pi * hertz * np.arange(200) / 100 + 0.3)
+    assert standing_since(detector_of(5e-4), rates.tolist()) == 0.5
 
 
 def test_noise_of_the_gyro_does_not_hide_the_standstill():
@@ -102,8 +122,8 @@ def test_noise_of_the_gyro_does_not_hide_the_standstill():
         ([0.0] * 100, {"speeds": (-0.01, 0.0)}),
         # Pushed round by hand, with the tracks stopped.
         ([0.2] * 100, {}),
-        # Rocking.
-        ((0.1 * np.sin(np.arange(100))).tolist(), {}),
+        # Rocking, once a second.
+        ((0.1 * np.sin(2.0 * np.pi * np.arange(100) / 100)).tolist(), {}),
     ],
 )
 def test_what_moves_does_not_stand(rates, more):

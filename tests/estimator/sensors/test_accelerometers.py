@@ -12,6 +12,7 @@ from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.log.measurements import ImuSample
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
+from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import (
     ACCELEROMETERS,
     Accelerometer,
@@ -28,6 +29,7 @@ from icreckon.estimator.sensors.sensor_models import (
 
 ALPHA = load_robot("auriga-alpha")
 CALM = TrackChange((0.0, 0.0), 0.05, 0.0, 0.0)
+NOISE = ImuNoise(1e-6, 1e-4, 1e-4)
 AXES = pytest.mark.parametrize("axis", [0, 1], ids=ACCELEROMETERS)
 PLACES = pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.4, -0.3, 0.2), (-0.5, 0.2, 0.0)])
 
@@ -64,7 +66,7 @@ def test_a_forecast_is_the_acceleration_of_its_place(
     acceleration = (path(step) - 2.0 * path(0.0) + path(-step)) / step**2
     change = CALM._replace(acceleration=tuple(rise.tolist()))
     found = accelerometer_forecast(
-        sensors.constants, axis, 0.01, motion(0.0), by_speeds, change, 0.0
+        sensors.constants, axis, 1e-4, 0.01, motion(0.0), by_speeds, change, 0.0
     )
     assert found.predicted == pytest.approx(acceleration[axis], abs=1e-6)
 
@@ -83,7 +85,7 @@ def linearised(
     ekf: IcrEkf, x: Floats, axis: int, place: tuple[float, float, float], force: float = 0.4
 ) -> Linearised:
     ekf.x = x
-    at = StepTwist(ekf.twist_model(0.2, 0.7), x.copy(), 0.01, CALM)
+    at = StepTwist(ekf.twist_model(0.2, 0.7), x.copy(), 0.01, CALM, NOISE)
     model = Accelerometer(SensorModels(mounted(place)), ekf.fixed_for_imu, axis)
     return model.linearise(force, at, x, 0.0)
 
@@ -116,7 +118,7 @@ def test_it_reads_minus_gravity_and_bias_at_rest(axis: int) -> None:
     ekf = some_ekf(np.random.default_rng(3), "inertia-online")
     ekf.x[s.SLIP] = 0.0
     gravity, bias = ekf.x[s.GRAVITY_X + axis], ekf.x[s.ACCELEROMETER_BIAS_X + axis]
-    at = StepTwist(ekf.twist_model(0.0, 0.0), ekf.x.copy(), 0.01, CALM)
+    at = StepTwist(ekf.twist_model(0.0, 0.0), ekf.x.copy(), 0.01, CALM, NOISE)
     model = Accelerometer(SensorModels(ALPHA), ekf.fixed_for_imu, axis)
     found = model.linearise(bias - gravity, at, ekf.x, 0.0)
     assert found.z.item() == pytest.approx(0.0, abs=1e-12)
@@ -126,7 +128,7 @@ def test_it_reads_minus_gravity_and_bias_at_rest(axis: int) -> None:
 def test_an_update_between_moves_the_prediction_along_its_jacobian(axis: int) -> None:
     ekf = some_ekf(np.random.default_rng(4), "inertia-online")
     x = ekf.x.copy()
-    at = StepTwist(ekf.twist_model(0.2, 0.7), x, 0.01, CALM)
+    at = StepTwist(ekf.twist_model(0.2, 0.7), x, 0.01, CALM, NOISE)
     model = Accelerometer(SensorModels(ALPHA), ekf.fixed_for_imu, axis)
     moved = x + 0.01 * np.random.default_rng(5).normal(size=s.SIZE)
     before, after = (model.linearise(0.4, at, state, 0.0) for state in (x, moved))

@@ -57,7 +57,7 @@ def inputs_of_lane(records, lane, start, end, chosen):
 @njit
 def quiet_mean_of_lane(records, lane, stamps, rates, stamp, rate, speed, chosen):
     compiled_stopped(records[lane], stamp, speed, speed, chosen.track_speed)
-    return compiled_mean(records[lane], stamps, rates, stamp, rate, chosen)
+    return compiled_mean(records[lane], stamps, rates, stamp, rate, 0.0, chosen)
 
 
 @njit
@@ -183,7 +183,7 @@ def test_quiet_readings_are_the_same_in_python_and_compiled(room):
         stamp, rate = EPOCH + k * 10**7, float(1e-3 * rng.standard_normal())
         speed = 0.1 if 300 <= k < 310 else 0.0
         stopped_after(plain, stamp, speed, speed, SETTINGS.track_speed)
-        expected = quiet_mean(plain, *lists, stamp, rate, SETTINGS)
+        expected = quiet_mean(plain, *lists, stamp, rate, 0.0, SETTINGS)
         found = quiet_mean_of_lane(array, 0, *arrays, stamp, rate, speed, SETTINGS)
         assert found == expected or (math.isnan(found) and math.isnan(expected))
         means.append(expected)
@@ -197,22 +197,22 @@ def test_a_buffer_that_is_too_short_is_refused():
     still, buffers = StandstillRecord(), ([0] * 40, [0.0] * 40)
     stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
     for k in range(40):
-        quiet_mean(still, *buffers, k * 10**7, 0.0, SETTINGS)
+        quiet_mean(still, *buffers, k * 10**7, 0.0, 0.0, SETTINGS)
     with pytest.raises(ValueError, match="wrong size"):
-        quiet_mean(still, *buffers, 40 * 10**7, 0.0, SETTINGS)
+        quiet_mean(still, *buffers, 40 * 10**7, 0.0, 0.0, SETTINGS)
 
 
 def test_the_readings_make_room_for_any_number_of_readings():
     still, readings = StandstillRecord(), QuietReadings()
     stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
-    means = [readings.mean(still, k * 10**6, 0.01, SETTINGS) for k in range(2000)]
+    means = [readings.mean(still, k * 10**6, 0.01, 0.0, SETTINGS) for k in range(2000)]
     assert np.isnan(means[:500]).all()
     assert means[500:] == pytest.approx([0.01] * 1500)
     other, others = StandstillRecord(), QuietReadings()
     others.recall(other, readings.memory(still))
     assert others.memory(other) == readings.memory(still)
     assert len(others.memory(other).stamps) == 501
-    assert others.mean(other, 2000 * 10**6, 0.01, SETTINGS) == pytest.approx(0.01)
+    assert others.mean(other, 2000 * 10**6, 0.01, 0.0, SETTINGS) == pytest.approx(0.01)
 
 
 def test_clocks_are_the_same_in_python_and_compiled():

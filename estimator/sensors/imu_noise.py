@@ -1,0 +1,275 @@
+"""Noise of gyro and accelerometers, measured from differences of their readings.
+
+Second differences cancel a constant and a constant change, so that a turn does not count as noise. Their
+mean size, clipped, is a robust scale of the noise. It is taken of single readings and of means over short
+blocks, which show slow vibration to a fast IMU; the larger counts. The functions are written for plain
+Python and for numba, see `estimator.base.records`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import msgspec
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.sensors.input_settings import InputSettings
+
+# Least length of a block of readings [s]: two at 100 Hz, three at 200 Hz, six at 400 Hz.
+BLOCK = 0.0135
+# Time constant of the measured noise [s].
+MEMORY = 3.0
+# A difference counts as at most this many times the mean size: outliers and knocks are no noise.
+CLIP = 4.0
+# Variance of the second difference of white noise of variance 1, and the standard deviation of a normal
+# distribution over its mean size.
+OF_DIFFERENCES, OF_MEAN_SIZE = 6.0, math.sqrt(0.5 * math.pi)
+# An interval that is longer than the usual one by this factor is a gap: differences begin anew.
+GAP = 1.7
+# The file's noise counts while the measured noise is at most this many times as large, driving or with
+# resting tracks, or this many times as small. Jolts of driving are among the differences, and are motion.
+MORE, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
+# Least noise of the gyro that counts, over that of the file: the delay of the track speeds counts like
+# noise as a robot drives on, even if the gyro has none.
+LEAST = 0.3
+# Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
+AT_START = 30.0
+
+
+class Pace(msgspec.Struct):
+    """Clock of values whose differences are taken.
+
+    Attributes:
+        stamp: stamp of the newest value [ns], or NEVER.
+        interval: averaged interval between values [s].
+        run: number of values since the newest gap, at most 3.
+    """
+
+    stamp: int = NEVER
+    interval: float = 0.0
+    run: int = 0
+
+    def shifted(self, by: int) -> Pace:
+        """Copy for a clock that is ahead by so much [ns]."""
+        stamp = self.stamp if self.stamp == NEVER else self.stamp + by
+        return Pace(stamp, self.interval, self.run)
+
+
+class Differences(msgspec.Struct, array_like=True):
+    """Second differences of values of one axis.
+
+    Attributes:
+        newest: newest value.
+        change: newest value less the one before.
+        size: clipped mean size of the second differences, as a noise density [unit/√Hz].
+        count: number of differences so far.
+    """
+
+    newest: float = 0.0
+    change: float = 0.0
+    size: float = 0.0
+    count: int = 0
+
+
+class AxisNoise(msgspec.Struct):
+    """Noise of one axis.
+
+    Attributes:
+        total: sum of the readings of the block under way.
+        readings: differences of single readings.
+        blocks: differences of means over blocks.
+    """
+
+    total: float = 0.0
+    readings: Differences = msgspec.field(default_factory=Differences)
+    blocks: Differences = msgspec.field(default_factory=Differences)
+
+
+class NoiseRecord(msgspec.Struct):
+    """Record of the noise of an IMU.
+
+    Attributes:
+        is_first: 1 until the second sample.
+        in_block: number of readings in the block under way.
+        readings: clock of the readings, without repeated samples.
+        blocks: clock of the blocks.
+        gyro: noise of the yaw rate.
+        accelerometer_x: noise of the specific force forward.
+        accelerometer_y: noise of the specific force to the left.
+    """
+
+    is_first: int = 1
+    in_block: int = 0
+    readings: Pace = msgspec.field(default_factory=Pace)
+    blocks: Pace = msgspec.field(default_factory=Pace)
+    gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)
+    accelerometer_x: AxisNoise = msgspec.field(default_factory=AxisNoise)
+    accelerometer_y: AxisNoise = msgspec.field(default_factory=AxisNoise)
+
+    def shifted(self, by: int) -> NoiseRecord:
+        """Copy for a clock that is ahead by so much [ns]."""
+        twin = msgspec.structs.replace(self)
+        twin.readings, twin.blocks = self.readings.shifted(by), self.blocks.shifted(by)
+        return twin
+
+
+class ImuNoise(NamedTuple):
+    """Noise of an IMU that the filter assumes.
+
+    Attributes:
+        gyro: density of the yaw rate [rad²/s].
+        accelerometer_x: density of the specific force forward [m²/s³].
+        accelerometer_y: density of the specific force to the left [m²/s³].
+    """
+
+    gyro: float
+    accelerometer_x: float
+    accelerometer_y: float
+
+
+def measure_noise(
+    noise: NoiseRecord, stamp: int, rate: float, force_x: float, force_y: float, hold: float
+) -> None:
+    """Add an IMU sample.
+
+    Args:
+        noise: record, changed in place.
+        stamp: stamp of the sample [ns].
+        rate: yaw rate [rad/s].
+        force_x: specific force forward [m/s²], NaN if there is none.
+        force_y: specific force to the left [m/s²], likewise.
+        hold: after a longer gap the differences begin anew [s].
+    """
+    gyro, x, y = noise.gyro, noise.accelerometer_x, noise.accelerometer_y
+    readings, blocks = noise.readings, noise.blocks
+    noise.is_first = 1 if readings.stamp == NEVER else 0
+    if not noise.is_first:
+        repeated = is_same(rate, gyro.readings.newest) and is_same(force_x, x.readings.newest)
+        if repeated and is_same(force_y, y.readings.newest):
+            # A driver that repeats samples: they hold no noise of their own.
+            return
+    dt = paced(readings, stamp, hold)
+    add_value(gyro.readings, rate, readings.run, dt, readings.interval)
+    add_value(x.readings, force_x, readings.run, dt, readings.interval)
+    add_value(y.readings, force_y, readings.run, dt, readings.interval)
+    if readings.run == 1:
+        # A block begins after the first reading.
+        blocks.stamp, blocks.run, noise.in_block = stamp, 0, 0
+        gyro.total = x.total = y.total = 0.0
+        return
+    noise.in_block += 1
+    gyro.total += rate
+    x.total += force_x
+    y.total += force_y
+    if (stamp - blocks.stamp) * NANOSECOND < BLOCK:
+        return
+    count = noise.in_block
+    dt = paced(blocks, stamp, hold)
+    add_value(gyro.blocks, gyro.total / count, blocks.run, dt, blocks.interval)
+    add_value(x.blocks, x.total / count, blocks.run, dt, blocks.interval)
+    add_value(y.blocks, y.total / count, blocks.run, dt, blocks.interval)
+    noise.in_block = 0
+    gyro.total = x.total = y.total = 0.0
+
+
+def is_same(value: float, before: float) -> bool:
+    """Return True if a reading repeats the one before; missing ones are the same."""
+    return value == before or (value != value and before != before)
+
+
+def paced(pace: Pace, stamp: int, hold: float) -> float:
+    """Add the stamp [ns] of a value; return the time since the one before [s].
+
+    Args:
+        pace: clock, changed in place.
+        stamp: stamp of the value.
+        hold: a longer interval is a gap [s].
+    """
+    dt = (stamp - pace.stamp) * NANOSECOND
+    pace.stamp = stamp
+    if not 0.0 < dt <= hold:
+        pace.run = 1
+        return 0.0
+    if pace.interval == 0.0:
+        pace.interval = dt
+    pace.run = 1 if dt > GAP * pace.interval else min(3, pace.run + 1)
+    pace.interval += min(1.0, dt / MEMORY) * (dt - pace.interval)
+    return dt
+
+
+def add_value(of: Differences, value: float, run: int, dt: float, interval: float) -> None:
+    """Add a value of an axis.
+
+    Args:
+        of: differences of the axis, changed in place.
+        value: the value; NaN if there is none.
+        run: number of values since the newest gap.
+        dt: time since the value before [s].
+        interval: averaged interval between values [s].
+    """
+    change = value - of.newest
+    difference = abs(change - of.change)
+    of.newest, of.change = value, change
+    # Equal differences are those of a coarse or constant reading, which hides its noise.
+    if run < 3 or not difference > 0.0:
+        return
+    of.count += 1
+    size = difference * math.sqrt(interval / OF_DIFFERENCES)
+    if of.count > 1:
+        size = min(size, CLIP * of.size)
+    of.size += max(1.0 / of.count, min(1.0, dt / MEMORY)) * (size - of.size)
+
+
+def measured_noise(axis: AxisNoise) -> float:
+    """Measured noise density of an axis [unit/√Hz]; 0 before there is one."""
+    return OF_MEAN_SIZE * max(axis.readings.size, axis.blocks.size)
+
+
+def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) -> float:
+    """Noise density of an axis that the filter assumes [unit²/Hz].
+
+    It is that of the robot file if the measured one agrees with it, and the measured one if that differs
+    clearly; it changes continuously between them.
+
+    Args:
+        axis: the axis.
+        of_file: noise density of the robot file [unit/√Hz].
+        more: a measured noise that is larger by this factor counts.
+        least: least noise that counts, over that of the file; at 1 a smaller one does not.
+    """
+    measured, density = measured_noise(axis), of_file
+    if measured > more * of_file:
+        density = min(measured, measured * measured / (more * more * of_file))
+    elif 0.0 < measured * LESS < of_file:
+        density = max(measured, measured * measured * (LESS * LESS) / of_file, least * of_file)
+    return density * density
+
+
+def noise_of_file(settings: InputSettings) -> ImuNoise:
+    """Noise of an IMU by its robot file."""
+    of_force = settings.accelerometer_noise_density**2
+    return ImuNoise(settings.gyro_noise_density**2, of_force, of_force)
+
+
+def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> ImuNoise:
+    """Noise of an IMU that the filter assumes.
+
+    The accelerometers' noise of a robot file contains slopes and jolts that are slower than a block. So
+    measured noise may make it larger, never smaller.
+
+    Args:
+        noise: record of the noise.
+        at_rest: the tracks rest.
+        settings: settings of the filter.
+    """
+    of_gyro, of_force = settings.gyro_noise_density, settings.accelerometer_noise_density
+    more = MORE_AT_REST if at_rest else MORE
+    if noise.is_first:
+        of_gyro, of_force = AT_START * of_gyro, AT_START * of_force
+    return ImuNoise(
+        assumed_noise(noise.gyro, of_gyro, more, LEAST),
+        assumed_noise(noise.accelerometer_x, of_force, more, 1.0),
+        assumed_noise(noise.accelerometer_y, of_force, more, 1.0),
+    )

@@ -1,0 +1,200 @@
+"""Noise of the IMU, measured from its samples: white, coloured, turning, repeated, with gaps."""
+
+import math
+
+import numpy as np
+import pytest
+from numba import njit
+
+from icreckon.estimator.base.records import NEVER, record_array, record_of
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.imu_noise import (
+    LEAST,
+    NoiseRecord,
+    imu_noise,
+    measure_noise,
+    measured_noise,
+    noise_of_file,
+)
+from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.tracing.jit_kernel import jit
+
+SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
+OF_FILE = SETTINGS.gyro_noise_density
+EPOCH = 1_700_000_000_123_456_789
+RATES = pytest.mark.parametrize("rate", [20, 50, 100, 200, 400])
+compiled_measure, compiled_noise = jit(measure_noise), jit(imu_noise)
+
+
+@njit
+def measure_in_lane(records, lane, stamp, rate, force_x, force_y, hold):
+    compiled_measure(records[lane], stamp, rate, force_x, force_y, hold)
+
+
+@njit
+def noise_of_lane(records, lane, at_rest, chosen):
+    return compiled_noise(records[lane], at_rest, chosen)
+
+
+def stamps_at(rate, count):
+    return (EPOCH + np.rint(np.arange(count) * 1e9 / rate).astype(np.int64)).tolist()
+
+
+def white(rate, seconds, density=1.0, seed=0):
+    """Stamps and readings (n, 3) of white noise of a density."""
+    count = int(rate * seconds)
+    readings = np.random.default_rng(seed).normal(scale=density * math.sqrt(rate), size=(count, 3))
+    return stamps_at(rate, count), readings
+
+
+def measured(stamps, readings, record=None):
+    record = NoiseRecord() if record is None else record
+    for stamp, (rate, x, y) in zip(stamps, np.asarray(readings).tolist(), strict=True):
+        measure_noise(record, stamp, rate, x, y, SETTINGS.hold)
+    return record
+
+
+def densities(record):
+    axes = record.gyro, record.accelerometer_x, record.accelerometer_y
+    return [measured_noise(axis) for axis in axes]
+
+
+@RATES
+def test_the_density_of_white_noise_is_measured_at_any_rate(rate):
+    found = [densities(measured(*white(rate, 30.0, seed=k))) for k in range(5)]
+    assert np.mean(found) == pytest.approx(1.0, abs=0.12)
+    assert np.ptp(found) < 0.8
+
+
+@RATES
+def test_turning_is_no_noise(rate):
+    """Nor are a turn of 2 rad/s that begins within half a second, a bias, and a slope."""
+    stamps, readings = white(rate, 20.0, 0.005)
+    t = np.arange(len(stamps)) / rate
+    calm = densities(measured(stamps, readings))
+    readings += np.array([0.5, 3.0, -2.0]) + 2.0 * np.tanh(np.sin(0.7 * t) / 0.35)[:, None]
+    assert densities(measured(stamps, readings)) == pytest.approx(calm, rel=0.15)
+
+
+@pytest.mark.parametrize("rate", [50, 100])
+def test_repeated_samples_change_nothing(rate):
+    stamps, readings = white(rate, 20.0)
+    once = densities(measured(stamps, readings))
+    doubled = np.repeat(readings, 3, axis=0)
+    between = np.ravel([[stamp, stamp + 10**6, stamp + 3 * 10**6] for stamp in stamps]).tolist()
+    assert densities(measured(between, doubled)) == pytest.approx(once, rel=1e-12)
+
+
+def test_gaps_and_outliers_hardly_count():
+    rng = np.random.default_rng(3)
+    stamps, readings = white(100, 60.0)
+    found = densities(measured(stamps, readings))
+    # In a turn that goes faster and faster, one sample in twenty is lost, and one in a hundred is absurd.
+    readings += np.linspace(0.0, 200.0, len(stamps))[:, None]
+    readings[rng.random(len(stamps)) < 0.01] += 1000.0
+    kept = rng.random(len(stamps)) > 0.05
+    kept_stamps = np.array(stamps)[kept].tolist()
+    assert densities(measured(kept_stamps, readings[kept])) == pytest.approx(found, rel=0.5)
+
+
+def test_one_gap_is_no_noise():
+    stamps, readings = white(100, 20.0)
+    stamps = [stamp + (5 * 10**9 if k >= 1000 else 0) for k, stamp in enumerate(stamps)]
+    readings[1000:] += 50.0
+    one = measured(stamps[:1002], readings[:1002])
+    assert densities(one) == pytest.approx(densities(measured(stamps[:1000], readings[:1000])))
+
+
+@RATES
+@pytest.mark.parametrize("hertz", [8.0, 12.0, 30.0, 47.0, 65.0])
+def test_vibration_counts_nearly_as_white_noise_of_its_power(rate, hertz):
+    """Wherever it is aliased to, as long as that is no slow turn."""
+    aliased = abs(hertz - rate * round(hertz / rate))
+    if aliased < 3.5:
+        pytest.skip("looks like a slow turn at this rate")
+    t = np.arange(20 * rate) / rate
+    readings = np.sin(2.0 * np.pi * hertz * t[:, None] + np.array([0.1, 1.0, 2.0]))
+    found = np.array(densities(measured(stamps_at(rate, len(t)), readings)))
+    per_sample = found * math.sqrt(rate)
+    # Quiet readings are within eight standard deviations, and the peak is 1.
+    assert (per_sample * 8.0 > 1.0).all()
+    assert (per_sample < 2.5).all()
+
+
+def test_noise_that_grows_is_followed_within_seconds_and_so_is_its_end():
+    calm, shaken = (white(100, 12.0, density, seed=1) for density in (1.0, 30.0))
+    record = measured(*calm)
+    stamps = [stamp + 12 * 10**9 for stamp in shaken[0]]
+    measured(stamps[:600], shaken[1][:600], record)
+    assert min(densities(record)) > 20.0
+    measured([stamp + 6 * 10**9 for stamp in stamps], calm[1], record)
+    assert max(densities(record)) < 3.0
+
+
+def test_constant_and_missing_readings_say_nothing():
+    stamps = stamps_at(100, 300)
+    record = measured(stamps, np.tile([0.1, math.nan, math.nan], (300, 1)))
+    assert densities(record) == [0.0, 0.0, 0.0]
+    assert imu_noise(record, True, SETTINGS) == noise_of_file(SETTINGS)
+    # An accelerometer that begins later is measured then.
+    _, readings = white(100, 3.0)
+    readings[:100, 1:] = math.nan
+    assert min(densities(measured(stamps, readings))) > 0.5
+
+
+def test_the_first_sample_is_uncertain_by_a_factor_of_thirty():
+    stamps, readings = white(100, 0.02, OF_FILE)
+    first = imu_noise(measured(stamps[:1], readings[:1]), True, SETTINGS)
+    assert first == pytest.approx(900.0 * np.array(noise_of_file(SETTINGS)))
+    assert imu_noise(measured(stamps, readings), True, SETTINGS) == noise_of_file(SETTINGS)
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_noise_that_agrees_with_the_file_changes_nothing_and_other_noise_is_followed(at_rest):
+    """Continuously, and never far below the file."""
+    record = measured(*white(100, 2.0, OF_FILE))
+    share, assumed = np.geomspace(1e-3, 1e3, 2000), []
+    for factor in share:
+        record.gyro.readings.size = 0.0
+        record.gyro.blocks.size = factor * OF_FILE / math.sqrt(0.5 * math.pi)
+        assumed.append(math.sqrt(imu_noise(record, at_rest, SETTINGS).gyro) / OF_FILE)
+    found, more = np.array(assumed), 1.5 if at_rest else 2.5
+    assert (np.diff(np.log(found)) >= -1e-12).all()
+    assert np.diff(np.log(found)).max() < 2.1 * np.log(share[1] / share[0])
+    inside = (share > 0.201) & (share < 0.999 * more)
+    assert (found[inside] == 1.0).all()
+    assert found[share > more**2] == pytest.approx(share[share > more**2])
+    assert found.min() == pytest.approx(LEAST)
+
+
+def test_accelerometers_are_never_better_than_the_file_says():
+    noise = imu_noise(measured(*white(100, 2.0, 1e-9)), True, SETTINGS)
+    of_file = noise_of_file(SETTINGS)
+    assert noise.gyro < of_file.gyro
+    assert noise[1:] == of_file[1:]
+
+
+@pytest.mark.parametrize("rate", [50, 400])
+def test_it_is_the_same_in_python_and_compiled(rate):
+    stamps, readings = white(rate, 3.0, 0.02)
+    readings[20:30] = readings[20]
+    readings[40:60, 1:] = math.nan
+    stamps = [stamp + (10**9 if k > 70 else 0) for k, stamp in enumerate(stamps)]
+    plain, lanes = NoiseRecord(), record_array(NoiseRecord(), 2)
+    for stamp, values in zip(stamps, readings.tolist(), strict=True):
+        measure_noise(plain, stamp, *values, SETTINGS.hold)
+        measure_in_lane(lanes, 1, stamp, *values, SETTINGS.hold)
+        expected = imu_noise(plain, False, SETTINGS)
+        assert noise_of_lane(lanes, 1, False, SETTINGS) == pytest.approx(expected, rel=1e-12)
+    assert densities(record_of(NoiseRecord, lanes[1])) == pytest.approx(densities(plain), rel=1e-12)
+    assert record_of(NoiseRecord, lanes[0]) == NoiseRecord()
+
+
+def test_a_record_that_is_shifted_goes_on_by_the_other_clock():
+    stamps, readings = white(100, 2.0)
+    whole = measured(stamps, readings)
+    half = measured(stamps[:100], readings[:100]).shifted(10**12)
+    measured([stamp + 10**12 for stamp in stamps[100:]], readings[100:], half)
+    assert half == whole.shifted(10**12)
+    assert NoiseRecord().shifted(5).readings.stamp == NEVER

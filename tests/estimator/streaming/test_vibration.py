@@ -1,0 +1,188 @@
+"""A shaking gyro: resting tracks hold the yaw, turns are noticed, and all engines agree."""
+
+import functools
+
+import msgspec
+import numpy as np
+import pytest
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon.estimator.batch.many import run_many
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+
+ALPHA = load_robot("auriga-alpha")
+# Noise of 0.05 rad/s at 100 Hz.
+DENSITY, BIAS = 0.005, -0.005
+RATES = pytest.mark.parametrize("rate", [50, 100, 200, 400])
+
+
+def robot_with(density):
+    imu = msgspec.structs.replace(ALPHA.imu, gyro_noise_density=density)
+    return msgspec.structs.replace(ALPHA, imu=imu)
+
+
+def stamps_of(t):
+    return np.rint(t * 1e9).astype(np.int64)
+
+
+@functools.cache
+def shaken(rate, seconds, hertz=0.0, turn=0.0, drive=0.0, seed=0, share=1.0):
+    """A log at rest: turned from the half on, or driven from there on."""
+    rng = np.random.default_rng(seed)
+    t, track_t = (np.arange(int(seconds * each)) / each for each in (rate, 50))
+    noise = DENSITY * np.sqrt(rate) * rng.standard_normal(len(t))
+    if hertz:
+        noise = DENSITY * 10.0 * np.sqrt(2.0) * np.sin(2.0 * np.pi * hertz * t + 0.5)
+    rates = np.zeros((len(t), 3))
+    rates[:, 2] = BIAS + share * noise + np.where(t >= seconds / 2, turn, 0.0)
+    forces = np.column_stack([0.5 * rng.standard_normal((len(t), 2)), np.full(len(t), 9.81)])
+    speeds = np.where(track_t >= seconds / 2, drive, 0.0)[:, None] * np.ones(2)
+    return Log(
+        "shaken",
+        TrackSpeedSeries(stamps_of(track_t), speeds),
+        ImuSeries(stamps_of(t), rates, forces),
+    )
+
+
+def fed(log, robot, variant="constant-online", **settings):
+    estimator = PoseEstimator(robot, variant, settings=Settings(history=0.0, **settings))
+    feed_arrays(estimator, log.tracks, log.imu)
+    return estimator
+
+
+def yaw_of(estimator):
+    return np.degrees(estimator.pose[2]), np.degrees(estimator.pose_covariance[2, 2] ** 0.5)
+
+
+@RATES
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0, 30.0])
+def test_yaw_stays_for_ten_minutes_whatever_the_file_says(rate, factor):
+    estimator = fed(shaken(rate, 600.0), robot_with(factor * DENSITY))
+    yaw, sigma = yaw_of(estimator)
+    assert abs(yaw) < 1.0
+    assert abs(yaw) < 3.0 * sigma < 6.0
+    assert estimator.health.standstill_updates > 0.99 * 600 * rate
+    bias = estimator.biases["gyro_bias"] - BIAS
+    assert abs(bias) < 3.5 * estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS] ** 0.5
+    assert abs(bias) < 1e-3
+
+
+@RATES
+@pytest.mark.parametrize("hertz", [12.0, 30.0])
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 1.0])
+def test_an_engine_is_not_a_turn(rate, hertz, factor):
+    estimator = fed(shaken(rate, 120.0, hertz), robot_with(factor * DENSITY))
+    yaw, sigma = yaw_of(estimator)
+    assert abs(yaw) < min(1.0, 3.0 * sigma)
+    assert abs(estimator.biases["gyro_bias"] - BIAS) < 5e-4
+    assert estimator.health.standstill_updates > 0.98 * 120 * rate
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0])
+def test_the_first_reading_does_not_set_the_bias(factor, seed):
+    """After one second at rest the bias is a mean, as uncertain as it is wrong."""
+    estimator = fed(shaken(100, 1.0, seed=seed), robot_with(factor * DENSITY))
+    bias = estimator.biases["gyro_bias"] - BIAS
+    sigma = estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS] ** 0.5
+    assert 0.003 < sigma < 0.0101
+    assert abs(bias) < 3.0 * sigma
+
+
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0])
+@pytest.mark.parametrize("turn", [0.06, -0.3])
+def test_a_turn_with_resting_tracks_is_noticed(turn, factor):
+    estimator = fed(shaken(100, 120.0, turn=turn), robot_with(factor * DENSITY))
+    yaw, sigma = yaw_of(estimator)
+    turned = np.degrees(60.0 * turn)
+    assert abs(yaw - turned) < max(3.0 * sigma, 0.02 * abs(turned))
+    # The slip of a pushed robot fades within a second, which takes a little of a noisy yaw rate.
+    assert abs(yaw - turned) < 4.0 + 0.012 * abs(turned)
+    assert abs(estimator.biases["gyro_bias"] - BIAS) < 1.5e-3
+    assert not estimator.stands
+
+
+def test_a_robot_that_is_pushed_back_and_forth_is_followed():
+    """By half a radian in each direction, once in four seconds."""
+    log = shaken(100, 60.0)
+    t = log.imu.stamps * 1e-9
+    rates = log.imu.angular_velocity.copy()
+    pushed = t >= 30.0
+    rates[pushed, 2] += 0.4 * np.sin(0.5 * np.pi * (t[pushed] - 30.0))
+    for end, expected in ((32.0, 0.8 / np.pi * 2.0), (34.0, 0.0)):
+        until = t < end
+        part = ImuSeries(log.imu.stamps[until], rates[until], log.imu.linear_acceleration[until])
+        tracks = log.tracks.stamps < end * 1e9
+        series = TrackSpeedSeries(log.tracks.stamps[tracks], log.tracks.speeds[tracks])
+        estimator = fed(Log("pushed", series, part), robot_with(0.32 * DENSITY))
+        assert estimator.pose[2] == pytest.approx(expected, abs=0.04)
+
+
+def test_noise_that_agrees_with_the_file_is_that_of_the_file():
+    robot = robot_with(DENSITY)
+    noise = fed(shaken(100, 20.0, drive=0.3), robot).health.noise
+    assert [*noise] == ["gyro", "accelerometer_x", "accelerometer_y"]
+    assert noise["gyro"].measured == pytest.approx(DENSITY, rel=0.3)
+    assert noise["gyro"].of_file == noise["gyro"].assumed == DENSITY
+    wrong = fed(shaken(100, 20.0, drive=0.3), robot_with(DENSITY / 30.0)).health.noise["gyro"]
+    assert wrong.of_file == DENSITY / 30.0
+    assert wrong.assumed == wrong.measured == pytest.approx(DENSITY, rel=0.3)
+    assert noise["accelerometer_x"].measured == pytest.approx(0.05, rel=0.3)
+    nothing = PoseEstimator(robot, "constant-online").health.noise
+    assert all(axis.measured is None for axis in nothing.values())
+
+
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 30.0])
+def test_all_engines_agree(tmp_path, variant, factor):
+    """Streaming in Python and compiled, restored in the middle, as arrays, many at once, and a replay."""
+    robot, log = robot_with(factor * DENSITY), shaken(100, 8.0, drive=0.4)
+    measurements = [*log.measurements()]
+    plain, compiled, first = (
+        PoseEstimator(robot, variant, settings=Settings(engine=engine))
+        for engine in ("plain", "compiled", "compiled")
+    )
+    for k, measurement in enumerate(measurements):
+        for estimator in (plain, compiled, first):
+            estimator.feed(measurement)
+        if k == 500:
+            first.save(tmp_path / "half.json")
+            first = PoseEstimator.restore(tmp_path / "half.json", robot)
+    assert (first.state == compiled.state).all()
+    assert (first.covariance == compiled.covariance).all()
+    assert first.health.noise == compiled.health.noise
+    sigmas = np.sqrt(np.diagonal(plain.covariance))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    arrays = fed(log, robot, variant)
+    for other in (compiled, arrays):
+        assert np.abs((plain.state - other.state) / unit).max() < 1e-9
+        assert np.abs(other.covariance - plain.covariance).max() < 1e-9 * unit.max() ** 2
+        for name, noise in plain.health.noise.items():
+            assert other.health.noise[name] == pytest.approx(noise, rel=1e-9)
+    (many,) = run_many([log], robot, variant, every=0.01)
+    assert np.abs((many.poses[-1] - plain.pose) / unit[s.POSE]).max() < 1e-9
+    streamed, side = run(log, robot, variant), run_side_by_side(log, robot, [variant])[variant]
+    assert np.abs((streamed.states - side.states) / unit).max() < 1e-8
+    for name, noise in plain.health.noise.items():
+        assert side.health.noise[name] == pytest.approx(noise, rel=1e-9)
+
+
+def test_late_samples_are_measured_at_their_own_stamps():
+    robot, log = robot_with(DENSITY / 30.0), shaken(100, 4.0)
+    measurements = [*log.measurements()]
+    in_order, late = (PoseEstimator(robot, "constant-online") for _ in range(2))
+    for measurement in measurements:
+        in_order.feed(measurement)
+    for k in range(0, len(measurements), 7):
+        part = measurements[k : k + 7]
+        for measurement in (*part[3:], *part[:3]):
+            late.feed(measurement)
+    assert late.health.noise == in_order.health.noise
+    assert (late.state == in_order.state).all()
