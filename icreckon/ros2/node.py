@@ -123,7 +123,10 @@ class OdometryNode:
         given = {"robot": robot, "variant": variant}
         values = {}
         for name, default in defaults.items():
-            descriptor = ParameterDescriptor(description=DESCRIPTIONS[name], read_only=True)
+            # Any type is taken here: `options_from` converts 2 to 2.0 and has the better messages.
+            descriptor = ParameterDescriptor(
+                description=DESCRIPTIONS[name], read_only=True, dynamic_typing=True
+            )
             parameter = self.node.declare_parameter(name, default, descriptor)
             values[name] = parameter.value if given.get(name) is None else given[name]
         return options_from(values)

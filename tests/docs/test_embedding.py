@@ -1,23 +1,18 @@
-"""The guide for embedding: its code runs and does what the text says; the ROS 2 node without ROS."""
+"""The guide for embedding: its code runs and does what the text says."""
 
 import contextlib
-import importlib.util
 import io
 import re
-import sys
 from itertools import pairwise
-from types import ModuleType, SimpleNamespace
 
-import msgspec
 import numpy as np
 import pytest
 
 import icreckon
 from icreckon.estimator.base.frames import relative
-from readme import ROOT, code_blocks
+from readme import code_blocks
 
 PAGE = "docs/embedding.md"
-NODE = ROOT / "docs" / "examples" / "ros2_node.py"
 
 
 @pytest.fixture(scope="module")
@@ -161,197 +156,3 @@ def test_position_fixes_tell_a_heading_that_is_not_far_off_if_it_is_not_said_to_
     assert abs(unsure.pose[2] - in_the_map(names)[2]) < 0.1
     assert unsure.health.rejections() == {}
     assert sure.health.rejections()["position: gate"] >= 5
-
-
-# --- the node ---------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def node() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("ros2_node", NODE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def header(stamp):
-    sec, nanosec = divmod(stamp, 10**9)
-    return SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id="")
-
-
-def vector(x=0.0, y=0.0, z=0.0, **more):
-    return SimpleNamespace(x=x, y=y, z=z, **more)
-
-
-def joint_state(stamp, **rates):
-    return SimpleNamespace(header=header(stamp), name=list(rates), velocity=list(rates.values()))
-
-
-def imu(stamp, rate, force, *, has_gyro=True, has_force=True):
-    return SimpleNamespace(
-        header=header(stamp),
-        angular_velocity=vector(*rate),
-        linear_acceleration=vector(*force),
-        angular_velocity_covariance=[0.0 if has_gyro else -1.0] * 9,
-        linear_acceleration_covariance=[0.0 if has_force else -1.0] * 9,
-    )
-
-
-def empty_odometry():
-    pose = SimpleNamespace(position=vector(), orientation=vector(w=1.0))
-    twist = SimpleNamespace(linear=vector(), angular=vector())
-    return SimpleNamespace(
-        header=header(0),
-        child_frame_id="",
-        pose=SimpleNamespace(pose=pose, covariance=None),
-        twist=SimpleNamespace(twist=twist, covariance=None),
-    )
-
-
-STAMP = 1_700_000_000_123_456_789
-
-
-def test_joints_become_track_speeds(node):
-    sides = (["a", "b"], ["c"], 0.1)
-    message = joint_state(STAMP, b=2.0, c=-4.0, arm=9.0, a=4.0)
-    found = node.track_speeds_of(message, *sides)
-    assert found == icreckon.TrackSpeeds(STAMP, pytest.approx(0.3), pytest.approx(-0.4))
-    assert node.track_speeds_of(joint_state(STAMP, arm=1.0), *sides) is None
-
-
-def test_imu_messages_become_samples(node):
-    message = imu(STAMP, (0.1, 0.2, 0.3), (1.0, 2.0, 9.8))
-    assert node.imu_sample_of(message) == icreckon.ImuSample(
-        STAMP, (0.1, 0.2, 0.3), (1.0, 2.0, 9.8)
-    )
-    assert (
-        node.imu_sample_of(imu(1, (0, 0, 1), (0, 0, 0), has_force=False)).linear_acceleration
-        is None
-    )
-    assert node.imu_sample_of(imu(1, (0, 0, 1), (0, 0, 0), has_gyro=False)) is None
-
-
-def test_an_estimate_becomes_odometry(node):
-    robot = icreckon.load_robot("auriga-alpha")
-    tracks, radius = robot.log["tracks"], robot.vehicle.sprocket_radius
-    estimator = icreckon.PoseEstimator(robot, start=(1.0, 2.0, 3.0), start_sigma=(0.1, 0.2, 0.3))
-    for k in range(200):
-        stamp = STAMP + k * 10_000_000
-        rates = {tracks["left"][0]: 0.3 / radius, tracks["right"][0]: 0.6 / radius}
-        measured = node.track_speeds_of(
-            joint_state(stamp, **rates), tracks["left"], tracks["right"], radius
-        )
-        assert estimator.feed(measured)
-        assert estimator.feed(node.imu_sample_of(imu(stamp, (0.0, 0.0, 0.27), (0.0, 0.11, 9.81))))
-    message = node.fill_odometry(empty_odometry(), estimator)
-    assert node.stamp_of(message) == estimator.stamp
-    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
-    x, y, yaw = estimator.pose
-    assert (message.pose.pose.position.x, message.pose.pose.position.y) == (x, y)
-    turn = message.pose.pose.orientation
-    assert 2.0 * np.arctan2(turn.z, turn.w) == pytest.approx(yaw)
-    assert message.twist.twist.linear.x == estimator.twist[0]
-    assert message.twist.twist.angular.z == estimator.twist[2]
-    for covariance, known in (
-        (message.pose.covariance, estimator.pose_covariance),
-        (message.twist.covariance, estimator.twist_covariance),
-    ):
-        assert len(covariance) == 36
-        full = np.array(covariance).reshape(6, 6)
-        assert (full[np.ix_([0, 1, 5], [0, 1, 5])] == known).all()
-        assert (full.diagonal()[2:5] == 1e6).all()
-        assert np.linalg.eigvalsh(full).min() > 0.0
-
-
-@pytest.mark.parametrize(
-    ("log", "side"),
-    [
-        ({}, "left"),
-        ({"imu": {"topic": "/imu"}}, "left"),
-        ({"tracks": {"topic": "/odom"}}, "left"),
-        ({"tracks": {"topic": "/joints", "left": ["a"]}}, "right"),
-        ({"tracks": {"topic": "/joints", "left": ["a"], "right": []}}, "right"),
-        ({"tracks": {"topic": "/joints", "left": "a", "right": "b"}}, "left"),
-    ],
-)
-def test_a_robot_file_without_joints_is_refused(node, log, side):
-    robot = msgspec.structs.replace(icreckon.load_robot("auriga-alpha"), log=log)
-    with pytest.raises(icreckon.EstimatorError, match=rf"no joints of the {side} .*\[log.tracks\]"):
-        node.joints_of(robot)
-
-
-class FakeNode:
-    """As much of rclpy.node.Node as the node uses before it spins."""
-
-    def __init__(self, name):
-        self.name, self.parameters, self.topics = name, {}, []
-
-    def declare_parameter(self, name, value):
-        self.parameters[name] = FAKE_PARAMETERS.get(name, value)
-
-    def get_parameter(self, name):
-        return SimpleNamespace(value=self.parameters[name])
-
-    def create_publisher(self, _kind, topic, _depth):
-        self.topics.append(topic)
-
-    def create_subscription(self, _kind, topic, _callback, _qos):
-        self.topics.append(topic)
-
-    def create_timer(self, _period, _callback):
-        pass
-
-    def destroy_node(self):
-        pass
-
-
-FAKE_PARAMETERS: dict[str, str] = {}
-
-
-@pytest.fixture
-def fake_ros(monkeypatch):
-    """Modules in place of those of ROS; the nodes that were spun."""
-    spun = []
-    modules = {
-        "rclpy": {"init": lambda: None, "spin": spun.append, "try_shutdown": lambda: None},
-        "rclpy.node": {"Node": FakeNode},
-        "rclpy.qos": {"qos_profile_sensor_data": None},
-        "nav_msgs": {},
-        "nav_msgs.msg": {"Odometry": None},
-        "sensor_msgs": {},
-        "sensor_msgs.msg": {"Imu": None, "JointState": None},
-    }
-    for name, content in modules.items():
-        module = ModuleType(name)
-        vars(module).update(content)
-        monkeypatch.setitem(sys.modules, name, module)
-    return spun
-
-
-def test_the_node_spins_with_a_robot_that_names_its_joints(node, fake_ros, monkeypatch):
-    monkeypatch.setitem(FAKE_PARAMETERS, "robot", "auriga-alpha")
-    node.main()
-    (spun,) = fake_ros
-    assert spun.topics == ["odom", "joint_states", "imu"]
-    assert (spun.left, spun.right) == node.joints_of(icreckon.load_robot("auriga-alpha"))
-
-
-def test_the_node_ends_with_a_line_where_the_robot_file_will_not_do(
-    node, fake_ros, monkeypatch, tmp_path
-):
-    path = tmp_path / "robot.toml"
-    path.write_text(
-        'name = "bare"\n[vehicle]\nmass = 80.0\ntrack_gauge = 0.6\nsprocket_radius = 0.1\n',
-        encoding="utf-8",
-    )
-    monkeypatch.setitem(FAKE_PARAMETERS, "robot", str(path))
-    with pytest.raises(SystemExit, match=r"ros2_node: the robot file of 'bare' names no joints"):
-        node.main()
-    assert fake_ros == []
-
-
-def test_the_node_is_importable_without_ros_and_says_so_only_when_run(node):
-    with pytest.raises(ModuleNotFoundError, match="rclpy"):
-        node.main()

@@ -343,6 +343,29 @@ def play_inputs_twice(environment: dict[str, str], bag: Path) -> None:
     subprocess.run(list(map(str, command)), env=environment, check=True, timeout=2 * LONGEST)
 
 
+def test_whole_numbers_are_real_numbers(ros: dict[str, str], tmp_path: Path) -> None:
+    with node(ros, tmp_path / "node.log", reorder=2, publish_tf="false") as running:
+        until(lambda: "ready:" in running.text(), running)
+        assert running.stop() == 0, running.text()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("reorder:=soon", "parameters of the node: Expected `float`, got `str` - at `$.reorder`"),
+        ("publish_tf:=1", "parameters of the node: Expected `bool`, got `int` - at `$.publish_tf`"),
+        ("reorder:=20", "parameter reorder must be from 0 to 10, found 20.0"),
+    ],
+)
+def test_a_wrong_value_is_one_clear_line(given: str, message: str, ros: dict[str, str]) -> None:
+    program = Path(sys.executable).parent / "icreckon"
+    command = [program, "ros2-node", "--robot", ROBOT, "--ros-args", "-p", given]
+    done = subprocess.run(command, env=ros, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert f"icreckon: {message}" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_missing_robot_is_one_clear_line(ros: dict[str, str]) -> None:
     program = Path(sys.executable).parent / "icreckon"
     done = subprocess.run(

@@ -1,0 +1,1 @@
+"""Entry point of icreckon's ROS 2 node for `ros2 run` and `ros2 launch`."""

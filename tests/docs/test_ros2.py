@@ -1,0 +1,178 @@
+"""The page for running on a robot: its commands run, and its tables are those of the program."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.live.odometry import live_topics
+from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions
+from readme import ROOT, blocks, code_blocks, run_page
+
+PAGE = "docs/ros2.md"
+FROM_A_BAG, WITHOUT_ROS = "A robot file from a bag", "Without a ROS installation"
+DOCKERFILE = ROOT / "ros2" / "Dockerfile"
+
+
+def page() -> str:
+    return (ROOT / PAGE).read_text(encoding="utf-8")
+
+
+def test_no_command_is_left_out() -> None:
+    """Blocks of `sh` are run below; `bash` marks those that need ROS, docker or a robot."""
+    executed = chain.from_iterable(
+        code_blocks("sh", PAGE, section) for section in (FROM_A_BAG, WITHOUT_ROS)
+    )
+    assert code_blocks("sh", PAGE) == list(executed)
+    assert {kind for kind, _ in blocks(PAGE)} <= {"sh", "bash", "ini", "yaml"}
+
+
+@pytest.mark.slow
+def test_the_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_page(PAGE, tmp_path, FROM_A_BAG)
+    assert (tmp_path / "check" / "page.html").exists()
+    assert live_topics(load_robot(tmp_path / "calibrated.toml")).tracks is not None
+    if find_spec("rclpy") is None:
+        pytest.skip("no ROS 2: pip install -e '.[ros2-test]', or source a ROS 2")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    run_page(PAGE, tmp_path, WITHOUT_ROS)
+    robot = load_robot(tmp_path / "calibrated.toml")
+    learnt = PoseEstimator.warm_start(tmp_path / "learnt.json", robot, off=0.0)
+    assert learnt.parameters["eta0"] != robot.indices.eta0
+
+
+def test_the_table_of_parameters_is_the_nodes() -> None:
+    (table,) = re.findall(
+        r"^\| parameter \| default \| \|\n\| --- \| --- \| --- \|\n((?:\|.*\n)+)",
+        page(),
+        re.MULTILINE,
+    )
+    rows = re.findall(r"^\| `(\w+)` \| `(.*?)` \| (.*) \|$", table, flags=re.MULTILINE)
+    assert len(rows) == len(table.splitlines())
+    assert rows == [
+        (one.name, json.dumps(one.default), DESCRIPTIONS[one.name])
+        for one in msgspec.structs.fields(NodeOptions)
+    ]
+
+
+def test_every_parameter_that_is_set_exists() -> None:
+    names = {one.name for one in msgspec.structs.fields(NodeOptions)}
+    ours = re.findall(r"-p ([a-z_]+):=", page())
+    assert {"publish_tf", "state_file"} <= set(ours) <= names
+
+
+def literals(*sources: str) -> set[str]:
+    """All strings of some files, with … where values are filled in."""
+    found: set[str] = set()
+    for source in sources:
+        nodes = list(ast.walk(ast.parse((ROOT / source).read_text(encoding="utf-8"))))
+        inside = {part for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+        for node in nodes:
+            if isinstance(node, ast.JoinedStr):
+                parts = (
+                    str(part.value) if isinstance(part, ast.Constant) else "…"
+                    for part in node.values
+                )
+                found.add("".join(parts))
+            elif (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and node not in inside
+            ):
+                found.add(node.value)
+    return found
+
+
+def test_the_diagnostics_that_are_explained_are_those_that_are_sent() -> None:
+    sent = literals("replay/live/statuses.py")
+    rows = re.findall(
+        r"^\| (?:`(.+?)`.*)? \| (OK|WARN|ERROR|STALE) \| `(.+?)` \|", page(), flags=re.MULTILINE
+    )
+    assert {name for name, _, _ in rows if name} <= sent
+    assert {message for _, _, message in rows} <= sent
+    statuses = {one for one in sent if one.startswith("icreckon: ")}
+    assert statuses == {name for name, _, _ in rows if name}
+
+
+def test_the_messages_that_are_explained_are_those_of_the_log() -> None:
+    said = literals(
+        *(["icreckon/ros2/node.py", "icreckon/ros2/parameters.py", "icreckon/ros2/topics.py"]),
+        "estimator/streaming/save.py",
+    )
+    (table,) = re.findall(
+        r"^\| message \| what to do \|\n\| --- \| --- \|\n((?:\|.*\n)+)", page(), flags=re.MULTILINE
+    )
+    messages = re.findall(r"^\| `(.+?)` \|", table, flags=re.MULTILINE)
+    assert len(messages) == len(table.splitlines()) > 4
+    for message in messages:
+        parts = [part.strip() for part in message.split("…")]
+        assert any(all(part in one for part in parts) for one in said), message
+
+
+def test_links_within_the_pages_lead_to_headings() -> None:
+    def anchors(text: str) -> set[str]:
+        titles = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+        return {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in titles}
+
+    for file, anchor in re.findall(r"\]\(([\w-]+\.md)?#([^)]+)\)", page()):
+        target = ROOT / "docs" / (file or "ros2.md")
+        assert anchor in anchors(target.read_text(encoding="utf-8")), f"{file}#{anchor}"
+    for other in (ROOT / "docs").glob("*.md"):
+        for anchor in re.findall(r"\]\(ros2\.md#([^)]+)\)", other.read_text(encoding="utf-8")):
+            assert anchor in anchors(page()), f"{other.name} links ros2.md#{anchor}"
+
+
+# --- the image --------------------------------------------------------------------------------------
+
+
+def copied() -> dict[str, str]:
+    """Places in the image of what the Dockerfile copies, by path in the repository."""
+    places = {}
+    for line in re.findall(r"^COPY (.*)$", DOCKERFILE.read_text(encoding="utf-8"), re.MULTILINE):
+        *sources, target = line.split()
+        for source in sources:
+            places[source] = target + source if target.endswith("/") else target
+    return places
+
+
+def test_the_image_copies_what_exists_and_starts_what_it_installs() -> None:
+    text = DOCKERFILE.read_text(encoding="utf-8")
+    for source, target in copied().items():
+        assert (ROOT / source).exists(), source
+        assert target == f"/opt/icreckon/source/{source}"
+    assert "pip install --no-cache-dir /opt/icreckon/source\n" in text
+    made = re.findall(r"python3 -m venv --system-site-packages (\S+)", text)
+    started = re.findall(r"([\w/]+)/bin/icreckon", text)
+    assert set(started) == set(made) == {"/opt/icreckon/venv"}
+    assert text.index("ENV NUMBA_CACHE_DIR=") < text.index("icreckon prepare")
+    assert 'icreckon", "ros2-node"]' in text
+
+
+@pytest.mark.slow
+def test_a_wheel_can_be_built_of_what_the_image_copies(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    for name in copied():
+        subprocess.run(["cp", "-a", ROOT / name, source / name], check=True)
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", tmp_path, source]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob("icreckon-*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for name in ("ros2/node.py", "cli/main.py", "replay/live/odometry.py", "estimator/__init__.py"):
+        assert f"icreckon/{name}" in names
