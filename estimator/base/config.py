@@ -71,7 +71,7 @@ def convert(data: dict[str, Any], kind: type[T], source: str, error: type[Icreck
 
 
 def in_words(problem: str, data: dict[str, Any]) -> str:
-    """Rephrase a validation error, as "[gyro] bias_walk: expected a number, found text".
+    """Rephrase a validation error, as "[gyro] bias_walk: expected a number, ...".
 
     Args:
         problem: message of the error.

@@ -53,7 +53,7 @@ def pose_names(spec: FixTopic | PoseColumns) -> list[str]:
 
 
 def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Floats:
-    """Rows as of `message_rows.POSE_READERS` or, of geodetic places, `GEODETIC_READERS`.
+    """Rows as of `message_rows.POSE_READERS`, or `GEODETIC_READERS`.
 
     Args:
         spec: names of the fields or columns.
