@@ -13,6 +13,7 @@ from icreckon.estimator.filter.health import JudgedInnovation as JudgedInnovatio
 from icreckon.estimator.filter.health import NoiseHealth as NoiseHealth
 from icreckon.estimator.filter.health import ParameterHealth as ParameterHealth
 from icreckon.estimator.filter.health import SensorHealth as SensorHealth
+from icreckon.estimator.filter.health import SlipHealth as SlipHealth
 from icreckon.estimator.filter.health import TrackLatencyHealth as TrackLatencyHealth
 from icreckon.estimator.log.log import Log as Log
 from icreckon.estimator.log.measurements import BodyVelocity as BodyVelocity

@@ -25,7 +25,7 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     Steps,
 )
-from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_tracks
+from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_rate, take_tracks
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
     imu_noise,
@@ -33,6 +33,7 @@ from icreckon.estimator.sensors.imu_noise import (
     measured_noise,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.spinning_tracks import assumed_left, assumed_right
 from icreckon.estimator.sensors.standstill import (
     StandstillMemory,
     StandstillRecord,
@@ -239,6 +240,9 @@ def fill_lane(
                 stopped_after(still, stamp, left, right, settings.track_speed)
             added += 1
         start, end = steps.starts[k], steps.ends[k]
+        has_sample = steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE
+        if has_sample:
+            take_rate(held, end, measured.rates[lane, steps.samples[k]], settings)
         found = step_inputs(held, start, end, settings)
         for row in range(TRACK_ROWS):
             inputs[k, row, lane] = found[row]
@@ -247,9 +251,11 @@ def fill_lane(
         left, right = speeds_at(held, end, settings.hold_ns)
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
-            left, right = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
+            one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
+            left = assumed_left(held.spin, one, other, settings)
+            right = assumed_right(held.spin, one, other, settings)
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
-        if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
+        if has_sample:
             rate = measured.rates[lane, steps.samples[k]]
             inputs[k, ROW_RATE, lane] = rate
             force = measured.forces[lane, steps.samples[k]]

@@ -30,7 +30,7 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.filter import Reckoning
-from icreckon.estimator.filter.health import noise_health
+from icreckon.estimator.filter.health import noise_health, slip_health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -124,7 +124,8 @@ def run_side_by_side(
         health = before.health
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
-        _, still, noise = front.records(0)
+        tracks, still, noise = front.records(0)
+        health.slip = slip_health(tracks.spin, int(measured.track_stamps[0]))
         health.noise = noise_health(noise, still.stopped_since != NEVER, front_settings)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
     return found

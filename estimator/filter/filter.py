@@ -24,6 +24,7 @@ from icreckon.estimator.filter.health import (
     Judged,
     SensorHealth,
     noise_health,
+    slip_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import slip_factor_after
@@ -45,7 +46,13 @@ from icreckon.estimator.motion.propagation import step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.sensors.held_tracks import copy_of_tracks, is_hole, mean_speeds, speeds_at
+from icreckon.estimator.sensors.held_tracks import (
+    copy_of_tracks,
+    is_hole,
+    mean_speeds,
+    speeds_at,
+    take_rate,
+)
 from icreckon.estimator.sensors.imu_clock import (
     ClockRecord,
     interval_start,
@@ -161,9 +168,10 @@ class Reckoning:
 
     @property
     def health(self) -> Health:
-        """Copy of the counts of the measurements, with the measured noise."""
+        """Copy of the counts of the measurements, with measured noise and slip."""
         health, record = self._judged_counts(), self._record
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
+        health.slip = slip_health(self._tracks.spin)
         return health
 
     def _judged_counts(self) -> Health:
@@ -359,6 +367,7 @@ class Reckoning:
             return used
         take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
+        take_rate(record.tracks, m.stamp, rate, record.settings)
         measure_noise(record.noise, m.stamp, rate, *along, hold)
         noise = imu_noise(record.noise, tracks_rest(record.still), record.settings)
         spread = measured_noise(record.noise.gyro)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.spinning_tracks import LEFT, SpinRecord
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
@@ -174,6 +175,36 @@ def noise_health(
     return found
 
 
+@dataclass(frozen=True)
+class SlipHealth:
+    """Slip beyond what bends explain.
+
+    Attributes:
+        track: "left" or "right", the track that spins or whose sensor fails; None if neither does.
+        since: stamp from which on it does [ns], or None.
+        mismatch: difference of the track speeds that the gyro does not confirm [m/s].
+        times: number of times that a track was found spinning.
+    """
+
+    track: str | None = None
+    since: int | None = None
+    mismatch: float = 0.0
+    times: int = 0
+
+
+def slip_health(spin: SpinRecord, ahead: int = 0) -> SlipHealth:
+    """Slip of a record of spinning tracks.
+
+    Args:
+        spin: the record.
+        ahead: time that the record's clock is behind [ns].
+    """
+    if not spin.found:
+        return SlipHealth(times=spin.times)
+    side = "left" if spin.side == LEFT else "right"
+    return SlipHealth(side, spin.since + ahead, abs(spin.mismatch), spin.times)
+
+
 @dataclass
 class Health:
     """Counts of all sensors, events of the filter, and the noise of the IMU.
@@ -186,6 +217,7 @@ class Health:
         clock_steps: number of times that the clock of all sensors was found set back.
         track_latency: latency of the track speeds, used and estimated.
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
+        slip: slip beyond what bends explain: a track that spins.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
@@ -195,6 +227,7 @@ class Health:
     clock_steps: int = 0
     track_latency: TrackLatencyHealth = TrackLatencyHealth()
     noise: dict[str, NoiseHealth] = field(default_factory=dict)
+    slip: SlipHealth = SlipHealth()
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""
@@ -222,6 +255,7 @@ class Health:
             self.clock_steps,
             self.track_latency,
             self.noise.copy(),
+            self.slip,
         )
 
     def add(self, other: Health) -> None:

@@ -13,6 +13,13 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.sensors.imu_clock import Clocked
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.spinning_tracks import (
+    SpinRecord,
+    assumed_left,
+    assumed_right,
+    copy_of_spin,
+    watch_spin,
+)
 from icreckon.estimator.sensors.stuck_tracks import (
     Repeating,
     copy_of_repeating,
@@ -44,6 +51,7 @@ class TrackRecord(msgspec.Struct):
         smooth_right: smoothed speed of the right track [m/s].
         repeating_left: repetition record of the left track.
         repeating_right: repetition record of the right track.
+        spin: record of a spinning track.
     """
 
     stamp: int = NEVER
@@ -56,6 +64,7 @@ class TrackRecord(msgspec.Struct):
     smooth_right: float = 0.0
     repeating_left: Repeating = msgspec.field(default_factory=Repeating)
     repeating_right: Repeating = msgspec.field(default_factory=Repeating)
+    spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
 
     def shifted(self, by: int) -> TrackRecord:
         """Copy for a clock that is ahead by so much [ns]."""
@@ -65,6 +74,7 @@ class TrackRecord(msgspec.Struct):
             for track in (twin.repeating_left, twin.repeating_right):
                 track.since += by
                 track.newest += by
+        twin.spin = twin.spin.shifted(by)
         return twin
 
 
@@ -81,6 +91,7 @@ def copy_of_tracks(held: TrackRecord) -> TrackRecord:
         held.smooth_right,
         copy_of_repeating(held.repeating_left),
         copy_of_repeating(held.repeating_right),
+        copy_of_spin(held.spin),
     )
 
 
@@ -139,6 +150,12 @@ def take_tracks(
         right: speed of the right track [m/s].
         settings: settings of the filter.
     """
+    left_found = repeating_after(held.repeating_left, stamp, left, right, settings.hold)
+    right_found = repeating_after(held.repeating_right, stamp, right, left, settings.hold)
+    spin = held.spin
+    spin.left, spin.right = left, right
+    left = assumed_left(spin, spin.left, spin.right, settings)
+    right = assumed_right(spin, spin.left, spin.right, settings)
     hold, weight = settings.hold, 1.0
     interval = (stamp - held.stamp) * NANOSECOND
     if interval <= hold:
@@ -154,9 +171,23 @@ def take_tracks(
     held.smooth_left += weight * (left - held.smooth_left)
     held.smooth_right += weight * (right - held.smooth_right)
     held.stamp, held.left, held.right = stamp, left, right
-    left_found = repeating_after(held.repeating_left, stamp, left, right, hold)
-    right_found = repeating_after(held.repeating_right, stamp, right, left, hold)
     return left_found + right_found
+
+
+def take_rate(held: TrackRecord, stamp: int, rate: float, settings: InputSettings) -> None:
+    """Add a yaw rate by the gyro, which shows a track that spins.
+
+    Args:
+        held: record of the track speeds, changed in place.
+        stamp: stamp of the IMU sample [ns].
+        rate: the yaw rate [rad/s].
+        settings: settings of the filter.
+    """
+    if held.stamp == NEVER or stamp - held.stamp > settings.hold_ns:
+        return
+    spin = held.spin
+    left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
+    watch_spin(spin, stamp, rate, left, right, settings)
 
 
 def is_hole(held: Clocked, stamp: int, hold: float) -> bool:

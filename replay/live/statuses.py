@@ -47,7 +47,7 @@ class LiveStatuses:
             statuses.append(self._sensor(name, sensor))
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
-        statuses += [self._clocks(), self._latency(newest)]
+        statuses += [_slip(newest), self._clocks(), self._latency(newest)]
         return statuses
 
     def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
@@ -147,6 +147,21 @@ class LiveStatuses:
         off = abs(estimated - used)
         wrong = off > max(CHANGED_LATENCY, BEYOND * health.sigma)
         return DiagnosticStatus(WARN if wrong else OK, name, text, values)
+
+
+def _slip(estimator: PoseEstimator) -> DiagnosticStatus:
+    """Slip beyond what bends explain."""
+    slip, name = estimator.health.slip, "icreckon: slip"
+    values = {"times": str(slip.times)}
+    if slip.track is None:
+        return DiagnosticStatus(OK, name, "no track spins", values)
+    values |= {
+        "track": slip.track,
+        "since_ns": str(slip.since),
+        "mismatch_m_s": f"{slip.mismatch:.3f}",
+    }
+    text = f"the {slip.track} track spins, or its sensor fails: {slip.mismatch:.2f} m/s too much"
+    return DiagnosticStatus(WARN, name, text, values)
 
 
 def _parameters(estimator: PoseEstimator) -> DiagnosticStatus:

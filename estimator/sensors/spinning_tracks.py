@@ -1,0 +1,158 @@
+"""Spinning tracks: one track turns free, so the tracks turn faster than the gyro.
+
+A track that loses its grip speeds up, while the robot does not turn as both tracks then ask for. Slip in
+bends is a share of the turning; a free track is beyond any share. The track that changed its speed when
+the mismatch began is the one that spins. Until it grips again its speed is the one at which the tracks
+turn as the gyro does. A track sensor that fails looks the same, and is treated the same.
+
+The functions are written for plain Python and for numba, see `estimator.base.records`.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.sensors.input_settings import InputSettings
+
+LEFT, NEITHER, RIGHT = -1, 0, 1
+# Turning of the tracks that slip explains, as multiples of the gyro's turning.
+LEAST_TURNING, MOST_TURNING = 0.4, 2.5
+# Mismatch of the track speeds beyond that which counts: this much, or this share of the fastest speed.
+LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
+# Time for which it must last, and time without it after which the track grips again [s].
+LASTS, OVER = 0.2, 0.2
+# A mismatch below this share of the one that counts is none, once a track spins.
+GONE = 0.5
+# Time over which the error of the assumed speed, as large as the mismatch, is correlated [s].
+CORRELATION = 0.3
+
+
+class SpinRecord(msgspec.Struct):
+    """Record of a spinning track.
+
+    Attributes:
+        left: newest reading of the left track [m/s].
+        right: newest reading of the right track [m/s].
+        rate: newest yaw rate by the gyro [rad/s].
+        mismatch: newest difference of the track speeds that no slip in bends explains [m/s].
+        side: `LEFT` or `RIGHT`, the track that changed when the mismatch began; or `NEITHER`.
+        since: stamp at which the mismatch began [ns], or NEVER.
+        newest: stamp of the newest mismatch [ns], or NEVER.
+        found: 1 while a track is found spinning.
+        times: number of times that one was found.
+    """
+
+    left: float = 0.0
+    right: float = 0.0
+    rate: float = 0.0
+    mismatch: float = 0.0
+    side: int = NEITHER
+    since: int = NEVER
+    newest: int = NEVER
+    found: int = 0
+    times: int = 0
+
+    def shifted(self, by: int) -> SpinRecord:
+        """Copy for a clock that is ahead by so much [ns]."""
+        twin = copy_of_spin(self)
+        if twin.since != NEVER:
+            twin.since += by
+            twin.newest += by
+        return twin
+
+
+def copy_of_spin(spin: SpinRecord) -> SpinRecord:
+    """Copy of a record, for a checkpoint."""
+    return SpinRecord(
+        spin.left,
+        spin.right,
+        spin.rate,
+        spin.mismatch,
+        spin.side,
+        spin.since,
+        spin.newest,
+        spin.found,
+        spin.times,
+    )
+
+
+def unexplained(turning: float, rate: float, width: float) -> float:
+    """Difference of the track speeds that no slip in bends explains [m/s].
+
+    Args:
+        turning: speed of the right track less that of the left [m/s].
+        rate: yaw rate [rad/s].
+        width: difference of the track speeds for each rad/s of yaw rate [m].
+    """
+    one, other = LEAST_TURNING * width * rate, MOST_TURNING * width * rate
+    low, high = min(one, other), max(one, other)
+    return turning - high if turning > high else min(0.0, turning - low)
+
+
+def watch_spin(
+    spin: SpinRecord,
+    stamp: int,
+    rate: float,
+    change_left: float,
+    change_right: float,
+    settings: InputSettings,
+) -> None:
+    """Add a yaw rate, and decide whether a track spins.
+
+    Args:
+        spin: record, changed in place.
+        stamp: stamp of the IMU sample [ns].
+        rate: yaw rate by the gyro [rad/s].
+        change_left: newest change of the left track's speed [m/s].
+        change_right: newest change of the right track's speed [m/s].
+        settings: settings of the filter.
+    """
+    spin.rate = rate
+    mismatch = unexplained(spin.right - spin.left, rate, settings.turning_width)
+    limit = max(LEAST_MISMATCH, OF_FASTEST * settings.fastest)
+    # Tracks at rest do not spin; the robot is pushed or carried.
+    turns = max(abs(spin.left), abs(spin.right)) > limit
+    counts = turns and abs(mismatch) > (GONE * limit if spin.found else limit)
+    same = spin.since == NEVER or mismatch * spin.mismatch > 0.0
+    if counts and same:
+        if spin.since == NEVER:
+            spin.since = stamp
+            spin.side = LEFT if abs(change_left) > abs(change_right) else RIGHT
+        spin.mismatch, spin.newest = mismatch, stamp
+    elif spin.since != NEVER and (not spin.found or (stamp - spin.newest) * NANOSECOND > OVER):
+        spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, NEITHER, 0
+        spin.mismatch = 0.0
+    lasts = spin.since != NEVER and (stamp - spin.since) * NANOSECOND >= LASTS
+    if lasts and not spin.found:
+        spin.found = 1
+        spin.times += 1
+
+
+def assumed_left(spin: SpinRecord, left: float, right: float, settings: InputSettings) -> float:
+    """Speed of the left track; if it spins, that of the gyro's turning [m/s].
+
+    Args:
+        spin: record.
+        left: reading of the left track [m/s].
+        right: reading of the right track [m/s].
+        settings: settings of the filter.
+    """
+    if not spin.found or spin.side != LEFT:
+        return left
+    return right - settings.turning_width * spin.rate
+
+
+def assumed_right(spin: SpinRecord, left: float, right: float, settings: InputSettings) -> float:
+    """Speed of the right track, as of `assumed_left` [m/s]."""
+    if not spin.found or spin.side != RIGHT:
+        return right
+    return left + settings.turning_width * spin.rate
+
+
+def spin_density(spin: SpinRecord, side: int) -> float:
+    """Error density of the speed assumed for the track of a side [m²/s]."""
+    if not spin.found or spin.side != side:
+        return 0.0
+    return CORRELATION * spin.mismatch * spin.mismatch
