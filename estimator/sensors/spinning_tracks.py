@@ -10,6 +10,8 @@ The functions are written for plain Python and for numba, see `estimator.base.re
 
 from __future__ import annotations
 
+import math
+
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
@@ -17,16 +19,22 @@ from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.sensors.input_settings import InputSettings
 
 LEFT, NEITHER, RIGHT = -1, 0, 1
-# Turning of the tracks that slip explains, as multiples of the gyro's turning.
-LEAST_TURNING, MOST_TURNING = 0.4, 2.5
+# Turning of the tracks that slip explains, as multiples of the gyro's turning: by the width of the robot
+# file, which may be that of a maker, and by the width that the robot's own bends have shown.
+BY_FILE, BY_BENDS = (0.4, 2.5), (0.6, 1.7)
+# Turning after which the robot's own bends count, and over which they are forgotten [rad].
+ENOUGH, MEMORY = 3.0, 20.0
+# Longest interval between samples of the gyro that counts as turning [s].
+LONGEST = 0.1
 # Mismatch of the track speeds beyond that which counts: this much, or this share of the fastest speed.
 LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
 # Time for which it must last, and time without it after which the track grips again [s].
 LASTS, OVER = 0.2, 0.2
 # A mismatch below this share of the one that counts is none, once a track spins.
 GONE = 0.5
-# Time over which the error of the assumed speed, as large as the mismatch, is correlated [s].
-CORRELATION = 0.3
+# Time over which the error of the assumed speed, as large as the mismatch, is correlated [s]; and that of
+# the other track, which now pulls alone and slips more.
+CORRELATION, OF_OTHER = 0.3, 0.03
 
 
 class SpinRecord(msgspec.Struct):
@@ -42,6 +50,10 @@ class SpinRecord(msgspec.Struct):
         newest: stamp of the newest mismatch [ns], or NEVER.
         found: 1 while a track is found spinning.
         times: number of times that one was found.
+        stamp: stamp of the newest sample of the gyro [ns], or NEVER.
+        turned: turning so far, with forgetting [rad].
+        by_rate: sum of the tracks' difference times the yaw rate [m/s rad/s].
+        of_rate: sum of the yaw rate squared [rad²/s²].
     """
 
     left: float = 0.0
@@ -53,6 +65,10 @@ class SpinRecord(msgspec.Struct):
     newest: int = NEVER
     found: int = 0
     times: int = 0
+    stamp: int = NEVER
+    turned: float = 0.0
+    by_rate: float = 0.0
+    of_rate: float = 0.0
 
     def shifted(self, by: int) -> SpinRecord:
         """Copy for a clock that is ahead by so much [ns]."""
@@ -60,6 +76,8 @@ class SpinRecord(msgspec.Struct):
         if twin.since != NEVER:
             twin.since += by
             twin.newest += by
+        if twin.stamp != NEVER:
+            twin.stamp += by
         return twin
 
 
@@ -75,20 +93,46 @@ def copy_of_spin(spin: SpinRecord) -> SpinRecord:
         spin.newest,
         spin.found,
         spin.times,
+        spin.stamp,
+        spin.turned,
+        spin.by_rate,
+        spin.of_rate,
     )
 
 
-def unexplained(turning: float, rate: float, width: float) -> float:
+def width_of_bends(spin: SpinRecord, settings: InputSettings) -> float:
+    """Difference of the track speeds for each rad/s, by the robot's bends [m]."""
+    width = settings.turning_width
+    if spin.turned < ENOUGH:
+        return width
+    least, most = BY_FILE
+    return min(max(spin.by_rate / spin.of_rate, least * width), most * width)
+
+
+def unexplained(spin: SpinRecord, rate: float, settings: InputSettings) -> float:
     """Difference of the track speeds that no slip in bends explains [m/s].
 
     Args:
-        turning: speed of the right track less that of the left [m/s].
+        spin: record, with the readings of the tracks.
         rate: yaw rate [rad/s].
-        width: difference of the track speeds for each rad/s of yaw rate [m].
+        settings: settings of the filter.
     """
-    one, other = LEAST_TURNING * width * rate, MOST_TURNING * width * rate
-    low, high = min(one, other), max(one, other)
+    least, most = BY_FILE if spin.turned < ENOUGH else BY_BENDS
+    turning, expected = spin.right - spin.left, width_of_bends(spin, settings) * rate
+    low, high = min(least * expected, most * expected), max(least * expected, most * expected)
     return turning - high if turning > high else min(0.0, turning - low)
+
+
+def learn_width(spin: SpinRecord, stamp: int, rate: float) -> None:
+    """Add a sample of ordinary driving to the robot's bends."""
+    dt = (stamp - spin.stamp) * NANOSECOND
+    if spin.stamp == NEVER or not 0.0 < dt < LONGEST:
+        return
+    turned = abs(rate) * dt
+    kept = math.exp(-turned / MEMORY)
+    spin.turned = kept * spin.turned + turned
+    spin.by_rate = kept * spin.by_rate + (spin.right - spin.left) * rate * dt
+    spin.of_rate = kept * spin.of_rate + rate * rate * dt
 
 
 def watch_spin(
@@ -101,6 +145,8 @@ def watch_spin(
 ) -> None:
     """Add a yaw rate, and decide whether a track spins.
 
+    The width is learnt from driving without a mismatch, so that a wrong one of the robot file is no spin.
+
     Args:
         spin: record, changed in place.
         stamp: stamp of the IMU sample [ns].
@@ -110,7 +156,7 @@ def watch_spin(
         settings: settings of the filter.
     """
     spin.rate = rate
-    mismatch = unexplained(spin.right - spin.left, rate, settings.turning_width)
+    mismatch = unexplained(spin, rate, settings)
     limit = max(LEAST_MISMATCH, OF_FASTEST * settings.fastest)
     # Tracks at rest do not spin; the robot is pushed or carried.
     turns = max(abs(spin.left), abs(spin.right)) > limit
@@ -124,6 +170,9 @@ def watch_spin(
     elif spin.since != NEVER and (not spin.found or (stamp - spin.newest) * NANOSECOND > OVER):
         spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, NEITHER, 0
         spin.mismatch = 0.0
+    if spin.since == NEVER:
+        learn_width(spin, stamp, rate)
+    spin.stamp = stamp
     lasts = spin.since != NEVER and (stamp - spin.since) * NANOSECOND >= LASTS
     if lasts and not spin.found:
         spin.found = 1
@@ -141,18 +190,24 @@ def assumed_left(spin: SpinRecord, left: float, right: float, settings: InputSet
     """
     if not spin.found or spin.side != LEFT:
         return left
-    return right - settings.turning_width * spin.rate
+    return right - width_of_bends(spin, settings) * spin.rate
 
 
 def assumed_right(spin: SpinRecord, left: float, right: float, settings: InputSettings) -> float:
     """Speed of the right track, as of `assumed_left` [m/s]."""
     if not spin.found or spin.side != RIGHT:
         return right
-    return left + settings.turning_width * spin.rate
+    return left + width_of_bends(spin, settings) * spin.rate
 
 
 def spin_density(spin: SpinRecord, side: int) -> float:
-    """Error density of the speed assumed for the track of a side [m²/s]."""
-    if not spin.found or spin.side != side:
+    """Error density of a track's speed while a track spins [m²/s].
+
+    Args:
+        spin: record.
+        side: `LEFT` or `RIGHT`, the track.
+    """
+    if not spin.found:
         return 0.0
-    return CORRELATION * spin.mismatch * spin.mismatch
+    correlation = CORRELATION if spin.side == side else OF_OTHER
+    return correlation * spin.mismatch * spin.mismatch

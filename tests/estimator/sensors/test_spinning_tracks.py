@@ -27,6 +27,7 @@ from icreckon.estimator.sensors.spinning_tracks import (
     spin_density,
     unexplained,
     watch_spin,
+    width_of_bends,
 )
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
@@ -42,15 +43,35 @@ def drive(robot: Robot) -> Log:
     return benchmark.with_free_track(benchmark.drive(robot, 1))
 
 
-def test_bends_explain_a_share_of_the_turning() -> None:
-    assert unexplained(0.6, 0.5, 1.2) == 0.0
-    assert unexplained(1.4, 0.5, 1.2) == 0.0
-    assert unexplained(2.0, 0.5, 1.2) == pytest.approx(0.5)
-    assert unexplained(-0.3, 0.5, 1.2) == pytest.approx(-0.54)
-    assert unexplained(0.4, 0.0, 1.2) == pytest.approx(0.4)
+def test_bends_explain_a_share_of_the_turning(robot: Robot) -> None:
+    settings = input_settings(robot, Settings())._replace(turning_width=1.2)
+
+    def mismatch(turning: float, rate: float) -> float:
+        return unexplained(SpinRecord(right=turning), rate, settings)
+
+    assert mismatch(0.6, 0.5) == 0.0
+    assert mismatch(1.4, 0.5) == 0.0
+    assert mismatch(2.0, 0.5) == pytest.approx(0.5)
+    assert mismatch(-0.3, 0.5) == pytest.approx(-0.54)
+    assert mismatch(0.4, 0.0) == pytest.approx(0.4)
     for turning, rate in ((2.0, 0.5), (-0.3, 0.5), (0.4, 0.0)):
-        mirrored = unexplained(-turning, -rate, 1.2)
-        assert mirrored == pytest.approx(-unexplained(turning, rate, 1.2))
+        assert mismatch(-turning, -rate) == pytest.approx(-mismatch(turning, rate))
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 2.2])
+def test_the_width_is_that_of_the_robots_own_bends(share: float, robot: Robot) -> None:
+    """A maker's width that is wrong by two either way is no spin, and is learnt."""
+    settings, spin = input_settings(robot, Settings()), SpinRecord()
+    width = share * settings.turning_width
+    for k in range(2000):
+        rate = 0.8 * np.sin(0.01 * k)
+        spin.left, spin.right = 0.3 - 0.5 * width * rate, 0.3 + 0.5 * width * rate
+        watch_spin(spin, k * STEP, rate, 0.0, 0.0, settings)
+        assert not spin.found
+    assert width_of_bends(spin, settings) == pytest.approx(width, rel=0.02)
+    # What bends explain is narrower now.
+    spin.left, spin.right = 0.0, 2.0 * width
+    assert unexplained(spin, 1.0, settings) == pytest.approx(0.3 * width, rel=0.1)
 
 
 def watched(robot: Robot, left: float, right: float, rate: float, seconds: float) -> SpinRecord:
@@ -73,7 +94,8 @@ def test_the_track_that_changed_spins(robot: Robot) -> None:
     assert assumed_right(left, 1.2, 0.4, settings) == 0.4
     assert assumed_right(right, 0.4, 1.2, settings) == pytest.approx(0.4)
     assert spin_density(left, LEFT) > 0.1
-    assert spin_density(left, RIGHT) == 0.0
+    assert 0.0 < spin_density(left, RIGHT) < 0.2 * spin_density(left, LEFT)
+    assert spin_density(SpinRecord(), LEFT) == 0.0
     # A sensor that fails is the one that changed, too.
     failed = watched(robot, 0.0, 0.4, 0.0, 0.3)
     assert (failed.found, failed.side) == (1, LEFT)
