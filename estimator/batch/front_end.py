@@ -252,8 +252,8 @@ def fill_lane(
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
             one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
-            left = assumed_left(held.spin, one, other, settings)
-            right = assumed_right(held.spin, one, other, settings)
+            left = assumed_left(held.spin, one, other)
+            right = assumed_right(held.spin, one, other)
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
         if has_sample:
             rate = measured.rates[lane, steps.samples[k]]

@@ -23,6 +23,7 @@ from icreckon.estimator.sensors.spinning_tracks import (
 from icreckon.estimator.sensors.stuck_tracks import (
     Repeating,
     copy_of_repeating,
+    may_stick,
     repeating_after,
     stuck_from,
 )
@@ -154,8 +155,7 @@ def take_tracks(
     right_found = repeating_after(held.repeating_right, stamp, right, left, settings.hold)
     spin = held.spin
     spin.left, spin.right = left, right
-    left = assumed_left(spin, spin.left, spin.right, settings)
-    right = assumed_right(spin, spin.left, spin.right, settings)
+    left, right = assumed_left(spin, left, right), assumed_right(spin, left, right)
     hold, weight = settings.hold, 1.0
     interval = (stamp - held.stamp) * NANOSECOND
     if interval <= hold:
@@ -183,11 +183,15 @@ def take_rate(held: TrackRecord, stamp: int, rate: float, settings: InputSetting
         rate: the yaw rate [rad/s].
         settings: settings of the filter.
     """
-    if held.stamp == NEVER or stamp - held.stamp > settings.hold_ns:
+    if held.stamp == NEVER or stamp - held.stamp > settings.hold_ns or rate != rate:
+        return
+    # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
+    if not held.spin.found and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
+        held.spin.since, held.spin.stamp = NEVER, stamp
         return
     spin = held.spin
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
-    watch_spin(spin, stamp, rate, left, right, settings)
+    watch_spin(spin, stamp, rate, left, right, settings.fastest)
 
 
 def is_hole(held: Clocked, stamp: int, hold: float) -> bool:

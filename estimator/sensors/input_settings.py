@@ -23,7 +23,6 @@ class InputSettings(NamedTuple):
         quiet_gyro: largest distance of quiet yaw-rate readings from their mean [rad/s].
         gyro_noise_density: noise density of the gyro in the robot file [rad/s/√Hz].
         accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
-        turning_width: difference of the track speeds for each rad/s of yaw rate [m].
     """
 
     hold: float
@@ -36,7 +35,6 @@ class InputSettings(NamedTuple):
     quiet_gyro: float
     gyro_noise_density: float
     accelerometer_noise_density: float
-    turning_width: float
 
 
 def input_settings(robot: Robot, settings: Settings) -> InputSettings:
@@ -53,5 +51,4 @@ def input_settings(robot: Robot, settings: Settings) -> InputSettings:
         float(standstill.quiet_gyro),
         float(robot.imu.gyro_noise_density),
         float(robot.imu.accelerometer_noise_density),
-        float(robot.indices.eta0 * robot.vehicle.track_gauge),
     )

@@ -16,12 +16,10 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER
-from icreckon.estimator.sensors.input_settings import InputSettings
 
 LEFT, NEITHER, RIGHT = -1, 0, 1
-# Turning of the tracks that slip explains, as multiples of the gyro's turning: by the width of the robot
-# file, which may be that of a maker, and by the width that the robot's own bends have shown.
-BY_FILE, BY_BENDS = (0.4, 2.5), (0.6, 1.7)
+# Turning of the tracks that slip explains, as multiples of what the robot's own bends have shown.
+LEAST_TURNING, MOST_TURNING = 0.6, 1.7
 # Turning after which the robot's own bends count, and over which they are forgotten [rad].
 ENOUGH, MEMORY = 3.0, 20.0
 # Longest interval between samples of the gyro that counts as turning [s].
@@ -34,7 +32,7 @@ LASTS, OVER = 0.2, 0.2
 GONE = 0.5
 # Time over which the error of the assumed speed, as large as the mismatch, is correlated [s]; and that of
 # the other track, which now pulls alone and slips more.
-CORRELATION, OF_OTHER = 0.3, 0.03
+CORRELATION, OF_OTHER = 0.3, 0.01
 
 
 class SpinRecord(msgspec.Struct):
@@ -100,26 +98,24 @@ def copy_of_spin(spin: SpinRecord) -> SpinRecord:
     )
 
 
-def width_of_bends(spin: SpinRecord, settings: InputSettings) -> float:
-    """Difference of the track speeds for each rad/s, by the robot's bends [m]."""
-    width = settings.turning_width
-    if spin.turned < ENOUGH:
-        return width
-    least, most = BY_FILE
-    return min(max(spin.by_rate / spin.of_rate, least * width), most * width)
+def width_of_bends(spin: SpinRecord) -> float:
+    """Difference of the track speeds for each rad/s; 0 before bends show one [m]."""
+    return max(0.0, spin.by_rate / spin.of_rate) if spin.turned >= ENOUGH else 0.0
 
 
-def unexplained(spin: SpinRecord, rate: float, settings: InputSettings) -> float:
+def unexplained(spin: SpinRecord, rate: float) -> float:
     """Difference of the track speeds that no slip in bends explains [m/s].
 
     Args:
         spin: record, with the readings of the tracks.
         rate: yaw rate [rad/s].
-        settings: settings of the filter.
     """
-    least, most = BY_FILE if spin.turned < ENOUGH else BY_BENDS
-    turning, expected = spin.right - spin.left, width_of_bends(spin, settings) * rate
-    low, high = min(least * expected, most * expected), max(least * expected, most * expected)
+    width = width_of_bends(spin)
+    if width == 0.0:
+        return 0.0
+    turning = spin.right - spin.left
+    one, other = LEAST_TURNING * width * rate, MOST_TURNING * width * rate
+    low, high = min(one, other), max(one, other)
     return turning - high if turning > high else min(0.0, turning - low)
 
 
@@ -141,11 +137,12 @@ def watch_spin(
     rate: float,
     change_left: float,
     change_right: float,
-    settings: InputSettings,
+    fastest: float,
 ) -> None:
     """Add a yaw rate, and decide whether a track spins.
 
-    The width is learnt from driving without a mismatch, so that a wrong one of the robot file is no spin.
+    Nothing is decided before the robot's own bends have shown how its tracks turn it: a wrong geometry or
+    swapped sides in the robot file are no spin.
 
     Args:
         spin: record, changed in place.
@@ -153,11 +150,11 @@ def watch_spin(
         rate: yaw rate by the gyro [rad/s].
         change_left: newest change of the left track's speed [m/s].
         change_right: newest change of the right track's speed [m/s].
-        settings: settings of the filter.
+        fastest: highest speed of a track [m/s].
     """
     spin.rate = rate
-    mismatch = unexplained(spin, rate, settings)
-    limit = max(LEAST_MISMATCH, OF_FASTEST * settings.fastest)
+    mismatch = unexplained(spin, rate)
+    limit = max(LEAST_MISMATCH, OF_FASTEST * fastest)
     # Tracks at rest do not spin; the robot is pushed or carried.
     turns = max(abs(spin.left), abs(spin.right)) > limit
     counts = turns and abs(mismatch) > (GONE * limit if spin.found else limit)
@@ -170,7 +167,7 @@ def watch_spin(
     elif spin.since != NEVER and (not spin.found or (stamp - spin.newest) * NANOSECOND > OVER):
         spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, NEITHER, 0
         spin.mismatch = 0.0
-    if spin.since == NEVER:
+    if not spin.found:
         learn_width(spin, stamp, rate)
     spin.stamp = stamp
     lasts = spin.since != NEVER and (stamp - spin.since) * NANOSECOND >= LASTS
@@ -179,25 +176,24 @@ def watch_spin(
         spin.times += 1
 
 
-def assumed_left(spin: SpinRecord, left: float, right: float, settings: InputSettings) -> float:
+def assumed_left(spin: SpinRecord, left: float, right: float) -> float:
     """Speed of the left track; if it spins, that of the gyro's turning [m/s].
 
     Args:
         spin: record.
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
-        settings: settings of the filter.
     """
     if not spin.found or spin.side != LEFT:
         return left
-    return right - width_of_bends(spin, settings) * spin.rate
+    return right - width_of_bends(spin) * spin.rate
 
 
-def assumed_right(spin: SpinRecord, left: float, right: float, settings: InputSettings) -> float:
+def assumed_right(spin: SpinRecord, left: float, right: float) -> float:
     """Speed of the right track, as of `assumed_left` [m/s]."""
     if not spin.found or spin.side != RIGHT:
         return right
-    return left + width_of_bends(spin, settings) * spin.rate
+    return left + width_of_bends(spin) * spin.rate
 
 
 def spin_density(spin: SpinRecord, side: int) -> float:

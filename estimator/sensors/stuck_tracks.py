@@ -18,6 +18,8 @@ from icreckon.estimator.base.records import NEVER
 
 # Required number of different readings of the other track, and of its own before.
 OTHERS, OWN = 10, 20
+# Number of different readings of the other track from which repetition is suspicious.
+SUSPICIOUS = 5
 # Repetition is unusual from this multiple of the longest before.
 UNUSUAL = 3.0
 
@@ -94,6 +96,11 @@ def repeating_after(
         track.others[count] = other
         track.other_count = count + 1
     return not was_stuck and stuck_from(track, hold) != NEVER
+
+
+def may_stick(track: Repeating) -> bool:
+    """Return True if the reading repeats while the other track's changes."""
+    return track.since != track.newest and track.other_count >= SUSPICIOUS
 
 
 def stuck_from(track: Repeating, hold: float) -> int:

@@ -30,6 +30,7 @@ from icreckon.estimator.sensors.standstill import (
     quiet_mean,
     stopped_after,
 )
+from icreckon.estimator.sensors.spinning_tracks import SpinRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.sensors.stuck_tracks import OTHERS, Repeating, repeating_after, stuck_from
 from icreckon.estimator.tracing.jit_kernel import jit
@@ -72,7 +73,7 @@ def values(record):
     found = []
     for name in names:
         value = record[name] if isinstance(record, np.void) else getattr(record, name)
-        nested = isinstance(value, Repeating) or getattr(value, "dtype", np.dtype(float)).names
+        nested = isinstance(value, Repeating | SpinRecord) or getattr(value, "dtype", np.dtype(float)).names
         found += values(value) if nested else np.ravel(value).tolist()
     return found
 

@@ -16,7 +16,6 @@ from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.spinning_tracks import (
     LEFT,
     NEITHER,
@@ -43,86 +42,98 @@ def drive(robot: Robot) -> Log:
     return benchmark.with_free_track(benchmark.drive(robot, 1))
 
 
-def test_bends_explain_a_share_of_the_turning(robot: Robot) -> None:
-    settings = input_settings(robot, Settings())._replace(turning_width=1.2)
+WIDTH, FASTEST = 1.2, 1.0
+
+
+def after_bends(width: float = WIDTH, seconds: float = 20.0) -> SpinRecord:
+    """Record after bends with tracks of a width, and then straight on at 0.4 m/s."""
+    spin, k = SpinRecord(), 0
+    for k in range(round(seconds / (STEP * NANOSECOND))):
+        rate = 0.8 * np.sin(0.01 * k)
+        spin.left, spin.right = 0.4 - 0.5 * width * rate, 0.4 + 0.5 * width * rate
+        watch_spin(spin, k * STEP, rate, 0.0, 0.0, FASTEST)
+        assert not spin.found
+    spin.left = spin.right = 0.4
+    watch_spin(spin, (k + 1) * STEP, 0.0, 0.0, 0.0, FASTEST)
+    return spin
+
+
+def test_bends_explain_a_share_of_the_turning() -> None:
+    spin = after_bends()
 
     def mismatch(turning: float, rate: float) -> float:
-        return unexplained(SpinRecord(right=turning), rate, settings)
+        spin.left, spin.right = 0.0, turning
+        return unexplained(spin, rate)
 
     assert mismatch(0.6, 0.5) == 0.0
-    assert mismatch(1.4, 0.5) == 0.0
-    assert mismatch(2.0, 0.5) == pytest.approx(0.5)
-    assert mismatch(-0.3, 0.5) == pytest.approx(-0.54)
+    assert mismatch(1.0, 0.5) == 0.0
+    assert mismatch(2.0, 0.5) == pytest.approx(2.0 - 1.7 * 0.6, abs=0.01)
+    assert mismatch(-0.3, 0.5) == pytest.approx(-0.3 - 0.36, abs=0.01)
     assert mismatch(0.4, 0.0) == pytest.approx(0.4)
     for turning, rate in ((2.0, 0.5), (-0.3, 0.5), (0.4, 0.0)):
         assert mismatch(-turning, -rate) == pytest.approx(-mismatch(turning, rate))
 
 
-@pytest.mark.parametrize("share", [0.5, 1.0, 2.2])
-def test_the_width_is_that_of_the_robots_own_bends(share: float, robot: Robot) -> None:
-    """A maker's width that is wrong by two either way is no spin, and is learnt."""
-    settings, spin = input_settings(robot, Settings()), SpinRecord()
-    width = share * settings.turning_width
-    for k in range(2000):
-        rate = 0.8 * np.sin(0.01 * k)
-        spin.left, spin.right = 0.3 - 0.5 * width * rate, 0.3 + 0.5 * width * rate
-        watch_spin(spin, k * STEP, rate, 0.0, 0.0, settings)
-        assert not spin.found
-    assert width_of_bends(spin, settings) == pytest.approx(width, rel=0.02)
-    # What bends explain is narrower now.
-    spin.left, spin.right = 0.0, 2.0 * width
-    assert unexplained(spin, 1.0, settings) == pytest.approx(0.3 * width, rel=0.1)
+@pytest.mark.parametrize("width", [0.3, 1.0, 3.0])
+def test_the_width_is_that_of_the_robots_own_bends(width: float) -> None:
+    assert width_of_bends(after_bends(width)) == pytest.approx(width, rel=0.01)
 
 
-def watched(robot: Robot, left: float, right: float, rate: float, seconds: float) -> SpinRecord:
-    """Record after a straight drive at 0.4 m/s and then these speeds for some time."""
-    settings, spin = input_settings(robot, Settings()), SpinRecord(left=0.4, right=0.4)
-    for k in range(50):
-        watch_spin(spin, k * STEP, 0.0, 0.0, 0.0, settings)
+def test_nothing_is_decided_before_bends_or_with_swapped_sides() -> None:
+    assert width_of_bends(after_bends(seconds=3.0)) == 0.0
+    swapped = after_bends(-1.0)
+    assert width_of_bends(swapped) == 0.0
+    swapped.left = 2.0
+    assert unexplained(swapped, 0.0) == 0.0
+
+
+def watched(left: float, right: float, rate: float, seconds: float) -> SpinRecord:
+    """Record after bends, a straight drive at 0.4 m/s, and then these speeds for some time."""
+    spin = after_bends()
+    begin = spin.stamp // STEP + 1
     spin.left, spin.right = left, right
-    for k in range(50, 50 + round(seconds / (STEP * NANOSECOND))):
-        watch_spin(spin, k * STEP, rate, left - 0.4, right - 0.4, settings)
+    for k in range(begin, begin + round(seconds / (STEP * NANOSECOND))):
+        watch_spin(spin, k * STEP, rate, left - 0.4, right - 0.4, FASTEST)
     return spin
 
 
-def test_the_track_that_changed_spins(robot: Robot) -> None:
-    settings = input_settings(robot, Settings())
-    left, right = watched(robot, 1.2, 0.4, 0.0, 0.3), watched(robot, 0.4, 1.2, 0.0, 0.3)
+def test_the_track_that_changed_spins() -> None:
+    left, right = watched(1.2, 0.4, 0.0, 0.3), watched(0.4, 1.2, 0.0, 0.3)
     assert (left.found, left.side, left.times) == (1, LEFT, 1)
     assert (right.found, right.side) == (1, RIGHT)
-    assert assumed_left(left, 1.2, 0.4, settings) == pytest.approx(0.4)
-    assert assumed_right(left, 1.2, 0.4, settings) == 0.4
-    assert assumed_right(right, 0.4, 1.2, settings) == pytest.approx(0.4)
+    assert assumed_left(left, 1.2, 0.4) == pytest.approx(0.4)
+    assert assumed_right(left, 1.2, 0.4) == 0.4
+    assert assumed_right(right, 0.4, 1.2) == pytest.approx(0.4)
     assert spin_density(left, LEFT) > 0.1
     assert 0.0 < spin_density(left, RIGHT) < 0.2 * spin_density(left, LEFT)
     assert spin_density(SpinRecord(), LEFT) == 0.0
     # A sensor that fails is the one that changed, too.
-    failed = watched(robot, 0.0, 0.4, 0.0, 0.3)
+    failed = watched(0.0, 0.4, 0.0, 0.3)
     assert (failed.found, failed.side) == (1, LEFT)
 
 
-def test_short_or_small_mismatch_is_none(robot: Robot) -> None:
-    assert not watched(robot, 1.2, 0.4, 0.0, 0.15).found
-    assert not watched(robot, 0.6, 0.4, 0.0, 3.0).found
-    turns = -0.8 / input_settings(robot, Settings()).turning_width
-    assert not watched(robot, 1.2, 0.4, turns, 3.0).found
+def test_short_or_small_mismatch_is_none() -> None:
+    assert not watched(1.2, 0.4, 0.0, 0.15).found
+    assert not watched(0.6, 0.4, 0.0, 3.0).found
+    assert not watched(1.2, 0.4, -0.8 / WIDTH, 3.0).found
 
 
-def test_a_robot_that_is_pushed_does_not_spin(robot: Robot) -> None:
-    pushed = watched(robot, 0.0, 0.0, 1.5, 3.0)
+def test_a_robot_that_is_pushed_does_not_spin() -> None:
+    pushed = watched(0.0, 0.0, 1.5, 3.0)
     assert not pushed.found
     assert pushed.side == NEITHER
 
 
-def test_it_is_over_when_the_track_grips_again(robot: Robot) -> None:
-    settings, spin = input_settings(robot, Settings()), watched(robot, 1.2, 0.4, 0.0, 1.0)
+def test_it_is_over_when_the_track_grips_again() -> None:
+    spin = watched(1.2, 0.4, 0.0, 1.0)
     assert spin.found
+    begin = spin.stamp // STEP + 1
     spin.left = 0.4
-    for k in range(150, 168):
-        watch_spin(spin, k * STEP, 0.0, 0.0, 0.0, settings)
+    for k in range(begin, begin + 18):
+        watch_spin(spin, k * STEP, 0.0, 0.0, 0.0, FASTEST)
     assert spin.found
-    for k in range(168, 200):
-        watch_spin(spin, k * STEP, 0.0, 0.0, 0.0, settings)
+    for k in range(begin + 18, begin + 40):
+        watch_spin(spin, k * STEP, 0.0, 0.0, 0.0, FASTEST)
     assert not spin.found
     assert spin.times == 1
 
