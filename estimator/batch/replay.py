@@ -172,7 +172,7 @@ def work_through_log(
         for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
             table = tables[one.time_constant][: end - begin]
             one.work_through(lanes, of_part, part, table, room, all_outputs=True)
-            of_one.add(begin, end, part, room[:, :, 0])
+            of_one.add(begin, end, part, of_part[:, :, 0], room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))
 

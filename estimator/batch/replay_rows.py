@@ -14,7 +14,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
-from icreckon.estimator.engine.layout import GATES, IMU_GATES
+from icreckon.estimator.engine.layout import GATES, IMU_GATES, INPUTS
 from icreckon.estimator.engine.schedule import (
     HEADING,
     POSITION,
@@ -92,22 +92,22 @@ class ReplayRows:
         }
         self._kind = one.layout.model.kind
         self._output_memory = [self._places[f"memory{k}"] for k in one.layout.output_memory]
-        self._output_tracks = np.zeros(count, np.int32)
+        self._count = count
         self._newest: dict[str, Gated] = {}
         self._nis: dict[str, deque[float]] = {}
 
     def put_first(self, estimate: Snapshot) -> None:
         """Fill the first row with the estimate before any step."""
         self._rows.put(0, estimate)
-        self._output_tracks[0] = 1
 
-    def add(self, begin: int, end: int, part: Steps, room: Floats) -> None:
+    def add(self, begin: int, end: int, part: Steps, inputs: Floats, room: Floats) -> None:
         """Fill the rows of some steps.
 
         Args:
             begin: the first of the steps.
             end: one after the last.
             part: the steps.
+            inputs: (n, k) inputs of the steps.
             room: (n, k) estimates at their ticks.
         """
         at = np.flatnonzero(part.extras & TICK)
@@ -123,7 +123,7 @@ class ReplayRows:
             return
         values, rows = values[is_row], rows[is_row]
         row_range = slice(int(rows[0]), int(rows[-1]) + 1)
-        self._output_tracks[row_range] = part.output_tracks[at[is_row]]
+        speeds = inputs[at[is_row]][:, [INPUTS["now_left"], INPUTS["now_right"]]]
         states, sigmas = self._rows.states[row_range], self._rows.sigmas[row_range]
         states[:, s.POSE] = values[:, :3]
         covariances = self._rows.pose_covariances[row_range]
@@ -137,7 +137,7 @@ class ReplayRows:
         covariance = values[:, twist + 3 : twist + 9]
         self._rows.twist_covariances[row_range] = covariance[:, SYMMETRIC].reshape(-1, 3, 3)
         memory = values[:, self._output_memory]
-        self._rows.indices[row_range] = self._indices(row_range, memory)
+        self._rows.indices[row_range] = self._indices(row_range, speeds, memory)
         self._write_innovations(row_range, values)
 
     def _column(self, values: Floats, name: str) -> Floats:
@@ -217,13 +217,13 @@ class ReplayRows:
         """
         self._write_first_innovations(health)
         self.count(one, lanes, health)
-        return self._rows.finish(len(self._output_tracks), variant, state_names(variant), health)
+        return self._rows.finish(self._count, variant, state_names(variant), health)
 
     def _write_first_innovations(self, health: Health) -> None:
         """Fill the first row with the innovations before the first track speeds."""
         components = innovation_components()
         for sensor, counts in health.sensors.items():
-            if counts.newest_judged is None or not len(self._output_tracks):
+            if counts.newest_judged is None or not self._count:
                 continue
             _, _, residual, covariance = counts.newest_judged
             for axis, name in enumerate(components[sensor]):
@@ -231,24 +231,25 @@ class ReplayRows:
                 if np.isnan(column[0]):
                     column[0] = residual[axis] / math.sqrt(covariance[axis][axis])
 
-    def _indices(self, row_range: slice, memory: Floats) -> Floats:
+    def _indices(self, row_range: slice, speeds: Floats, memory: Floats) -> Floats:
         """Indices (n, 3) of rows, at their newest track speeds.
 
         Args:
             row_range: the rows; their states are filled.
+            speeds: (n, 2) speeds of the left and the right track in these rows [m/s].
             memory: (n, k) output memory of the motion model in these rows.
         """
         kind, constants = self._kind, self._robot.constants
         if kind == "friction":
             return memory
         x = self._rows.states[row_range].T
-        left, right = self._measured.tracks[0, self._output_tracks[row_range] - 1].T
-        speeds = (left * track_factors(x)[0], right * track_factors(x)[1])
+        left, right = speeds.T
+        on_both = (left * track_factors(x)[0], right * track_factors(x)[1])
         parameters, on_ground = tuple(x[s.PARAMETERS]), gravity_in(x)
         if kind == "index":
-            at = lagged_index_model.evaluate(*speeds, parameters, on_ground, constants, memory.T)
+            at = lagged_index_model.evaluate(*on_both, parameters, on_ground, constants, memory.T)
             return np.stack(np.broadcast_arrays(*at.indices), axis=-1)
-        motion, _ = linear_model.linearise(*speeds, parameters, NO_SLIP, on_ground, constants)
+        motion, _ = linear_model.linearise(*on_both, parameters, NO_SLIP, on_ground, constants)
         return np.stack(np.broadcast_arrays(*motion.indices), axis=-1)
 
     def count(self, one: BatchFilter, lanes: Lanes, health: Health) -> None:

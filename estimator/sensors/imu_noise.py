@@ -143,11 +143,14 @@ def measure_noise(
         hold: after a longer gap the differences begin anew [s].
     """
     gyro, x, y = noise.gyro, noise.accelerometer_x, noise.accelerometer_y
+    # A missing reading repeats the last one, which is no noise.
+    force_x = force_x if force_x == force_x else x.readings.newest
+    force_y = force_y if force_y == force_y else y.readings.newest
     readings, blocks = noise.readings, noise.blocks
     noise.is_first = 1 if readings.stamp == NEVER else 0
     if not noise.is_first:
-        repeated = is_same(rate, gyro.readings.newest) and is_same(force_x, x.readings.newest)
-        if repeated and is_same(force_y, y.readings.newest):
+        repeated = rate == gyro.readings.newest and force_x == x.readings.newest
+        if repeated and force_y == y.readings.newest:
             # A driver that repeats samples: they hold no noise of their own.
             return
     dt = paced(readings, stamp, hold)
@@ -172,11 +175,6 @@ def measure_noise(
     add_value(y.blocks, y.total / count, blocks.run, dt, blocks.interval)
     noise.in_block = 0
     gyro.total = x.total = y.total = 0.0
-
-
-def is_same(value: float, before: float) -> bool:
-    """Return True if a reading repeats the one before; missing ones are the same."""
-    return value == before or (value != value and before != before)
 
 
 def paced(pace: Pace, stamp: int, hold: float) -> float:
@@ -204,7 +202,7 @@ def add_value(of: Differences, value: float, run: int, dt: float, interval: floa
 
     Args:
         of: differences of the axis, changed in place.
-        value: the value; NaN if there is none.
+        value: the value.
         run: number of values since the newest gap.
         dt: time since the value before [s].
         interval: averaged interval between values [s].

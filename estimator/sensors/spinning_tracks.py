@@ -30,9 +30,8 @@ LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
 LASTS, OVER = 0.2, 0.2
 # A mismatch below this share of the one that counts is none, once a track spins.
 GONE = 0.5
-# Time over which the error of the assumed speed, as large as the mismatch, is correlated [s]; and that of
-# the other track, which now pulls alone and slips more.
-CORRELATION, OF_OTHER = 0.3, 0.01
+# Time over which the error of the assumed speed, as large as the mismatch, is correlated [s].
+CORRELATION = 0.3
 
 
 class SpinRecord(msgspec.Struct):
@@ -197,13 +196,12 @@ def assumed_right(spin: SpinRecord, left: float, right: float) -> float:
 
 
 def spin_density(spin: SpinRecord, side: int) -> float:
-    """Error density of a track's speed while a track spins [m²/s].
+    """Error density of the speed assumed for the track of a side [m²/s].
 
     Args:
         spin: record.
         side: `LEFT` or `RIGHT`, the track.
     """
-    if not spin.found:
+    if not spin.found or spin.side != side:
         return 0.0
-    correlation = CORRELATION if spin.side == side else OF_OTHER
-    return correlation * spin.mismatch * spin.mismatch
+    return CORRELATION * spin.mismatch * spin.mismatch

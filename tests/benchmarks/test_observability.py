@@ -12,6 +12,7 @@ from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpe
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.sensors.imu_noise import noise_of_file
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.truth.true_motion import exponential
 
@@ -109,9 +110,13 @@ def test_bad_questions():
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
-def test_covariance_along_a_motion_is_the_filters(variant):
+def test_covariance_along_a_motion_is_the_filters(variant, monkeypatch):
     """Readings that are just as predicted leave the state on the motion; only the covariance moves."""
-    settings = Settings(use_accelerometer=False)
+    # Readings without noise would be measured as such.
+    monkeypatch.setattr(
+        "icreckon.estimator.filter.filter.imu_noise", lambda *given: noise_of_file(given[-1])
+    )
+    settings = Settings(engine="plain", use_accelerometer=False)
     sensors = Sensors(gyro=True, position_sigma=0.05)
     model = LinearisedModel(ALPHA, find_variant(variant), sensors, DT, settings, as_filter=True)
     estimator = PoseEstimator(ALPHA, variant, settings=settings)

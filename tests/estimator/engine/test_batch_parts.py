@@ -15,7 +15,12 @@ from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.engine.covariance import Covariance
 from icreckon.estimator.engine.filters import BatchFilter, aligned
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.schedule import steps_of, why_not_steps
+from icreckon.estimator.engine.schedule import (
+    MOVE_AND_UPDATE,
+    UPDATE,
+    steps_of,
+    why_not_steps,
+)
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
@@ -31,6 +36,7 @@ from icreckon.estimator.sensors.held_tracks import (
     gap_density,
     mean_speeds,
     speeds_at,
+    take_rate,
     take_tracks,
 )
 from icreckon.estimator.sensors.imu_noise import (
@@ -262,6 +268,8 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
             if not math.isnan(left):
                 take_tracks(held, int(measured.track_stamps[taken]), left, right, chosen)
             taken += 1
+        if steps.kinds[k] in (MOVE_AND_UPDATE, UPDATE):
+            take_rate(held, end, float(gyro[steps.samples[k]]), chosen)
         plain = step_inputs(held, start, end, chosen)
         expected = {
             "left": speeds_at(held, start, chosen.hold_ns)[0],

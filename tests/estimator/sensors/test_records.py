@@ -24,13 +24,13 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import TrackRecord, copy_of_tracks, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.sensors.spinning_tracks import SpinRecord
 from icreckon.estimator.sensors.standstill import (
     QuietReadings,
     StandstillRecord,
     quiet_mean,
     stopped_after,
 )
-from icreckon.estimator.sensors.spinning_tracks import SpinRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.sensors.stuck_tracks import OTHERS, Repeating, repeating_after, stuck_from
 from icreckon.estimator.tracing.jit_kernel import jit
@@ -73,7 +73,10 @@ def values(record):
     found = []
     for name in names:
         value = record[name] if isinstance(record, np.void) else getattr(record, name)
-        nested = isinstance(value, Repeating | SpinRecord) or getattr(value, "dtype", np.dtype(float)).names
+        nested = (
+            isinstance(value, Repeating | SpinRecord)
+            or getattr(value, "dtype", np.dtype(float)).names
+        )
         found += values(value) if nested else np.ravel(value).tolist()
     return found
 

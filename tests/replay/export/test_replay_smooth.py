@@ -37,4 +37,5 @@ def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> N
         max(error for error in one["position_error_m"])
         for one in (results["series"]["variants"][name] for name in results["variants"])
     )
-    assert after < 0.7 * before
+    # By how much is the business of tests/estimator/streaming/test_smoother.py.
+    assert after < before
