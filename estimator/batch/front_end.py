@@ -33,7 +33,6 @@ from icreckon.estimator.sensors.imu_noise import (
     measured_noise,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.spinning_tracks import assumed_left, assumed_right
 from icreckon.estimator.sensors.standstill import (
     StandstillMemory,
     StandstillRecord,
@@ -251,9 +250,7 @@ def fill_lane(
         left, right = speeds_at(held, end, settings.hold_ns)
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
-            one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
-            left = assumed_left(held.spin, one, other)
-            right = assumed_right(held.spin, one, other)
+            left, right = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
         if has_sample:
             rate = measured.rates[lane, steps.samples[k]]

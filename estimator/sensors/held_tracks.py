@@ -15,8 +15,6 @@ from icreckon.estimator.sensors.imu_clock import Clocked
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.spinning_tracks import (
     SpinRecord,
-    assumed_left,
-    assumed_right,
     copy_of_spin,
     watch_spin,
 )
@@ -153,9 +151,7 @@ def take_tracks(
     """
     left_found = repeating_after(held.repeating_left, stamp, left, right, settings.hold)
     right_found = repeating_after(held.repeating_right, stamp, right, left, settings.hold)
-    spin = held.spin
-    spin.left, spin.right = left, right
-    left, right = assumed_left(spin, left, right), assumed_right(spin, left, right)
+    held.spin.left, held.spin.right = left, right
     hold, weight = settings.hold, 1.0
     interval = (stamp - held.stamp) * NANOSECOND
     if interval <= hold:

@@ -2,8 +2,8 @@
 
 A track that loses its grip speeds up, while the robot does not turn as both tracks then ask for. Slip in
 bends is a share of the turning; a free track is beyond any share. The track that changed its speed when
-the mismatch began is the one that spins. Until it grips again its speed is the one at which the tracks
-turn as the gyro does. A track sensor that fails looks the same, and is treated the same.
+the mismatch began is the one that spins. A track sensor that fails looks the same. The flag does not act
+on the filter: on rolling ground a false alarm would cost more than a spin.
 
 The functions are written for plain Python and for numba, see `estimator.base.records`.
 """
@@ -30,8 +30,6 @@ LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
 LASTS, OVER = 0.2, 0.2
 # A mismatch below this share of the one that counts is none, once a track spins.
 GONE = 0.5
-# Time over which the error of the assumed speed, as large as the mismatch, is correlated [s].
-CORRELATION = 0.3
 
 
 class SpinRecord(msgspec.Struct):
@@ -173,35 +171,3 @@ def watch_spin(
     if lasts and not spin.found:
         spin.found = 1
         spin.times += 1
-
-
-def assumed_left(spin: SpinRecord, left: float, right: float) -> float:
-    """Speed of the left track; if it spins, that of the gyro's turning [m/s].
-
-    Args:
-        spin: record.
-        left: reading of the left track [m/s].
-        right: reading of the right track [m/s].
-    """
-    if not spin.found or spin.side != LEFT:
-        return left
-    return right - width_of_bends(spin) * spin.rate
-
-
-def assumed_right(spin: SpinRecord, left: float, right: float) -> float:
-    """Speed of the right track, as of `assumed_left` [m/s]."""
-    if not spin.found or spin.side != RIGHT:
-        return right
-    return left + width_of_bends(spin) * spin.rate
-
-
-def spin_density(spin: SpinRecord, side: int) -> float:
-    """Error density of the speed assumed for the track of a side [m²/s].
-
-    Args:
-        spin: record.
-        side: `LEFT` or `RIGHT`, the track.
-    """
-    if not spin.found or spin.side != side:
-        return 0.0
-    return CORRELATION * spin.mismatch * spin.mismatch

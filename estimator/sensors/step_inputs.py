@@ -15,7 +15,6 @@ from icreckon.estimator.sensors.held_tracks import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.sensor_models import TrackChange
-from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, spin_density
 
 
 class StepInputs(NamedTuple):
@@ -69,7 +68,6 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
     mean_left, mean_right = mean_speeds(held, start, end, settings.hold_ns)
     # Encoders of tracks at rest have no noise.
     density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
-    spin = held.spin
     slow = max(abs(held.left), abs(held.right)) < settings.track_speed
     return StepInputs(
         held.smooth_left,
@@ -78,12 +76,8 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         right,
         mean_left,
         mean_right,
-        density
-        + stuck_density(held.repeating_left, start, end, settings)
-        + spin_density(spin, LEFT),
-        density
-        + stuck_density(held.repeating_right, start, end, settings)
-        + spin_density(spin, RIGHT),
+        density + stuck_density(held.repeating_left, start, end, settings),
+        density + stuck_density(held.repeating_right, start, end, settings),
         gap_density(held, start, end, settings),
         held.acceleration_left,
         held.acceleration_right,
