@@ -33,6 +33,7 @@ from icreckon.estimator.sensors.imu_noise import (
     measured_noise,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.spinning_tracks import assumed_speeds
 from icreckon.estimator.sensors.standstill import (
     StandstillMemory,
     StandstillRecord,
@@ -241,7 +242,9 @@ def fill_lane(
         start, end = steps.starts[k], steps.ends[k]
         has_sample = steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE
         if has_sample:
-            take_rate(held, end, measured.rates[lane, steps.samples[k]], settings)
+            sample = steps.samples[k]
+            force_y = measured.forces[lane, sample, 1]
+            take_rate(held, end, measured.rates[lane, sample], force_y, settings)
         found = step_inputs(held, start, end, settings)
         for row in range(TRACK_ROWS):
             inputs[k, row, lane] = found[row]
@@ -250,7 +253,8 @@ def fill_lane(
         left, right = speeds_at(held, end, settings.hold_ns)
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
-            left, right = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
+            one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
+            left, right = assumed_speeds(held.spin, one, other)
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
         if has_sample:
             rate = measured.rates[lane, steps.samples[k]]

@@ -125,7 +125,8 @@ def run_side_by_side(
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
         tracks, still, noise = front.records(0)
-        health.slip = slip_health(tracks.spin, int(measured.track_stamps[0]))
+        factor = float(lanes.workspace[one.rows["slip_factor"], 0])
+        health.slip = slip_health(tracks.spin, factor, int(measured.track_stamps[0]))
         health.noise = noise_health(noise, still.stopped_since != NEVER, front_settings)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
     return found

@@ -201,6 +201,9 @@ class BatchFilter:
             workspace[rows[f"memory{k}"]] = value
         workspace[rows["stood"]] = checkpoint.stands
         workspace[rows["slip_factor"]] = checkpoint.slip_factor
+        trend = rows["trend_forward"], rows["trend_left"]
+        for row, value in zip(trend, checkpoint.fix_trend, strict=True):
+            workspace[row] = value
         for gate in GATES:
             workspace[rows[f"{gate}_in_a_row"]] = checkpoint.rejected_in_a_row[gate]
         lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)

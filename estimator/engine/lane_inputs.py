@@ -60,7 +60,7 @@ def sample_inputs(
     record = records[0]
     if is_full(record.still, stamps):
         return False
-    take_rate(record.tracks, stamp, rate, record.settings)
+    take_rate(record.tracks, stamp, rate, force_y, record.settings)
     fill_tracks(record, inputs, stamp)
     settings = record.settings
     take_stamp(record.imu, stamp, settings.hold)

@@ -14,7 +14,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector
-from icreckon.estimator.filter import process_noise
+from icreckon.estimator.filter import process_noise, slip_factor
 from icreckon.estimator.friction import model as friction_model
 from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_PARAMETERS
 from icreckon.estimator.friction.model import FrictionMotion
@@ -244,7 +244,8 @@ _linearise_friction = traced(friction_model.linearise)
 _advanced = traced(lagged_index_model.advanced)
 _turn_along_arc = traced(propagation.turn_along_arc)
 slip_at = traced(process_noise.slip_at)
-slip_factor_after = traced(process_noise.slip_factor_after)
+slip_factor_after = traced(slip_factor.slip_factor_after)
+trend_after = traced(slip_factor.trend_after)
 fast_slip_density = traced(process_noise.fast_slip_density)
 change_density = traced(process_noise.change_density)
 travel_speed = traced(process_noise.travel_speed)

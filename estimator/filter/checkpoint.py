@@ -73,6 +73,7 @@ class FilterCheckpoint(
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
         regressors: (3, 9) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
         slip_factor: factor on the slip that position fixes have shown.
+        fix_trend: mean of the normalised innovations of position fixes, to the front and to the left.
         noise: record of the noise of the IMU.
     """
 
@@ -92,6 +93,7 @@ class FilterCheckpoint(
     rejected_fixes: tuple[RejectedFix, ...] = ()
     stood_at: int | None = None
     slip_factor: float = 1.0
+    fix_trend: tuple[float, float] = (0.0, 0.0)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
 
     def __post_init__(self) -> None:
@@ -106,6 +108,7 @@ class FilterCheckpoint(
         record.stood_at = NEVER if self.stood_at is None else self.stood_at
         record.step_under_way, record.stands = self.step_under_way, self.stands
         record.slip_factor = self.slip_factor
+        record.trend_forward, record.trend_left = self.fix_trend
         assign(record.tracks, self.tracks)
         assign(record.imu, self.imu)
         assign(record.noise, self.noise)

@@ -27,8 +27,8 @@ from icreckon.estimator.filter.health import (
     slip_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.process_noise import slip_factor_after
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
+from icreckon.estimator.filter.slip_factor import slip_factor_after, trend_after
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -47,7 +47,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import (
-    copy_of_tracks,
+    TrackRecord,
     is_hole,
     mean_speeds,
     speeds_at,
@@ -171,7 +171,7 @@ class Reckoning:
         """Copy of the counts of the measurements, with measured noise and slip."""
         health, record = self._judged_counts(), self._record
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
-        health.slip = slip_health(self._tracks.spin)
+        health.slip = slip_health(self._tracks.spin, float(record.slip_factor))
         return health
 
     def _judged_counts(self) -> Health:
@@ -202,7 +202,7 @@ class Reckoning:
             self.ekf.P.copy(),
             bool(record.step_under_way),
             self.stands,
-            copy_of_tracks(self._tracks),
+            plain_copy(TrackRecord, self._tracks),
             self._readings.memory(record.still),
             ClockRecord(record.imu.stamp, record.imu.interval),
             {name: gate.counts.rejected_in_a_row for name, gate in self._gates.items()},
@@ -213,6 +213,7 @@ class Reckoning:
             self._rejected_fixes,
             _or_none(record.stood_at),
             float(record.slip_factor),
+            (float(record.trend_forward), float(record.trend_left)),
             plain_copy(NoiseRecord, record.noise),
         )
 
@@ -367,7 +368,7 @@ class Reckoning:
             return used
         take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
-        take_rate(record.tracks, m.stamp, rate, record.settings)
+        take_rate(record.tracks, m.stamp, rate, along[1], record.settings)
         measure_noise(record.noise, m.stamp, rate, *along, hold)
         noise = imu_noise(record.noise, tracks_rest(record.still), record.settings)
         spread = measured_noise(record.noise.gyro)
@@ -445,7 +446,7 @@ class Reckoning:
             ekf.keep_inside_bounds()
 
         if isinstance(m, PositionFix):
-            self._follow_slip(self._gates[model.name].counts)
+            self._follow_slip(self._gates[model.name].counts, float(predicted.values[s.YAW]))
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
         if model.standing and not used:
@@ -457,13 +458,20 @@ class Reckoning:
             self._advance(m.stamp)
         return used
 
-    def _follow_slip(self, fixes: GateRecord) -> None:
-        """Adapt the factor on the slip to the newest position fix, if admitted."""
+    def _follow_slip(self, fixes: GateRecord, yaw: float) -> None:
+        """Adapt the factor on the slip to the newest position fix, if admitted; yaw at it [rad]."""
         record, tracks = self._record, self._tracks
-        if fixes.verdict == ADMITTED:
-            record.slip_factor = slip_factor_after(
-                record.slip_factor, fixes.newest_nis, tracks.smooth_left, tracks.smooth_right
-            )
+        if fixes.verdict != ADMITTED:
+            return
+        trend = trend_after(
+            (record.trend_forward, record.trend_left),
+            (fixes.z[0], fixes.z[1]),
+            (fixes.S[0], fixes.S[1], fixes.S[3]),
+            (math.cos(yaw), math.sin(yaw)),
+        )
+        record.trend_forward, record.trend_left = trend
+        speeds = tracks.smooth_left, tracks.smooth_right
+        record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)
 
     def _take_mark(self, m: Mark) -> bool:
         # The estimate is that of the newest step before the mark. Until the mark the motion is assumed

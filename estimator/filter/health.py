@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.spinning_tracks import LEFT, SpinRecord
+from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, UNKNOWN, SpinRecord
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
 ADMITTED, REJECTED, REACQUIRED = range(3)
 VERDICTS = ("admitted", "rejected", "reacquired")
+# Names of a track that spins.
+SIDES = {LEFT: "left", UNKNOWN: "unknown", RIGHT: "right"}
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
 # hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
@@ -180,29 +182,33 @@ class SlipHealth:
     """Slip beyond what bends explain.
 
     Attributes:
-        track: "left" or "right", the track that spins or whose sensor fails; None if neither does.
+        track: "left" or "right", the track that spins or whose sensor fails; "unknown" if it cannot be
+            told which; None if neither does.
         since: stamp from which on it does [ns], or None.
         mismatch: difference of the track speeds that the gyro does not confirm [m/s].
         times: number of times that a track was found spinning.
+        factor: slip that position fixes have shown, over that which the robot file gives; at least 1.
     """
 
     track: str | None = None
     since: int | None = None
     mismatch: float = 0.0
     times: int = 0
+    factor: float = 1.0
 
 
-def slip_health(spin: SpinRecord, ahead: int = 0) -> SlipHealth:
+def slip_health(spin: SpinRecord, factor: float, ahead: int = 0) -> SlipHealth:
     """Slip of a record of spinning tracks.
 
     Args:
         spin: the record.
+        factor: factor on the slip, see `filter.slip_factor`.
         ahead: time that the record's clock is behind [ns].
     """
     if not spin.found:
-        return SlipHealth(times=spin.times)
-    side = "left" if spin.side == LEFT else "right"
-    return SlipHealth(side, spin.since + ahead, abs(spin.mismatch), spin.times)
+        return SlipHealth(times=spin.times, factor=factor)
+    side = SIDES[spin.side]
+    return SlipHealth(side, spin.since + ahead, abs(spin.mismatch), spin.times, factor)
 
 
 @dataclass

@@ -24,8 +24,6 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 PUSHED_W = 0.3
 # Least difference of track speeds at which parameters walk at their full rate [m/s].
 FULL_TURNING = 0.1
-# Weight of a position fix in the factor on the slip, at speeds above this [m/s], and its largest value.
-FACTOR_GAIN, MOVING, LARGEST_FACTOR = 1.0 / 30.0, 0.1, 6.0
 # Sideways motion that may begin in a gap, as a share of forward motion.
 SIDEWAYS_IN_GAP = 0.1
 
@@ -89,7 +87,7 @@ class Disturbances:
             tracks: the track speeds.
             eta: typical steering efficiency index [-].
             pushed: the robot may be turning with its tracks at rest.
-            factor: factor on the slip that the fixes have shown, see `slip_factor_after`.
+            factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
         """
         left, right = tracks.smooth_left, tracks.smooth_right
         return self.slip_of(left, right, eta, pushed=pushed, factor=factor)
@@ -161,24 +159,6 @@ def slip_at(
     """
     forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
     return factor * forward, factor * sideways, select(pushed, PUSHED_W, factor * turning)
-
-
-def slip_factor_after(factor: float, nis: float, left: float, right: float) -> float:
-    """Factor on the slip after a position fix that the gate admitted.
-
-    If the slip is larger than assumed, the normalised innovation squared (NIS) of fixes is larger than
-    their degrees of freedom. The factor follows it, so slowly that single fixes hardly count, and is at
-    least 1: fixes whose noise is smaller than they say must not make the slip vanish.
-
-    Args:
-        factor: the factor before.
-        nis: NIS of the fix, of two degrees of freedom.
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
-    """
-    share = FACTOR_GAIN * min(1.0, travel_speed(left, right) / MOVING)
-    square = factor * factor * (1.0 + share * (0.5 * nis - 1.0))
-    return min(LARGEST_FACTOR, max(1.0, math.sqrt(square)))
 
 
 def change_density(sigma: float, time_constant: float) -> float:

@@ -10,17 +10,16 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, plain_copy
 from icreckon.estimator.sensors.imu_clock import Clocked
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.spinning_tracks import (
     SpinRecord,
-    copy_of_spin,
+    assumed_speeds,
     watch_spin,
 )
 from icreckon.estimator.sensors.stuck_tracks import (
     Repeating,
-    copy_of_repeating,
     may_stick,
     repeating_after,
     stuck_from,
@@ -67,7 +66,7 @@ class TrackRecord(msgspec.Struct):
 
     def shifted(self, by: int) -> TrackRecord:
         """Copy for a clock that is ahead by so much [ns]."""
-        twin = copy_of_tracks(self)
+        twin = plain_copy(TrackRecord, self)
         if twin.stamp != NEVER:
             twin.stamp += by
             for track in (twin.repeating_left, twin.repeating_right):
@@ -75,23 +74,6 @@ class TrackRecord(msgspec.Struct):
                 track.newest += by
         twin.spin = twin.spin.shifted(by)
         return twin
-
-
-def copy_of_tracks(held: TrackRecord) -> TrackRecord:
-    """Copy of a record, for a checkpoint."""
-    return TrackRecord(
-        held.stamp,
-        held.left,
-        held.right,
-        held.interval,
-        held.acceleration_left,
-        held.acceleration_right,
-        held.smooth_left,
-        held.smooth_right,
-        copy_of_repeating(held.repeating_left),
-        copy_of_repeating(held.repeating_right),
-        copy_of_spin(held.spin),
-    )
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
@@ -151,7 +133,9 @@ def take_tracks(
     """
     left_found = repeating_after(held.repeating_left, stamp, left, right, settings.hold)
     right_found = repeating_after(held.repeating_right, stamp, right, left, settings.hold)
-    held.spin.left, held.spin.right = left, right
+    spin = held.spin
+    spin.left, spin.right = left, right
+    left, right = assumed_speeds(spin, left, right)
     hold, weight = settings.hold, 1.0
     interval = (stamp - held.stamp) * NANOSECOND
     if interval <= hold:
@@ -170,13 +154,16 @@ def take_tracks(
     return left_found + right_found
 
 
-def take_rate(held: TrackRecord, stamp: int, rate: float, settings: InputSettings) -> None:
-    """Add a yaw rate by the gyro, which shows a track that spins.
+def take_rate(
+    held: TrackRecord, stamp: int, rate: float, force: float, settings: InputSettings
+) -> None:
+    """Add a sample of the IMU, which shows a track that spins.
 
     Args:
         held: record of the track speeds, changed in place.
         stamp: stamp of the IMU sample [ns].
-        rate: the yaw rate [rad/s].
+        rate: yaw rate by the gyro [rad/s].
+        force: specific force to the left [m/s²], or NaN.
         settings: settings of the filter.
     """
     if held.stamp == NEVER or stamp - held.stamp > settings.hold_ns or rate != rate:
@@ -187,7 +174,7 @@ def take_rate(held: TrackRecord, stamp: int, rate: float, settings: InputSetting
         return
     spin = held.spin
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
-    watch_spin(spin, stamp, rate, left, right, settings.fastest)
+    watch_spin(spin, stamp, rate, force, left, right, settings.fastest)
 
 
 def is_hole(held: Clocked, stamp: int, hold: float) -> bool:

@@ -1,9 +1,10 @@
-"""Spinning tracks: one track turns free, so the tracks turn faster than the gyro.
+"""Spinning tracks: one track slides on the ground, so the tracks do not turn the robot as they should.
 
-A track that loses its grip speeds up, while the robot does not turn as both tracks then ask for. Slip in
-bends is a share of the turning; a free track is beyond any share. The track that changed its speed when
-the mismatch began is the one that spins. A track sensor that fails looks the same. The flag does not act
-on the filter: on rolling ground a false alarm would cost more than a spin.
+A track that loses its grip speeds up, or is carried along by the other, and the gyro does not confirm the
+turning of both. Slip in bends is a share of the turning; such a track is beyond any share. If the speed
+of one jumped when the mismatch began, it is the one that spins. If none did, it is the one with less
+load: on a slope the upper one, in a fast bend the inner one. Until it grips again its speed is the one at
+which the tracks turn as the gyro does. A track sensor that fails looks the same, and is treated the same.
 
 The functions are written for plain Python and for numba, see `estimator.base.records`.
 """
@@ -15,21 +16,26 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, plain_copy
 
-LEFT, NEITHER, RIGHT = -1, 0, 1
-# Turning of the tracks that slip explains, as multiples of what the robot's own bends have shown.
-LEAST_TURNING, MOST_TURNING = 0.6, 1.7
+LEFT, UNKNOWN, RIGHT = -1, 0, 1
+# What slip explains beyond the turning of the robot's own bends, as a share of it: so many standard
+# deviations of its bends, at least, and at most below and above.
+SIGMAS, LEAST_SHARE, MOST_BELOW, MOST_ABOVE = 5.0, 0.15, 0.4, 0.7
 # Turning after which the robot's own bends count, and over which they are forgotten [rad].
 ENOUGH, MEMORY = 3.0, 20.0
 # Longest interval between samples of the gyro that counts as turning [s].
 LONGEST = 0.1
 # Mismatch of the track speeds beyond that which counts: this much, or this share of the fastest speed.
 LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
-# Time for which it must last, and time without it after which the track grips again [s].
-LASTS, OVER = 0.2, 0.2
+# Way of the mismatch after which a track spins [m], and time without it after which it grips again [s].
+LEAST_WAY, OVER = 0.1, 0.2
 # A mismatch below this share of the one that counts is none, once a track spins.
 GONE = 0.5
+# Time over which the force to the left is averaged [s], and the least that tells of loads [m/s²].
+LOAD_AVERAGING, LEAST_FORCE = 0.5, 0.15
+# Time over which the error of the assumed speed, as large as the mismatch, is correlated [s].
+CORRELATION = 0.3
 
 
 class SpinRecord(msgspec.Struct):
@@ -39,35 +45,41 @@ class SpinRecord(msgspec.Struct):
         left: newest reading of the left track [m/s].
         right: newest reading of the right track [m/s].
         rate: newest yaw rate by the gyro [rad/s].
+        force: averaged specific force to the left [m/s²]; 0 without accelerometers.
         mismatch: newest difference of the track speeds that no slip in bends explains [m/s].
-        side: `LEFT` or `RIGHT`, the track that changed when the mismatch began; or `NEITHER`.
+        side: `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`.
         since: stamp at which the mismatch began [ns], or NEVER.
         newest: stamp of the newest mismatch [ns], or NEVER.
+        way: way of the mismatch since it began [m].
         found: 1 while a track is found spinning.
         times: number of times that one was found.
         stamp: stamp of the newest sample of the gyro [ns], or NEVER.
         turned: turning so far, with forgetting [rad].
         by_rate: sum of the tracks' difference times the yaw rate [m/s rad/s].
         of_rate: sum of the yaw rate squared [rad²/s²].
+        of_turning: sum of the tracks' difference squared [m²/s²].
     """
 
     left: float = 0.0
     right: float = 0.0
     rate: float = 0.0
+    force: float = 0.0
     mismatch: float = 0.0
-    side: int = NEITHER
+    side: int = UNKNOWN
     since: int = NEVER
     newest: int = NEVER
+    way: float = 0.0
     found: int = 0
     times: int = 0
     stamp: int = NEVER
     turned: float = 0.0
     by_rate: float = 0.0
     of_rate: float = 0.0
+    of_turning: float = 0.0
 
     def shifted(self, by: int) -> SpinRecord:
         """Copy for a clock that is ahead by so much [ns]."""
-        twin = copy_of_spin(self)
+        twin = plain_copy(SpinRecord, self)
         if twin.since != NEVER:
             twin.since += by
             twin.newest += by
@@ -76,28 +88,15 @@ class SpinRecord(msgspec.Struct):
         return twin
 
 
-def copy_of_spin(spin: SpinRecord) -> SpinRecord:
-    """Copy of a record, for a checkpoint."""
-    return SpinRecord(
-        spin.left,
-        spin.right,
-        spin.rate,
-        spin.mismatch,
-        spin.side,
-        spin.since,
-        spin.newest,
-        spin.found,
-        spin.times,
-        spin.stamp,
-        spin.turned,
-        spin.by_rate,
-        spin.of_rate,
-    )
-
-
 def width_of_bends(spin: SpinRecord) -> float:
     """Difference of the track speeds for each rad/s; 0 before bends show one [m]."""
     return max(0.0, spin.by_rate / spin.of_rate) if spin.turned >= ENOUGH else 0.0
+
+
+def spread_of_bends(spin: SpinRecord) -> float:
+    """Standard deviation of the tracks' difference in bends, as a share of it."""
+    explained = spin.by_rate * spin.by_rate
+    return math.sqrt(max(0.0, spin.of_turning * spin.of_rate / explained - 1.0))
 
 
 def unexplained(spin: SpinRecord, rate: float) -> float:
@@ -110,33 +109,60 @@ def unexplained(spin: SpinRecord, rate: float) -> float:
     width = width_of_bends(spin)
     if width == 0.0:
         return 0.0
-    turning = spin.right - spin.left
-    one, other = LEAST_TURNING * width * rate, MOST_TURNING * width * rate
-    low, high = min(one, other), max(one, other)
-    return turning - high if turning > high else min(0.0, turning - low)
+    turning, expected = spin.right - spin.left, width * rate
+    share = SIGMAS * spread_of_bends(spin)
+    below = min(MOST_BELOW, max(LEAST_SHARE, share)) * abs(expected)
+    above = min(MOST_ABOVE, max(LEAST_SHARE, share)) * abs(expected)
+    low, high = (below, above) if expected > 0.0 else (above, below)
+    more = turning - expected
+    return more - high if more > high else min(0.0, more + low)
 
 
-def learn_width(spin: SpinRecord, stamp: int, rate: float) -> None:
-    """Add a sample of ordinary driving to the robot's bends."""
-    dt = (stamp - spin.stamp) * NANOSECOND
-    if spin.stamp == NEVER or not 0.0 < dt < LONGEST:
-        return
-    turned = abs(rate) * dt
+def learn_width(spin: SpinRecord, dt: float) -> None:
+    """Add a sample of ordinary driving, after so much time [s], to the robot's bends."""
+    turned = abs(spin.rate) * dt
     kept = math.exp(-turned / MEMORY)
     spin.turned = kept * spin.turned + turned
-    spin.by_rate = kept * spin.by_rate + (spin.right - spin.left) * rate * dt
-    spin.of_rate = kept * spin.of_rate + rate * rate * dt
+    spin.by_rate = kept * spin.by_rate + (spin.right - spin.left) * spin.rate * dt
+    spin.of_rate = kept * spin.of_rate + spin.rate * spin.rate * dt
+    spin.of_turning = kept * spin.of_turning + (spin.right - spin.left) ** 2 * dt
+
+
+def side_that_changed(
+    mismatch: float, change_left: float, change_right: float, limit: float
+) -> int:
+    """Find the track whose speed jumped when a mismatch began: `LEFT`, `RIGHT` or `UNKNOWN`.
+
+    Args:
+        mismatch: difference of the track speeds that no slip explains, right less left [m/s].
+        change_left: newest change of the left track's speed [m/s].
+        change_right: newest change of the right track's speed [m/s].
+        limit: least change that is a jump [m/s].
+    """
+    towards = 1.0 if mismatch > 0.0 else -1.0
+    left, right = -towards * change_left, towards * change_right
+    if max(left, right) < limit:
+        return UNKNOWN
+    return LEFT if left > right else RIGHT
+
+
+def side_with_less_load(force: float) -> int:
+    """Find the track with less load, at an averaged specific force to the left [m/s²]."""
+    if abs(force) < LEAST_FORCE:
+        return UNKNOWN
+    return LEFT if force > 0.0 else RIGHT
 
 
 def watch_spin(
     spin: SpinRecord,
     stamp: int,
     rate: float,
+    force: float,
     change_left: float,
     change_right: float,
     fastest: float,
 ) -> None:
-    """Add a yaw rate, and decide whether a track spins.
+    """Add a sample of the IMU, and decide whether a track spins.
 
     Nothing is decided before the robot's own bends have shown how its tracks turn it: a wrong geometry or
     swapped sides in the robot file are no spin.
@@ -145,11 +171,17 @@ def watch_spin(
         spin: record, changed in place.
         stamp: stamp of the IMU sample [ns].
         rate: yaw rate by the gyro [rad/s].
+        force: specific force to the left [m/s²], or NaN.
         change_left: newest change of the left track's speed [m/s].
         change_right: newest change of the right track's speed [m/s].
         fastest: highest speed of a track [m/s].
     """
-    spin.rate = rate
+    dt = (stamp - spin.stamp) * NANOSECOND if spin.stamp != NEVER else 0.0
+    if not 0.0 < dt < LONGEST:
+        dt = 0.0
+    spin.stamp, spin.rate = stamp, rate
+    if force == force:
+        spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
     mismatch = unexplained(spin, rate)
     limit = max(LEAST_MISMATCH, OF_FASTEST * fastest)
     # Tracks at rest do not spin; the robot is pushed or carried.
@@ -158,16 +190,47 @@ def watch_spin(
     same = spin.since == NEVER or mismatch * spin.mismatch > 0.0
     if counts and same:
         if spin.since == NEVER:
-            spin.since = stamp
-            spin.side = LEFT if abs(change_left) > abs(change_right) else RIGHT
+            spin.since, spin.way = stamp, 0.0
+            spin.side = side_that_changed(mismatch, change_left, change_right, limit)
+        if spin.side == UNKNOWN:
+            spin.side = side_with_less_load(spin.force)
         spin.mismatch, spin.newest = mismatch, stamp
+        spin.way += abs(mismatch) * dt
     elif spin.since != NEVER and (not spin.found or (stamp - spin.newest) * NANOSECOND > OVER):
-        spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, NEITHER, 0
-        spin.mismatch = 0.0
+        spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, UNKNOWN, 0
+        spin.mismatch = spin.way = 0.0
     if not spin.found:
-        learn_width(spin, stamp, rate)
-    spin.stamp = stamp
-    lasts = spin.since != NEVER and (stamp - spin.since) * NANOSECOND >= LASTS
-    if lasts and not spin.found:
+        learn_width(spin, dt)
+    if spin.since != NEVER and spin.way >= LEAST_WAY and not spin.found:
         spin.found = 1
         spin.times += 1
+
+
+def assumed_speeds(spin: SpinRecord, left: float, right: float) -> tuple[float, float]:
+    """Speeds of both tracks [m/s]; that of one that spins is the one of the gyro's turning.
+
+    If it is unknown which one spins, each gives half of the turning, so that their mean stays.
+
+    Args:
+        spin: record.
+        left: reading of the left track [m/s].
+        right: reading of the right track [m/s].
+    """
+    if spin.found:
+        excess = right - left - width_of_bends(spin) * spin.rate
+        of_left = 0.5 * (1.0 - spin.side)
+        left, right = left + of_left * excess, right - (1.0 - of_left) * excess
+    return left, right
+
+
+def spin_density(spin: SpinRecord, side: int) -> float:
+    """Error density of the speed of the track of a side [m²/s].
+
+    Args:
+        spin: record.
+        side: `LEFT` or `RIGHT`, the track.
+    """
+    if not spin.found or spin.side == -side:
+        return 0.0
+    share = 0.5 if spin.side == UNKNOWN else 1.0
+    return CORRELATION * (share * spin.mismatch) ** 2

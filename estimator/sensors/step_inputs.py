@@ -15,6 +15,7 @@ from icreckon.estimator.sensors.held_tracks import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.sensor_models import TrackChange
+from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, spin_density
 
 
 class StepInputs(NamedTuple):
@@ -76,8 +77,12 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         right,
         mean_left,
         mean_right,
-        density + stuck_density(held.repeating_left, start, end, settings),
-        density + stuck_density(held.repeating_right, start, end, settings),
+        density
+        + stuck_density(held.repeating_left, start, end, settings)
+        + spin_density(held.spin, LEFT),
+        density
+        + stuck_density(held.repeating_right, start, end, settings)
+        + spin_density(held.spin, RIGHT),
         gap_density(held, start, end, settings),
         held.acceleration_left,
         held.acceleration_right,

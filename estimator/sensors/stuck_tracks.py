@@ -48,19 +48,6 @@ class Repeating(msgspec.Struct):
     )
 
 
-def copy_of_repeating(track: Repeating) -> Repeating:
-    """Copy of a record, for a checkpoint."""
-    return Repeating(
-        track.reading,
-        track.since,
-        track.newest,
-        track.changes,
-        track.longest,
-        track.other_count,
-        list(track.others),
-    )
-
-
 def repeating_after(
     track: Repeating, stamp: int, reading: float, other: float, hold: float
 ) -> bool:

@@ -152,7 +152,7 @@ class LiveStatuses:
 def _slip(estimator: PoseEstimator) -> DiagnosticStatus:
     """Slip beyond what bends explain."""
     slip, name = estimator.health.slip, "icreckon: slip"
-    values = {"times": str(slip.times)}
+    values = {"times": str(slip.times), "slip_factor": f"{slip.factor:.2f}"}
     if slip.track is None:
         return DiagnosticStatus(OK, name, "no track spins", values)
     values |= {
@@ -160,7 +160,8 @@ def _slip(estimator: PoseEstimator) -> DiagnosticStatus:
         "since_ns": str(slip.since),
         "mismatch_m_s": f"{slip.mismatch:.3f}",
     }
-    text = f"the {slip.track} track spins, or its sensor fails: {slip.mismatch:.2f} m/s too much"
+    which = "one track" if slip.track == "unknown" else f"the {slip.track} track"
+    text = f"{which} spins, or its sensor fails: {slip.mismatch:.2f} m/s too much"
     return DiagnosticStatus(WARN, name, text, values)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.records import assign
+from icreckon.estimator.base.records import assign, plain_copy
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING, IcrEkf
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
@@ -16,7 +16,6 @@ from icreckon.estimator.robot.variants import find_variant, slip_of
 from icreckon.estimator.sensors.held_tracks import (
     SMOOTHING,
     TrackRecord,
-    copy_of_tracks,
     smoothing_share,
     take_tracks,
 )
@@ -54,7 +53,7 @@ def test_smoothed_speeds_begin_anew_after_a_hole():
 
 def test_smoothed_speeds_are_remembered():
     tracks, other = held([(0.2, 0.3), (0.5, 0.1)], 50), TrackRecord()
-    assign(other, copy_of_tracks(tracks))
+    assign(other, plain_copy(TrackRecord, tracks))
     assert smooth(other) == smooth(tracks)
 
 

@@ -14,6 +14,7 @@ from icreckon.estimator.base.records import (
     NEVER,
     array_on,
     assign,
+    plain_copy,
     record_array,
     record_of,
     shared_record,
@@ -21,7 +22,7 @@ from icreckon.estimator.base.records import (
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.held_tracks import TrackRecord, copy_of_tracks, take_tracks
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.spinning_tracks import SpinRecord
@@ -121,7 +122,7 @@ def test_a_checkpoint_is_a_copy():
     for stamp, (left, right) in zip(stamps[:230], speeds[:230], strict=True):
         take_tracks(plain, stamp, left, right, SETTINGS)
         take_in_lane(array, 0, stamp, left, right, SETTINGS)
-    checkpoint, of_array = copy_of_tracks(plain), array.copy()
+    checkpoint, of_array = plain_copy(TrackRecord, plain), array.copy()
     before = values(plain)
     for stamp, (left, right) in zip(stamps[230:], speeds[230:], strict=True):
         take_tracks(plain, stamp, left, right, SETTINGS)
@@ -239,7 +240,7 @@ def test_a_shared_record_is_one_for_python_and_compiled_code():
             take_tracks(shared, stamp, left, right, SETTINGS)
         else:
             take_in_lane(array, 0, stamp, left, right, SETTINGS)
-    assert copy_of_tracks(shared) == plain == record_of(TrackRecord, array[0])
+    assert plain_copy(TrackRecord, shared) == plain == record_of(TrackRecord, array[0])
 
 
 def test_copies_of_a_shared_record_have_their_own_memory():

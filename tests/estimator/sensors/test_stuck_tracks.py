@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.records import assign
+from icreckon.estimator.base.records import assign, plain_copy
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.held_tracks import TrackRecord, copy_of_tracks, take_tracks
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.held_tracks import stuck_density as stuck_density_of
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -61,7 +61,7 @@ def test_it_is_believed_again_with_its_next_reading():
 
 def test_it_is_remembered():
     tracks, other = held(*with_stuck_left(40)), TrackRecord()
-    assign(other, copy_of_tracks(tracks))
+    assign(other, plain_copy(TrackRecord, tracks))
     assert stuck_density(other) == stuck_density(tracks)
 
 

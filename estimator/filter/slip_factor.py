@@ -1,0 +1,74 @@
+"""Factor on the slip: position fixes show when the ground makes the robot slip more than assumed.
+
+The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
+larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
+same side of the robot. Their weighted mean shows that long before the size of single ones does: an error
+of 2 cm/s is less than the noise of a fix, and the mean of five fixes is not.
+
+The functions are written for plain Python and, traced, for lanes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from icreckon.estimator.filter.process_noise import travel_speed
+
+# Weight of a position fix in the trend.
+TREND_WEIGHT = 0.2
+# Weight of a position fix in the factor on the slip, at speeds above this [m/s].
+FACTOR_WEIGHT, MOVING = 1.0 / 30.0, 0.1
+# Share of the variances that rounding may leave of a component that the other one determines.
+ROUNDING = 1e-12
+# Normalised square of a trend at which the factor stays: a quarter more than that of white innovations,
+# since a factor that cannot fall below 1 would grow by chance alone.
+EXPECTED_SQUARE = 1.25
+# Largest one that counts, and largest factor.
+LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
+
+
+def trend_after(
+    trend: tuple[Any, Any], z: tuple[Any, Any], S: tuple[Any, Any, Any], heading: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """Mean of the normalised innovations of position fixes, with a newer fix.
+
+    Args:
+        trend: mean before it, to the front and to the left of the robot [-].
+        z: innovation in x and y [m].
+        S: its covariance, xx, xy and yy [m²].
+        heading: cosine and sine of the yaw.
+    """
+    cos, sin = heading
+    forward, left = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0]
+    xx, xy, yy = S
+    variance = cos * cos * xx + 2.0 * cos * sin * xy + sin * sin * yy
+    shared = cos * sin * (yy - xx) + (cos * cos - sin * sin) * xy
+    # What is new in the left component, and its variance: Cholesky's factors of the covariance.
+    rest = left - shared / variance * forward
+    rest_variance = max((xx * yy - xy * xy) / variance, ROUNDING * (xx + yy))
+    ahead, beside = forward / math.sqrt(variance), rest / math.sqrt(rest_variance)
+    return (
+        trend[0] + TREND_WEIGHT * (ahead - trend[0]),
+        trend[1] + TREND_WEIGHT * (beside - trend[1]),
+    )
+
+
+def slip_factor_after(factor: Any, trend: tuple[Any, Any], left: Any, right: Any) -> Any:
+    """Factor on the slip after a position fix that the gate admitted.
+
+    The normalised square of the trend is 1 in the mean if the innovations are white. The factor grows
+    with more, so slowly that single fixes hardly count, and is at least 1: fixes whose noise is smaller
+    than they say must not make the slip vanish.
+
+    Args:
+        factor: the factor before.
+        trend: see `trend_after`, this fix included.
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+    """
+    of_white = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
+    square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * of_white)
+    share = FACTOR_WEIGHT * min(1.0, travel_speed(left, right) / MOVING)
+    grown = factor * factor * (1.0 + share * (min(LARGEST_SQUARE, square) - EXPECTED_SQUARE))
+    return min(LARGEST_FACTOR, max(1.0, math.sqrt(grown)))

@@ -1,0 +1,133 @@
+"""The factor on the slip follows position fixes: not single ones, but where they all point."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.filter.slip_factor import (
+    FACTOR_WEIGHT,
+    LARGEST_FACTOR,
+    TREND_WEIGHT,
+    slip_factor_after,
+    trend_after,
+)
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Patch
+
+VALUES = st.floats(-3.0, 3.0)
+# Grass, gravel and a slippery stretch in turn, 20 s each.
+PATCHES = tuple(
+    Patch(time=(20.0 * k, 20.0 * (k + 1)), friction=friction, rolling_resistance=rolling)
+    for k, (friction, rolling) in enumerate(((0.9, 0.07), (0.6, 0.03), (0.4, 0.1)) * 2)
+)
+
+
+def rotated(angle: float) -> np.ndarray:
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+
+
+@given(z=st.tuples(VALUES, VALUES), root=st.tuples(VALUES, VALUES, VALUES), yaw=VALUES)
+def test_a_trend_is_normalised_by_the_covariance(z, root, yaw) -> None:
+    """The squares of the normalised innovation's components add up to its NIS."""
+    factor = np.array([[1.0 + abs(root[0]), 0.0], [root[1], 0.5 + abs(root[2])]])
+    S = factor @ factor.T
+    heading = math.cos(yaw), math.sin(yaw)
+    trend = trend_after((0.0, 0.0), z, (S[0, 0], S[0, 1], S[1, 1]), heading)
+    nis = np.array(z) @ np.linalg.solve(S, np.array(z))
+    assert np.hypot(*trend) == pytest.approx(TREND_WEIGHT * math.sqrt(nis), rel=1e-9)
+    # In axes that are turned with the robot it is the same.
+    turned, by = rotated(-yaw) @ z, rotated(-yaw) @ S @ rotated(-yaw).T
+    same = trend_after((0.0, 0.0), tuple(turned), (by[0, 0], by[0, 1], by[1, 1]), (1.0, 0.0))
+    assert trend == pytest.approx(same, abs=1e-9)
+
+
+@given(z=st.tuples(VALUES, VALUES), before=st.tuples(VALUES, VALUES), shared=st.floats(-0.9, 0.9))
+def test_the_mirrored_robot_has_the_mirrored_trend(z, before, shared) -> None:
+    trend = trend_after(before, z, (1.0, shared, 2.0), (1.0, 0.0))
+    other = trend_after((before[0], -before[1]), (z[0], -z[1]), (1.0, -shared, 2.0), (1.0, 0.0))
+    assert other == pytest.approx((trend[0], -trend[1]))
+
+
+def test_components_that_determine_each_other_are_no_error() -> None:
+    assert np.isfinite(trend_after((0.0, 0.0), (1.0, 1.0), (1e12, 1e12, 1e12), (1.0, 0.0))).all()
+
+
+def factor_of(innovations: np.ndarray, factor: float = 1.0) -> float:
+    """Factor after normalised innovations (n, 2) of a robot that moves."""
+    trend = 0.0, 0.0
+    for z in innovations.tolist():
+        trend = trend_after(trend, tuple(z), (1.0, 0.0, 1.0), (1.0, 0.0))
+        factor = slip_factor_after(factor, trend, 0.5, 0.5)
+    return factor
+
+
+def test_white_innovations_leave_the_factor_at_one() -> None:
+    rng = np.random.default_rng(1)
+    factors = [factor_of(rng.standard_normal((300, 2))) for _ in range(200)]
+    assert np.mean(factors) < 1.25
+    off = [factor_of(rng.standard_normal((300, 2)) + np.array([0.8, 0.0])) for _ in range(20)]
+    assert min(off) > 3.0
+
+
+def test_the_factor_is_bounded_slow_and_rests_with_the_robot() -> None:
+    far = 4.0 * np.ones((1000, 2))
+    assert factor_of(far) == LARGEST_FACTOR
+    assert factor_of(far[:1]) < 1.0 + 0.5 * 10.0 * FACTOR_WEIGHT
+    assert factor_of(np.zeros((300, 2)), factor=6.0) == 1.0
+    assert slip_factor_after(3.0, (2.0, 2.0), 0.0, 0.0) == pytest.approx(3.0)
+
+
+def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:
+    scenario = Scenario(duration=120.0, seed=5, trajectory="random", patches=patches)
+    return simulate(scenario, robot, run_index=run_index)
+
+
+@pytest.fixture(scope="module")
+def changing() -> Log:
+    return drive(PATCHES, load_robot("auriga-alpha"))
+
+
+def test_changing_ground_raises_it_and_even_ground_does_not(changing: Log, robot: Robot) -> None:
+    found = run(changing, robot, "constant-online").health.slip.factor
+    even = run(drive((), robot), robot, "constant-online").health.slip.factor
+    assert found > 2.0
+    assert even < 1.2
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_engines_agree(variant: str, changing: Log, robot: Robot) -> None:
+    compiled = run(changing, robot, variant)
+    plain = run(changing, robot, variant, settings=Settings(engine="plain"))
+    (side,) = run_side_by_side(changing, robot, [variant]).values()
+    for other in (plain, side):
+        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-8)
+        assert other.health.slip.factor == pytest.approx(compiled.health.slip.factor, rel=1e-8)
+    assert compiled.health.slip.factor > 1.5
+
+
+def test_a_restored_estimator_goes_on(changing: Log, robot: Robot, tmp_path) -> None:
+    estimator, restored = PoseEstimator(robot, "inertia-online"), None
+    middle = changing.start + 60 * 1_000_000_000
+    for measurement in changing.measurements():
+        if measurement.stamp > middle and restored is None:
+            estimator.save(tmp_path / "state.json")
+            restored = PoseEstimator.restore(tmp_path / "state.json", robot)
+            assert restored.health.slip.factor == estimator.health.slip.factor > 1.0
+        estimator.feed(measurement)
+        if restored is not None:
+            restored.feed(measurement)
+    assert restored is not None
+    assert np.array_equal(restored.state, estimator.state)
+    assert restored.health.slip.factor == estimator.health.slip.factor
