@@ -254,7 +254,8 @@ def fill_lane(
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
             one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
-            left, right = assumed_speeds(held.spin, one, other)
+            stamp = measured.track_stamps[newest]
+            left, right = assumed_speeds(held.spin, stamp, one, other, settings.fastest)
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
         if has_sample:
             rate = measured.rates[lane, steps.samples[k]]

@@ -153,6 +153,16 @@ def side_with_less_load(force: float) -> int:
     return LEFT if force > 0.0 else RIGHT
 
 
+def certain_side(spin: SpinRecord) -> int:
+    """Track that is found spinning: `LEFT`, `RIGHT` or `UNKNOWN`."""
+    return spin.side if spin.found else UNKNOWN
+
+
+def least_mismatch(fastest: float) -> float:
+    """Least mismatch that counts, of a robot with this highest speed of a track [m/s]."""
+    return max(LEAST_MISMATCH, OF_FASTEST * fastest)
+
+
 def watch_spin(
     spin: SpinRecord,
     stamp: int,
@@ -183,7 +193,7 @@ def watch_spin(
     if force == force:
         spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
     mismatch = unexplained(spin, rate)
-    limit = max(LEAST_MISMATCH, OF_FASTEST * fastest)
+    limit = least_mismatch(fastest)
     # Tracks at rest do not spin; the robot is pushed or carried.
     turns = max(abs(spin.left), abs(spin.right)) > limit
     counts = turns and abs(mismatch) > (GONE * limit if spin.found else limit)
@@ -206,21 +216,28 @@ def watch_spin(
         spin.times += 1
 
 
-def assumed_speeds(spin: SpinRecord, left: float, right: float) -> tuple[float, float]:
+def assumed_speeds(
+    spin: SpinRecord, stamp: int, left: float, right: float, fastest: float
+) -> tuple[float, float]:
     """Speeds of both tracks [m/s]; that of one that spins is the one of the gyro's turning.
 
-    If it is unknown which one spins, each gives half of the turning, so that their mean stays.
+    As long as it is not certain that a track spins, or which one, each gives half of the turning: their
+    mean stays.
 
     Args:
-        spin: record.
+        spin: record, with these readings.
+        stamp: stamp of the readings [ns].
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
+        fastest: highest speed of a track [m/s].
     """
-    if spin.found:
-        excess = right - left - width_of_bends(spin) * spin.rate
-        of_left = 0.5 * (1.0 - spin.side)
-        left, right = left + of_left * excess, right - (1.0 - of_left) * excess
-    return left, right
+    if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST:
+        return left, right
+    if spin.since == NEVER and abs(unexplained(spin, spin.rate)) <= least_mismatch(fastest):
+        return left, right
+    excess = right - left - width_of_bends(spin) * spin.rate
+    of_left = 0.5 * (1.0 - certain_side(spin))
+    return left + of_left * excess, right - (1.0 - of_left) * excess
 
 
 def spin_density(spin: SpinRecord, side: int) -> float:
@@ -230,7 +247,6 @@ def spin_density(spin: SpinRecord, side: int) -> float:
         spin: record.
         side: `LEFT` or `RIGHT`, the track.
     """
-    if not spin.found or spin.side == -side:
+    if spin.since == NEVER or certain_side(spin) == -side:
         return 0.0
-    share = 0.5 if spin.side == UNKNOWN else 1.0
-    return CORRELATION * (share * spin.mismatch) ** 2
+    return CORRELATION * spin.mismatch * spin.mismatch
