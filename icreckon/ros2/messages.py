@@ -14,12 +14,9 @@ from icreckon.estimator.base.frames import compose, relative
 from icreckon.estimator.streaming.pose_estimator import IcrPoints
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import KEY_VALUE, MARKER, POINT, STATUS
-from icreckon.replay.bags.messages import planar_covariance
+from icreckon.replay.bags.messages import ICR_MARKERS, planar_covariance
 from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.odometry import LiveEstimate
-
-ICR_DIAMETER, ICR_LINE = 0.08, 0.015
-SPHERE_LIST, LINE_STRIP = 7, 4
 
 
 def fill_header(header: Any, stamp: int, frame: str) -> None:
@@ -107,7 +104,7 @@ def fill_icr_markers(
         new: maker of an empty message by its type.
     """
     array.markers = []
-    for number, (kind, size) in enumerate(((SPHERE_LIST, ICR_DIAMETER), (LINE_STRIP, ICR_LINE))):
+    for number, (kind, size) in enumerate(ICR_MARKERS):
         marker = new(MARKER)
         fill_header(marker.header, stamp, frame)
         marker.ns, marker.id, marker.type = "icrs", number, kind
