@@ -13,7 +13,14 @@ from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import DIAGNOSTICS, KEY_VALUE, STATUS
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import Outbox
-from icreckon.replay.base.diagnostic_status import LARGE_NIS, OK, STALE, WARN, DiagnosticStatus
+from icreckon.replay.base.diagnostic_status import (
+    LARGE_NIS,
+    OK,
+    STALE,
+    WARN,
+    DiagnosticStatus,
+    estimate_status,
+)
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 # Interval of the messages, and the window before each over which innovations are averaged [s].
@@ -96,20 +103,8 @@ def _sensors(one: Run, stamps: Stamps) -> list[_Sensor]:
 
 
 def _estimate(variant: str, one: Run, row: int) -> DiagnosticStatus:
-    covariance = one.trajectory.pose_covariances[row]
-    position = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
-    yaw = float(np.degrees(np.sqrt(covariance[2, 2])))
-    v_x, v_y, w = one.trajectory.twists[row].tolist()
-    values = {
-        "position_sigma_m": f"{position:.4f}",
-        "yaw_sigma_deg": f"{yaw:.4f}",
-        "v_x_m_s": f"{v_x:.4f}",
-        "v_y_m_s": f"{v_y:.4f}",
-        "w_rad_s": f"{w:.4f}",
-    }
-    return DiagnosticStatus(
-        OK, f"{variant}: estimate", f"sigma {position:.2f} m, {yaw:.2f} deg", values
-    )
+    moved = one.trajectory
+    return estimate_status(f"{variant}: estimate", moved.pose_covariances[row], moved.twists[row])
 
 
 def _innovation(variant: str, sensor: _Sensor, i: int) -> DiagnosticStatus:
