@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from types import FunctionType
 
 import numpy as np
 import pytest
@@ -119,6 +120,33 @@ def test_functions_made_anew_for_each_shape_need_a_digest_of_it() -> None:
     factor = 2.0
     with pytest.raises(ValueError, match="needs a digest"):
         entry(lambda x: factor * x)
+
+
+def as_of_the_estimator(function: FunctionType) -> FunctionType:
+    """Only functions of the package are compiled with their callers."""
+    function.__module__ = "icreckon.estimator.made_by_a_test"
+    return function
+
+
+@as_of_the_estimator
+def rate(record: np.void) -> float:
+    return record.rate + 1.0
+
+
+@as_of_the_estimator
+def countdown(steps: int) -> int:
+    return countdown(steps - 1) if steps else 0
+
+
+def test_a_function_may_be_named_like_an_attribute_it_reads(own_cache: Path) -> None:
+    record = np.array([(2.0,)], dtype=[("rate", float)])[0]
+    assert entry(rate)(record) == 3.0
+    assert len(files_of(own_cache)) == 1
+
+
+def test_a_function_that_calls_itself_is_refused() -> None:
+    with pytest.raises(ValueError, match="countdown calls itself"):
+        entry(countdown)
 
 
 def test_the_cache_is_where_the_user_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
