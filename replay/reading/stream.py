@@ -14,9 +14,8 @@ from icreckon.replay.bags.decoding import Definitions, decoder, stamp_of
 from icreckon.replay.bags.records import Channel, Record
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.topics import Clock
-from icreckon.replay.reading.clock_steps import without_steps
 from icreckon.replay.reading.clocks import Evidence
-from icreckon.replay.reading.ordering import WINDOW, arrival_in_order
+from icreckon.replay.reading.stamps import LATE, arrival_in_order, without_steps
 
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
@@ -243,7 +242,7 @@ class Stream:
         if moved:
             self.notes.append(
                 f"{moved} messages for {self.purpose} came out of order, by less than "
-                f"{WINDOW:g} s, and were sorted"
+                f"{LATE:g} s, and were sorted"
             )
         return stamps[places], rows[places]
 
