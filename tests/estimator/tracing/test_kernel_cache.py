@@ -13,7 +13,7 @@ from types import FunctionType
 import numpy as np
 import pytest
 
-from command_line import fails
+from command_line import fails, icreckon_alone
 from conftest import REPOSITORY
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.robot.robot_file import load_robot
@@ -229,7 +229,7 @@ def test_a_folder_that_cannot_be_written_costs_one_warning(own_cache: Path) -> N
 
 def test_preparing_fails_if_nothing_can_be_kept(own_cache: Path) -> None:
     (own_cache / "icreckon").write_text("a file in the way")
-    assert "NUMBA_CACHE_DIR" in fails("prepare", cwd=own_cache)
+    assert "NUMBA_CACHE_DIR" in fails("prepare", cwd=own_cache, run=icreckon_alone)
 
 
 def test_a_cache_can_be_emptied_and_switched_off(own_cache: Path) -> None:
