@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import venv
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from icreckon.estimator.log.series import (
     TwistSeries,
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.inspection.inspect import Inspection, inspect
 
 REPOSITORY = Path(__file__).parent.parent
 
@@ -31,6 +33,12 @@ def sample_log(folder: Path, name: str) -> Path:
     if not path.exists():
         pytest.skip(f"no sample log {path}")
     return path
+
+
+@cache
+def inspected(path: Path) -> Inspection:
+    """What `icreckon inspect` finds in a log, worked out once for all tests."""
+    return inspect(path)
 
 
 @pytest.fixture(scope="session")
