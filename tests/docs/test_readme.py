@@ -187,3 +187,7 @@ def test_the_test_line_is_the_one_that_ci_runs() -> None:
     """CI runs the README's test line on a clean clone; running it from within would be a loop."""
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert "grep -m 1 -- '-m pytest' README.md" in script
+    # In two parts, between which kernels are compiled.
+    assert {'-c "${test_line% && *}"\n', '-c "${test_line##* && }"\n'} <= set(
+        re.findall(r"^bash -euo pipefail (-c .*\n)", script, flags=re.MULTILINE)
+    )
