@@ -38,6 +38,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+from _logs import ASPHALT, GRASS
 from _study import bootstrap, ratio_of_sums, spread, table
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
@@ -96,12 +97,6 @@ class Fold(NamedTuple):
     training: tuple[Piece, ...]
 
 
-GRASS = (
-    "warthog_grass_2024_8_8_15h56s39",
-    "warthog_grass_2024_8_8_16h11s19",
-    "warthog_grass_2024_7_29_14h46s15",
-)
-ASPHALT = "warthog_asphalt_2024_9_25_12h8s57"
 HALVED = {
     "Marmotte": ("marmotte", "marmotte_part1"),
     "Husky": ("husky-deflated", "husky_deflated_part1"),

@@ -11,8 +11,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from _logs import ASPHALT, GRASS
 from _study import table
-from accuracy import ASPHALT, GRASS, HALVED, as_made
+from accuracy import HALVED, as_made
 
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.replay.reading.read_log import read_log

@@ -16,20 +16,12 @@ import tempfile
 from pathlib import Path
 
 from _figures import count, differences, figures, run_command
+from _logs import WITH_TRUTH
 from _study import table
 
 # Differences that rounding can make of sums over some 10^5 samples.
 TOLERANCE = 1e-6
 ENGINES = ("streaming", "batch")
-# The sample logs with a truth, and the robots that ship with icreckon for them.
-LOGS = {
-    "warthog_grass_2024_8_8_15h56s39": "warthog",
-    "warthog_grass_2024_8_8_16h11s19": "warthog",
-    "warthog_grass_2024_7_29_14h46s15": "warthog",
-    "warthog_asphalt_2024_9_25_12h8s57": "warthog",
-    "marmotte_part1": "marmotte",
-    "husky_deflated_part1": "husky-deflated",
-}
 STUDIES = (
     "driving-style",
     "imu-grades",
@@ -75,7 +67,7 @@ def main() -> None:
         studies, runs = filter(None, options.studies.split(",")), ["--runs", str(options.runs)]
         rows += [compared(name, work, ["study", name, *runs]) for name in studies]
         if options.data is not None:
-            for name, robot in LOGS.items():
+            for name, robot in WITH_TRUTH.items():
                 log = str((options.data / name).resolve())
                 arguments = ["replay", log, "--robot", robot, "--formats", "none"]
                 rows.append(compared(name, work, arguments))

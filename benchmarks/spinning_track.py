@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from _logs import logs_without
 
 from icreckon.cli.demo import DURATION, demo_scenario
 from icreckon.estimator.base.frames import relative
@@ -41,15 +42,6 @@ BEGINS, LASTS, AFTER = 30 * SECOND, 3 * SECOND, SECOND
 EXCESS = 0.8
 """Speed of the free track beyond the ground's [m/s]."""
 VARIANTS = ("gyro", "differential", "constant-online", "inertia-online", "friction-online")
-LOGS = {
-    "husky_deflated_part1": "husky-deflated",
-    "husky_test1.bag": "husky",
-    "marmotte_part1": "marmotte",
-    "warthog_asphalt_2024_9_25_12h8s57": "warthog",
-    "warthog_grass_2024_7_29_14h46s15": "warthog",
-    "warthog_grass_2024_8_8_15h56s39": "warthog",
-    "warthog_grass_2024_8_8_16h11s19": "warthog",
-}
 
 
 class Sliding(NamedTuple):
@@ -160,7 +152,7 @@ def main() -> None:
     if given.logs is None:
         return
     hours = found = 0.0
-    for name, robot_name in LOGS.items():
+    for name, robot_name in logs_without("jackal", "wetexplorer").items():
         of_log = load_robot(robot_name)
         log = read_log(given.logs / name, of_log)
         times = run_side_by_side(log, of_log, ["gyro"])["gyro"].health.slip.times

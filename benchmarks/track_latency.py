@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import msgspec
+from _logs import logs_without
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
@@ -24,16 +25,6 @@ from icreckon.estimator.sensors.track_latency import BLOCK, TrackLatency, TrackL
 from icreckon.replay.inspection.latency import track_latency
 from icreckon.replay.reading.read_log import read_log
 
-LOGS = {
-    "husky_deflated_part1": "husky-deflated",
-    "husky_test1.bag": "husky",
-    "jackal_test2.bag": "jackal",
-    "marmotte_part1": "marmotte",
-    "warthog_asphalt_2024_9_25_12h8s57": "warthog",
-    "warthog_grass_2024_7_29_14h46s15": "warthog",
-    "warthog_grass_2024_8_8_15h56s39": "warthog",
-    "warthog_grass_2024_8_8_16h11s19": "warthog",
-}
 TURNED = (5.0, 10.0, 20.0, 40.0)
 """Turning at which the estimate is shown [rad]."""
 
@@ -73,7 +64,7 @@ def main() -> None:
     heads = [f"{turned:g} rad" for turned in TURNED]
     print(" | ".join(["log", "whole log [s]", *heads, "end"]))
     spent = duration = 0.0
-    for name, robot_name in LOGS.items():
+    for name, robot_name in logs_without("wetexplorer").items():
         if not (folder / name).exists():
             print(f"{name}: not there", file=sys.stderr)
             continue

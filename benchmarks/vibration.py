@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from _logs import LOGS
 from _study import spread, study_parser, table
 
 from icreckon.estimator.base.array_types import Floats
@@ -248,18 +249,6 @@ def jobs_of(variants: list[str], runs: int) -> dict[str, list[tuple[tuple[str, .
     }
 
 
-LOGS = {
-    "warthog_grass_2024_8_8_15h56s39": "warthog",
-    "warthog_grass_2024_8_8_16h11s19": "warthog",
-    "warthog_grass_2024_7_29_14h46s15": "warthog",
-    "warthog_asphalt_2024_9_25_12h8s57": "warthog",
-    "marmotte_part1": "marmotte",
-    "husky_deflated_part1": "husky-deflated",
-    "husky_test1.bag": "husky",
-    "jackal_test2.bag": "jackal",
-    "wetexplorer_2024-07-05-13-33-58.bag": "wetexplorer",
-    "wetexplorer_2024-07-05-13-36-28.bag": "wetexplorer",
-}
 AXES = ("gyro", "accelerometer_x", "accelerometer_y")
 
 

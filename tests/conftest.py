@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import time
 import venv
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +23,36 @@ from icreckon.estimator.log.series import (
     TwistSeries,
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.inspection.inspect import Inspection, inspect
 
 REPOSITORY = Path(__file__).parent.parent
+LONG = (
+    "test_fresh_cache.py",
+    "test_pages.py",
+    "test_live_ros.py",
+    "test_accuracy.py",
+    "test_readme.py",
+    "test_batch.py",
+    "test_calibrate.py",
+    "test_study_engines.py",
+    "test_kernel_cache.py",
+    "test_batch_replay.py",
+    "test_compiled.py",
+    "test_sample_logs.py",
+    "test_cli.py",
+    "test_study_command.py",
+    "test_considered.py",
+    "test_first_looks.py",
+    "test_broken_input.py",
+    "test_vibration.py",
+)
+"""Files that take longest. They begin first, so that no worker is left with one at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files of `LONG` first."""
+    order = {name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: order.get(item.path.name, len(LONG)))
 
 
 def sample_log(folder: Path, name: str) -> Path:
@@ -31,6 +61,12 @@ def sample_log(folder: Path, name: str) -> Path:
     if not path.exists():
         pytest.skip(f"no sample log {path}")
     return path
+
+
+@cache
+def inspected(path: Path) -> Inspection:
+    """What `icreckon inspect` finds in a log, worked out once for all tests."""
+    return inspect(path)
 
 
 @pytest.fixture(scope="session")
@@ -49,19 +85,30 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="session")
 def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of evo's programs: on the path, or in a virtual environment of its own."""
+    """The folder of evo's programs: on the path, or in a virtual environment for all workers."""
     found = shutil.which("evo_traj")
     if found is not None:
         return Path(found).parent
-    folder = tmp_path_factory.mktemp("evo") / "venv"
-    venv.create(folder, with_pip=True)
-    programs = folder / "bin"
-    command = [programs / "python", "-m", "pip", "install", "-q", "evo"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        pytest.skip(
-            f"evo is not on the path, and pip cannot install it: {done.stderr.strip()[-200:]}"
-        )
+    root = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        root = root.parent
+    programs, result = root / "evo" / "venv" / "bin", root / "evo" / "problem.txt"
+    try:
+        (root / "evo").mkdir()
+    except FileExistsError:
+        # Another worker installs it.
+        deadline = time.monotonic() + 300.0
+        while not result.exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+    else:
+        venv.create(programs.parent, with_pip=True)
+        command = [programs / "python", "-m", "pip", "install", "-q", "evo"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        unfinished = result.with_suffix(".part")
+        unfinished.write_text(done.stderr if done.returncode else "", encoding="utf-8")
+        unfinished.replace(result)
+    if problem := result.read_text(encoding="utf-8"):
+        pytest.skip(f"evo is not on the path, and pip cannot install it: {problem.strip()[-200:]}")
     return programs
 
 

@@ -98,9 +98,8 @@ def in_words(problem: str, data: dict[str, Any]) -> str:
     if leaf.startswith("["):
         leaf, names = (names[-1], names[:-1]) if names else ("", names)
     numbers = [f"number {int(step[1:-1]) + 1}" for step in steps if step[1:-1].isdigit()]
-    where = " ".join(
-        [*([f"[{'.'.join(names)}]"] if names else []), *([leaf] if leaf else []), *numbers]
-    )
+    table = f"[{'.'.join(names)}]" if names else ""
+    where = " ".join(filter(None, [table, leaf, *numbers]))
     return f"{where}: {text}" if where else text
 
 

@@ -46,6 +46,19 @@ class IcrPoints(NamedTuple):
     right: tuple[float, float]
 
 
+def icr_points(indices: IndexValues, track_gauge: float) -> IcrPoints:
+    """Compute the ICRs of the tracks by (28) to (30).
+
+    Args:
+        indices: zeta, epsilon [m], eta [-].
+        track_gauge: track gauge [m].
+    """
+    icrs = icrs_from_indices(indices, track_gauge)
+    left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
+    right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
+    return IcrPoints(left, right)
+
+
 class Snapshot(NamedTuple):
     """Estimate at one stamp, see the properties of `PoseEstimator` by these names."""
 
@@ -162,10 +175,7 @@ class PoseEstimator:
     @property
     def icrs(self) -> IcrPoints:
         """ICRs of the tracks in base_link by (28) to (30), of the present motion."""
-        icrs = icrs_from_indices(self.indices, self.robot.vehicle.track_gauge)
-        left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
-        right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
-        return IcrPoints(left, right)
+        return icr_points(self.indices, self.robot.vehicle.track_gauge)
 
     @property
     def parameters(self) -> dict[str, float]:

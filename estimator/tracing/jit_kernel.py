@@ -13,6 +13,7 @@ Import it inside functions only, or from other kernels: numba takes half a secon
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Callable
 from types import FunctionType
 from typing import Any, TypeVar, cast
@@ -41,10 +42,12 @@ def compiled(function: Function) -> Function:
 
 
 def jit(function: Callable[..., Any]) -> Any:
-    """Compile a function that other compiled ones call."""
-    if function not in COMPILED:
-        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function, ""))
-    return COMPILED[function]
+    """Compile a function that other compiled ones call.
+
+    Raises:
+        ValueError: it calls itself, directly or through others.
+    """
+    return _jit(function, ())
 
 
 def inner(shape_digest: str) -> Callable[[Callable[..., Any]], Any]:
@@ -66,7 +69,8 @@ def entry(function: Callable[..., Any], shape_digest: str = "") -> Any:
         shape_digest: digest of the shape, if the function is defined anew for each shape.
 
     Raises:
-        ValueError: the function has variables of an enclosing function, and no digest of them.
+        ValueError: the function has variables of an enclosing function, and no digest of them; or a
+            function that it calls calls itself.
     """
     if function.__code__.co_freevars and not shape_digest:
         raise ValueError(
@@ -84,13 +88,29 @@ def _cached(function: FunctionType, options: dict[str, Any]) -> Any:
     return dispatcher
 
 
-def _with_compiled_callees(function: Any, shape_digest: str) -> FunctionType:
+def _jit(function: Any, callers: tuple[Any, ...]) -> Any:
+    if function in callers:
+        raise ValueError(f"{function.__qualname__} calls itself, which compiled functions cannot")
+    if function not in COMPILED:
+        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function, "", callers))
+    return COMPILED[function]
+
+
+def _with_compiled_callees(
+    function: Any, shape_digest: str, callers: tuple[Any, ...] = ()
+) -> FunctionType:
     names = dict(function.__globals__)
-    for name in function.__code__.co_names:
+    for name in _loaded_globals(function):
         callee = names.get(name)
         if isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
-            names[name] = jit(callee)
+            names[name] = _jit(callee, (*callers, function))
     return _renamed(function, names, shape_digest)
+
+
+def _loaded_globals(function: Any) -> list[str]:
+    """Names that a function loads as globals; an attribute may be named like one."""
+    loads = dis.get_instructions(function.__code__)
+    return list(dict.fromkeys(one.argval for one in loads if one.opname == "LOAD_GLOBAL"))
 
 
 def _renamed(function: Any, names: dict[str, Any], shape_digest: str) -> FunctionType:

@@ -11,13 +11,12 @@ from typing import Any
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose, relative
+from icreckon.estimator.streaming.pose_estimator import IcrPoints
 from icreckon.replay.bags.decoding import NANOSECONDS
-from icreckon.replay.bags.messages import planar_covariance
+from icreckon.replay.bags.message_types import KEY_VALUE, MARKER, POINT, STATUS
+from icreckon.replay.bags.messages import ICR_MARKERS, planar_covariance
 from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.odometry import LiveEstimate
-
-ICR_DIAMETER, ICR_LINE = 0.08, 0.015
-SPHERE_LIST, LINE_STRIP = 7, 4
 
 
 def fill_header(header: Any, stamp: int, frame: str) -> None:
@@ -75,17 +74,17 @@ def fill_diagnostics(
         stamp: its time [ns].
         statuses: its statuses.
         hardware: name of the robot.
-        new: maker of an empty diagnostic_msgs message by its name.
+        new: maker of an empty message by its type.
     """
     fill_header(array.header, stamp, "")
     array.status = []
     for one in statuses:
-        status = new("DiagnosticStatus")
+        status = new(STATUS)
         status.level = bytes([one.level])
         status.name, status.message, status.hardware_id = one.name, one.message, hardware
         status.values = []
         for key, value in one.values.items():
-            pair = new("KeyValue")
+            pair = new(KEY_VALUE)
             pair.key, pair.value = key, value
             status.values.append(pair)
         array.status.append(status)
@@ -93,27 +92,28 @@ def fill_diagnostics(
 
 
 def fill_icr_markers(
-    array: Any, estimate: LiveEstimate, frame: str, new: Callable[[str], Any]
+    array: Any, stamp: int, frame: str, icrs: IcrPoints, new: Callable[[str], Any]
 ) -> Any:
     """Fill a visualization_msgs/MarkerArray with both ICRs and the line between.
 
     Args:
         array: the message.
-        estimate: the estimate.
+        stamp: its time [ns].
         frame: frame of base_link.
-        new: maker of an empty message by its name: Marker or Point.
+        icrs: ICRs of both tracks in base_link [m].
+        new: maker of an empty message by its type.
     """
     array.markers = []
-    for number, (kind, size) in enumerate(((SPHERE_LIST, ICR_DIAMETER), (LINE_STRIP, ICR_LINE))):
-        marker = new("Marker")
-        fill_header(marker.header, estimate.stamp, frame)
+    for number, (kind, size) in enumerate(ICR_MARKERS):
+        marker = new(MARKER)
+        fill_header(marker.header, stamp, frame)
         marker.ns, marker.id, marker.type = "icrs", number, kind
         marker.pose.orientation.w = 1.0
         marker.scale.x = marker.scale.y = marker.scale.z = size
         marker.color.r, marker.color.g, marker.color.a = 0.9, 0.4, 1.0
         marker.frame_locked = True
-        for x, y in estimate.icrs:
-            point = new("Point")
+        for x, y in icrs:
+            point = new(POINT)
             point.x, point.y = float(x), float(y)
             marker.points.append(point)
         array.markers.append(marker)

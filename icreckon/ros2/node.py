@@ -11,6 +11,19 @@ import msgspec
 
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.pose_estimator import icr_points
+from icreckon.replay.bags.message_types import (
+    DIAGNOSTICS,
+    KEY_VALUE,
+    MARKER,
+    MARKERS,
+    ODOMETRY,
+    POINT,
+    POSE_WITH_COVARIANCE,
+    STATUS,
+    TF,
+    TRANSFORM,
+)
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
@@ -100,6 +113,7 @@ class OdometryNode:
         self._statuses = LiveStatuses(self.live)
         self._missing = list(self.live.inputs.subscriptions())
         self._problems: dict[str, int] = {}
+        self._classes: dict[str, Any] = {}
         self._last_message = time.monotonic()
         self._last_markers = 0
         self._make_publishers()
@@ -132,24 +146,27 @@ class OdometryNode:
         return options_from(values)
 
     def _make_publishers(self) -> None:
-        from diagnostic_msgs.msg import DiagnosticArray
-        from geometry_msgs.msg import PoseWithCovarianceStamped
-        from nav_msgs.msg import Odometry
-
-        options, node = self.options, self.node
-        self._odometry = node.create_publisher(Odometry, "odom", 100)
-        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        has_map = self.live.map is not None
+        options, has_map = self.options, self.live.map is not None
+        self._odometry = self._publisher("odom", 100, ODOMETRY)
+        self._diagnostics = self._publisher("/diagnostics", 10, DIAGNOSTICS, STATUS, KEY_VALUE)
         self._map_pose = (
-            node.create_publisher(PoseWithCovarianceStamped, "pose_in_map", 10) if has_map else None
+            self._publisher("pose_in_map", 10, POSE_WITH_COVARIANCE) if has_map else None
         )
         self._tf = None
         if options.publish_tf or (options.publish_map_tf and has_map):
-            self._tf = node.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf", 100)
+            self._tf = self._publisher("/tf", 100, TF, TRANSFORM)
         self._markers = None
         if options.icr_markers:
-            kind = message_class("visualization_msgs/msg/MarkerArray")
-            self._markers = node.create_publisher(kind, "icrs", 10)
+            self._markers = self._publisher("icrs", 10, MARKERS, MARKER, POINT)
+
+    def _publisher(self, topic: str, depth: int, msgtype: str, *parts: str) -> Any:
+        """Make a publisher; keep the classes of its messages for `_new`."""
+        for one in (msgtype, *parts):
+            self._classes[one] = message_class(one)
+        return self.node.create_publisher(self._classes[msgtype], topic, depth)
+
+    def _new(self, msgtype: str) -> Any:
+        return self._classes[msgtype]()
 
     def _make_services(self) -> None:
         from std_srvs.srv import Trigger
@@ -226,12 +243,10 @@ class OdometryNode:
     # --- outputs -----------------------------------------------------------------------------------
 
     def _publish(self, estimates: list[LiveEstimate]) -> None:
-        from geometry_msgs.msg import PoseWithCovarianceStamped
-        from nav_msgs.msg import Odometry
-
         options = self.options
         for one in estimates:
-            odometry = fill_odometry(Odometry(), one, options.odom_frame, options.base_frame)
+            odometry = self._new(ODOMETRY)
+            fill_odometry(odometry, one, options.odom_frame, options.base_frame)
             self._odometry.publish(odometry)
             if self._tf is not None:
                 self._tf.publish(self._transforms(one))
@@ -240,50 +255,39 @@ class OdometryNode:
                 and one.map_pose is not None
                 and one.map_covariance is not None
             ):
-                pose = PoseWithCovarianceStamped()
+                pose = self._new(POSE_WITH_COVARIANCE)
                 fill_pose(pose, one.stamp, options.map_frame, one.map_pose, one.map_covariance)
                 self._map_pose.publish(pose)
             if self._markers is not None:
                 self._publish_icrs(one)
 
     def _transforms(self, estimate: LiveEstimate) -> Any:
-        from geometry_msgs.msg import TransformStamped
-
         options, transforms = self.options, []
         if options.publish_tf:
             frames = options.odom_frame, options.base_frame
-            transform = TransformStamped()
+            transform = self._new(TRANSFORM)
             transforms.append(fill_transform(transform, estimate.stamp, *frames, estimate.pose))
         odom = odom_in_map(estimate)
         if options.publish_map_tf and odom is not None:
             frames = options.map_frame, options.odom_frame
-            transforms.append(fill_transform(TransformStamped(), estimate.stamp, *frames, odom))
-        return message_class("tf2_msgs/msg/TFMessage")(transforms=transforms)
+            transform = self._new(TRANSFORM)
+            transforms.append(fill_transform(transform, estimate.stamp, *frames, odom))
+        message = self._new(TF)
+        message.transforms = transforms
+        return message
 
     def _publish_icrs(self, estimate: LiveEstimate) -> None:
-        from geometry_msgs.msg import Point
-        from visualization_msgs.msg import Marker, MarkerArray
-
         if abs(estimate.stamp - self._last_markers) < MARKER_PERIOD * 1e9 or self._markers is None:
             return
         self._last_markers = estimate.stamp
-        kinds = {"Marker": Marker, "Point": Point}
-        array = fill_icr_markers(
-            MarkerArray(), estimate, self.options.base_frame, lambda name: kinds[name]()
-        )
+        icrs = icr_points(estimate.indices, self.live.robot.vehicle.track_gauge)
+        array = self._new(MARKERS)
+        fill_icr_markers(array, estimate.stamp, self.options.base_frame, icrs, self._new)
         self._markers.publish(array)
 
     def _report(self) -> None:
-        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-
-        kinds = {"DiagnosticStatus": DiagnosticStatus, "KeyValue": KeyValue}
-        array = fill_diagnostics(
-            DiagnosticArray(),
-            self._now(),
-            self._statuses.report(),
-            self.live.robot.name,
-            lambda name: kinds[name](),
-        )
+        array, statuses = self._new(DIAGNOSTICS), self._statuses.report()
+        fill_diagnostics(array, self._now(), statuses, self.live.robot.name, self._new)
         self._diagnostics.publish(array)
 
     # --- services ----------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
+from icreckon.replay.reading.stream import unreadable
 from icreckon.ros2.parameters import Reliability
 
 
@@ -39,11 +40,9 @@ def find_topic(node: Any, subscription: Subscription) -> Found | None:
         one for one in publishers if not subscription.types or one.topic_type in subscription.types
     ]
     if not supported:
-        types = ", ".join(sorted({one.topic_type for one in publishers}))
-        raise ReplayError(
-            f"topic {subscription.topic!r} is of type {types}, of which {subscription.purpose} "
-            f"cannot be read; readable are {', '.join(subscription.types)}"
-        )
+        types = sorted({one.topic_type for one in publishers})
+        purpose, readable = subscription.purpose, subscription.types
+        raise ReplayError(unreadable(subscription.topic, types, purpose, readable))
     reliable = all(one.qos_profile.reliability == ReliabilityPolicy.RELIABLE for one in supported)
     return Found(supported[0].topic_type, reliable)
 

@@ -21,6 +21,11 @@ Definitions = tuple[tuple[str, str], ...]
 IDL_RULE = "=" * 80 + "\n"
 
 
+def stamp_of(header: Any) -> int:
+    """Stamp of a std_msgs/Header [ns]."""
+    return int(header.stamp.sec * NANOSECONDS + header.stamp.nanosec)
+
+
 def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Callable[[bytes], Any]:
     """Build a decoder of a channel, from bytes to a message object with fields.
 

@@ -18,6 +18,8 @@ UNUSED_VARIANCE = 1e6
 ODOM, BASE_LINK, IMU_LINK = "odom", "base_link", "imu_link"
 PLANAR = (0, 1, 5)
 """x, y and yaw among the rows and columns of a 6x6 covariance."""
+ICR_MARKERS = ((7, 0.08), (4, 0.015))
+"""Marker types and sizes [m] of the ICRs: SPHERE_LIST of both, LINE_STRIP between them."""
 
 TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 """Definition of tf2_msgs/TFMessage, which is not among the ROS 1 types of rosbags."""

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 """Levels, as diagnostic_msgs numbers them."""
@@ -24,3 +30,28 @@ class DiagnosticStatus(NamedTuple):
     name: str
     message: str
     values: dict[str, str]
+
+
+def estimate_status(
+    name: str, covariance: Floats, twist: Floats, details: Mapping[str, str] | None = None
+) -> DiagnosticStatus:
+    """Make the status of an estimate: its uncertainty and its twist.
+
+    Args:
+        name: name of the component.
+        covariance: (3, 3) covariance of x, y [m], yaw [rad].
+        twist: (3,) v_x, v_y [m/s], w [rad/s] of base_link.
+        details: further values by key.
+    """
+    position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
+    yaw = math.degrees(math.sqrt(max(float(covariance[2, 2]), 0.0)))
+    v_x, v_y, w = twist.tolist()
+    values = {
+        "position_sigma_m": f"{position:.4f}",
+        "yaw_sigma_deg": f"{yaw:.4f}",
+        "v_x_m_s": f"{v_x:.4f}",
+        "v_y_m_s": f"{v_y:.4f}",
+        "w_rad_s": f"{w:.4f}",
+        **(details or {}),
+    }
+    return DiagnosticStatus(OK, name, f"sigma {position:.2f} m, {yaw:.2f} deg", values)

@@ -17,23 +17,18 @@ from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.run import run
+from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
 
 BEGINNING = 20.0
 """Track distance over which fixes and dead reckoning are compared [m]; longer for rough fixes."""
 SIGMAS = 20.0
 """Least length of that distance in standard deviations of a fix [-]."""
-SOON = 5.0
-"""Longest time from the start to a heading that is used for the initial yaw [s]."""
 TURN_SIGMA = 0.5
 """Standard deviation of the yaw rate between the start and the first heading [rad/s]."""
-CLEAR = 4.0
-"""Standard deviations from the origin beyond which the start is elsewhere [-]."""
 KNOWN_HEADING = 0.3
 """Largest standard deviation at which a yaw from the path is used [rad]."""
 DRIFT = 0.05
 """Error of dead reckoning over a short path: share of its length, and its direction [-, rad]."""
-ANY_HEADING = 3.0
-"""Standard deviation of an unknown yaw [rad]."""
 
 
 class Start(NamedTuple):

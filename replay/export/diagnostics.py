@@ -10,14 +10,19 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.message_types import DIAGNOSTICS, KEY_VALUE, STATUS
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import Outbox
-from icreckon.replay.base.diagnostic_status import LARGE_NIS, OK, STALE, WARN, DiagnosticStatus
+from icreckon.replay.base.diagnostic_status import (
+    LARGE_NIS,
+    OK,
+    STALE,
+    WARN,
+    DiagnosticStatus,
+    estimate_status,
+)
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
-ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
-STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
-KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
 # Interval of the messages, and the window before each over which innovations are averaged [s].
 INTERVAL = 1.0
 WINDOW = 10.0
@@ -50,7 +55,7 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
     """
     filtered = {name: one for name, one in runs.items() if one.innovation_names}
     if not filtered:
-        return Outbox(DIAGNOSTICS_TOPIC, ARRAY, np.zeros(0, np.int64))
+        return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, np.zeros(0, np.int64))
     begin = min(int(one.stamps[0]) for one in filtered.values())
     end = max(int(one.stamps[-1]) for one in filtered.values())
     stamps = np.arange(begin, end + 1, int(INTERVAL * NANOSECONDS))
@@ -69,12 +74,12 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
             if i == len(stamps) - 1:
                 statuses.append(_counts(name, one))
         return messages.new(
-            ARRAY,
+            DIAGNOSTICS,
             header=messages.header(stamps[i], ""),
             status=[_message(messages, status, hardware) for status in statuses],
         )
 
-    return Outbox(DIAGNOSTICS_TOPIC, ARRAY, stamps, make)
+    return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, stamps, make)
 
 
 def _sensors(one: Run, stamps: Stamps) -> list[_Sensor]:
@@ -98,20 +103,8 @@ def _sensors(one: Run, stamps: Stamps) -> list[_Sensor]:
 
 
 def _estimate(variant: str, one: Run, row: int) -> DiagnosticStatus:
-    covariance = one.trajectory.pose_covariances[row]
-    position = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
-    yaw = float(np.degrees(np.sqrt(covariance[2, 2])))
-    v_x, v_y, w = one.trajectory.twists[row].tolist()
-    values = {
-        "position_sigma_m": f"{position:.4f}",
-        "yaw_sigma_deg": f"{yaw:.4f}",
-        "v_x_m_s": f"{v_x:.4f}",
-        "v_y_m_s": f"{v_y:.4f}",
-        "w_rad_s": f"{w:.4f}",
-    }
-    return DiagnosticStatus(
-        OK, f"{variant}: estimate", f"sigma {position:.2f} m, {yaw:.2f} deg", values
-    )
+    moved = one.trajectory
+    return estimate_status(f"{variant}: estimate", moved.pose_covariances[row], moved.twists[row])
 
 
 def _innovation(variant: str, sensor: _Sensor, i: int) -> DiagnosticStatus:

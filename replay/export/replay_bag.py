@@ -20,8 +20,15 @@ from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.bags.bulk_encoding import Numbers, Packing
-from icreckon.replay.bags.message_types import ODOMETRY, POSE, TF
-from icreckon.replay.bags.messages import BASE_LINK, ODOM, PLANAR, UNUSED_VARIANCE, Messages
+from icreckon.replay.bags.message_types import MARKER, MARKERS, ODOMETRY, PATH, POSE, TF, TRANSFORM
+from icreckon.replay.bags.messages import (
+    BASE_LINK,
+    ICR_MARKERS,
+    ODOM,
+    PLANAR,
+    UNUSED_VARIANCE,
+    Messages,
+)
 from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
@@ -29,7 +36,6 @@ from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages
 from icreckon.replay.export.tables import icr_series
 
-PATH, MARKERS = "nav_msgs/msg/Path", "visualization_msgs/msg/MarkerArray"
 TRUTH = "ground_truth"
 FIXES_TOPIC, TF_TOPIC = "/fixes", "/tf"
 # Highest rate of transforms [Hz]; odometry and truth keep all of their samples.
@@ -37,9 +43,6 @@ TF_RATE = 20.0
 MARKER_RATE = 5.0
 # Most poses of a path, which is one message.
 PATH_POSES = 1000
-ICR_DIAMETER = 0.08
-ICR_LINE = 0.015
-SPHERE_LIST, LINE_STRIP = 7, 4
 
 
 def write_replay_bag(
@@ -151,7 +154,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
 
     def packing(messages: Messages) -> Packing:
         transform = messages.new(
-            "geometry_msgs/msg/TransformStamped",
+            TRANSFORM,
             header=messages.header(0, ODOM),
             child_frame_id=frame,
             transform=messages.new(
@@ -205,9 +208,7 @@ def _icrs(
     def packing(messages: Messages) -> Packing:
         markers = [
             _marker(messages, frame, number, kind, size, colour)
-            for number, (kind, size) in enumerate(
-                ((SPHERE_LIST, ICR_DIAMETER), (LINE_STRIP, ICR_LINE))
-            )
+            for number, (kind, size) in enumerate(ICR_MARKERS)
         ]
         numbers: dict[str, Numbers] = {}
         for number in range(len(markers)):
@@ -227,7 +228,7 @@ def _marker(
 ) -> Any:
     red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
     return messages.blank(
-        "visualization_msgs/msg/Marker",
+        MARKER,
         header=messages.header(0, frame),
         ns="icrs",
         id=number,

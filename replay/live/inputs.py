@@ -17,10 +17,9 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
 )
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.decoding import NANOSECONDS, stamp_of
 from icreckon.replay.bags.message_types import NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.mapping.track_units import differences
@@ -33,7 +32,7 @@ from icreckon.replay.reading.conversions import (
 )
 from icreckon.replay.reading.gather import wanted_streams
 from icreckon.replay.reading.message_rows import planar_poses
-from icreckon.replay.reading.stream import Row, RowReader, Stream, UnusableError
+from icreckon.replay.reading.stream import Row, RowReader, Stream, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
 
 PURPOSES = ("tracks", "imu", "fixes", "heading")
@@ -129,9 +128,7 @@ class LiveInputs:
             stream = self._streams.get(purpose)
             if stream is None:
                 continue
-            by_path = purpose == "tracks" and bool(self.mapping.tracks and self.mapping.tracks.left)
-            by_path |= stream.any_reader is not None
-            types = () if by_path else tuple(stream.readers)
+            types = () if stream.any_reader is not None else tuple(stream.readers)
             found += [
                 Subscription(purpose, topic, types, topic != stream.topic)
                 for topic in stream.topics
@@ -203,7 +200,7 @@ class LiveInputs:
         if row is None:
             return []
         header = getattr(message, "header", None)
-        stamp = None if header is None else header.stamp.sec * NANOSECONDS + header.stamp.nanosec
+        stamp = None if header is None else stamp_of(header)
         if stamp is not None and self._is_left_over(stamp, arrival):
             return self._lose(stream.purpose, "from before the clock went back")
         return [_Arrived(stream.purpose, msgtype, stamp, arrival, row)]
@@ -227,17 +224,9 @@ class LiveInputs:
         ]
 
     def _reader(self, stream: Stream, msgtype: str) -> RowReader:
-        reader = stream.readers.get(msgtype)
-        tracks = self.mapping.tracks
-        if reader is None and stream.purpose == "tracks" and tracks is not None and tracks.left:
-            # One object for all messages of the topic: paths of fields are parsed once.
-            stream.any_reader = stream.any_reader or FieldReader(tracks.left, tracks.right)
-        reader = reader or stream.any_reader
+        reader = stream.readers.get(msgtype, stream.any_reader)
         if reader is None:
-            raise ReplayError(
-                f"topic {stream.topic!r} is of type {msgtype!r}, of which {stream.purpose} cannot be "
-                f"read; readable are {', '.join(stream.readers)}"
-            )
+            raise ReplayError(unreadable(stream.topic, [msgtype], stream.purpose, stream.readers))
         return reader
 
     def _is_left_over(self, stamp: int, arrival: int) -> bool:

@@ -7,16 +7,10 @@ import math
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-
-CLEAR = 4.0
-"""Standard deviations of a fix beyond which it contradicts that `map` is `odom` [-]."""
-SOON = 5.0
-"""Longest age of a heading with which the pose in `map` starts [s]."""
-ANY_HEADING = 3.0
-"""Standard deviation of an unknown yaw [rad]."""
+from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
 
 
 class MapFrame:
@@ -81,7 +75,7 @@ class MapFrame:
 
 
 def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:
-    off = (heading.yaw - float(odom.pose[2]) + math.pi) % (2.0 * math.pi) - math.pi
+    off = float(wrap_angle(heading.yaw - odom.pose[2]))
     spread = math.sqrt(heading.variance) + math.sqrt(float(odom.pose_covariance[2, 2]))
     return abs(off) <= CLEAR * spread
 

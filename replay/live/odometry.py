@@ -7,13 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
+from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.latencies import Latencies
-from icreckon.estimator.streaming.pose_estimator import IcrPoints, PoseEstimator
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.live.inputs import LiveInputs, Subscription
 from icreckon.replay.live.map_frame import MapFrame
 from icreckon.replay.live.reorder import ReorderBuffer
@@ -31,7 +33,7 @@ class LiveEstimate(NamedTuple):
         pose_covariance: (3, 3) its covariance.
         twist: (3,) v_x, v_y [m/s], w [rad/s] of base_link.
         twist_covariance: (3, 3) its covariance.
-        icrs: ICRs of both tracks in base_link [m].
+        indices: sliding and eccentricity [m] and steering efficiency [-] of the motion.
         map_pose: (3,) pose of base_link in map, or None before the first fix.
         map_covariance: (3, 3) its covariance, or None.
     """
@@ -41,7 +43,7 @@ class LiveEstimate(NamedTuple):
     pose_covariance: Floats
     twist: Floats
     twist_covariance: Floats
-    icrs: IcrPoints
+    indices: IndexValues
     map_pose: Floats | None
     map_covariance: Floats | None
 
@@ -169,7 +171,7 @@ class LiveOdometry:
             stamp = self.odom.stamp
             if stamp is not None and self._is_due(stamp):
                 self._newest = stamp
-                yield self._estimate(stamp)
+                yield self._estimate()
 
     def _is_due(self, stamp: int) -> bool:
         newest = self._newest
@@ -182,15 +184,15 @@ class LiveOdometry:
         # A grid of slots keeps the mean rate, whatever the rate of the IMU.
         return not self._interval or stamp // self._interval != newest // self._interval
 
-    def _estimate(self, stamp: int) -> LiveEstimate:
-        odom, fixed = self.odom, self.map.estimator if self.map is not None else None
+    def _estimate(self) -> LiveEstimate:
+        odom, fixed = self.odom.snapshot(), self.map.estimator if self.map is not None else None
         return LiveEstimate(
-            stamp,
-            odom.pose,
-            odom.pose_covariance,
+            odom.stamp,
+            odom.state[s.POSE].copy(),
+            odom.covariance[s.POSE, s.POSE].copy(),
             odom.twist,
             odom.twist_covariance,
-            odom.icrs,
+            odom.indices,
             None if fixed is None else fixed.pose,
             None if fixed is None else fixed.pose_covariance,
         )

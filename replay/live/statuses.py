@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.filter.health import SensorHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -16,6 +12,7 @@ from icreckon.replay.base.diagnostic_status import (
     STALE,
     WARN,
     DiagnosticStatus,
+    estimate_status,
 )
 from icreckon.replay.live.odometry import LiveOdometry
 
@@ -55,24 +52,15 @@ class LiveStatuses:
         if estimator.stamp is None:
             topics = ", ".join(one.topic for one in self._live.inputs.subscriptions())
             return DiagnosticStatus(ERROR, name, f"no estimate yet; listening to {topics}", {})
-        covariance = estimator.pose_covariance
-        position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
-        yaw = math.degrees(math.sqrt(max(float(covariance[2, 2]), 0.0)))
-        v_x, v_y, w = estimator.twist.tolist()
         health = estimator.health
-        values = {
-            "position_sigma_m": f"{position:.4f}",
-            "yaw_sigma_deg": f"{yaw:.4f}",
-            "v_x_m_s": f"{v_x:.4f}",
-            "v_y_m_s": f"{v_y:.4f}",
-            "w_rad_s": f"{w:.4f}",
+        details = {
             "standing": str(estimator.stands).lower(),
             "standstill_updates": str(health.standstill_updates),
             "gaps_in_track_speeds": str(health.track_gaps),
             "stuck_tracks": str(health.stuck_tracks),
             "warm_start": str(self._live.warm).lower(),
         }
-        return DiagnosticStatus(OK, name, f"sigma {position:.2f} m, {yaw:.2f} deg", values)
+        return estimate_status(name, estimator.pose_covariance, estimator.twist, details)
 
     def _map(self) -> DiagnosticStatus:
         estimator = self._live.map.estimator if self._live.map is not None else None

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.replay.bags.decoding import NANOSECONDS, Definitions, decoder
+from icreckon.replay.bags.decoding import Definitions, decoder, stamp_of
 from icreckon.replay.bags.records import Channel, Record
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.topics import Clock
-from icreckon.replay.reading.clock_steps import without_steps
 from icreckon.replay.reading.clocks import Evidence
-from icreckon.replay.reading.ordering import WINDOW, arrival_in_order
+from icreckon.replay.reading.stamps import LATE, arrival_in_order, without_steps
 
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
@@ -32,6 +31,21 @@ ABSENT = -1.0
 
 class UnusableError(Exception):
     """A message is unusable; the text is the reason for the counts of lost messages."""
+
+
+def unreadable(topic: str, types: Iterable[str], purpose: str, readable: Iterable[str]) -> str:
+    """Describe a topic whose messages cannot be read for a stream.
+
+    Args:
+        topic: its name.
+        types: its message types.
+        purpose: purpose of the stream.
+        readable: message types that can be read for it.
+    """
+    return (
+        f"topic {topic!r} is of type {', '.join(map(repr, types))}, of which {purpose} cannot be read; "
+        f"readable are {', '.join(readable)}"
+    )
 
 
 OVERLAP = 1.0
@@ -228,16 +242,14 @@ class Stream:
         if moved:
             self.notes.append(
                 f"{moved} messages for {self.purpose} came out of order, by less than "
-                f"{WINDOW:g} s, and were sorted"
+                f"{LATE:g} s, and were sorted"
             )
         return stamps[places], rows[places]
 
     def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
         if channel.msgtype not in self.readers and self.any_reader is None:
-            raise ReplayError(
-                f"{self.source}: topic {self.topic!r} is of type {channel.msgtype!r}, of which "
-                f"{self.purpose} cannot be read; readable are {', '.join(self.readers)}"
-            )
+            problem = unreadable(self.topic, [channel.msgtype], self.purpose, self.readers)
+            raise ReplayError(f"{self.source}: {problem}")
         if self.msgtype not in ("", channel.msgtype):
             raise ReplayError(
                 f"{self.source}: topic {self.topic!r} carries two types of message, "
@@ -264,7 +276,7 @@ class Stream:
         if header is None:
             self._headless += 1
         else:
-            stamp = header.stamp.sec * NANOSECONDS + header.stamp.nanosec
+            stamp = stamp_of(header)
         self._put(record.time, stamp, row)
 
     def _take_quickly(self, record: Record) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.replay.bags.decoding import NANOSECONDS
+from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import TF, TF_ROS1, TRANSFORM
 from icreckon.replay.bags.records import Record
 from icreckon.replay.base.errors import ReplayError
@@ -136,7 +136,7 @@ class TransformStream(Stream):
             if topic != self.topic:
                 self._static[parent, child] = np.array(row)
                 continue
-            stamp = one.header.stamp.sec * NANOSECONDS + one.header.stamp.nanosec
+            stamp = stamp_of(one.header)
             link = self._links.setdefault((parent, child), _Transforms())
             link.recorded.append(recorded)
             link.stamped.append(stamp)

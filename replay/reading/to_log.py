@@ -25,7 +25,6 @@ from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.geodesy import east_north, on_globe
 from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
-from icreckon.replay.reading.clock_steps import doubled_times, in_both
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.conversions import (
     TrackValues,
@@ -37,6 +36,7 @@ from icreckon.replay.reading.conversions import (
 from icreckon.replay.reading.gather import Gathered
 from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
+from icreckon.replay.reading.stamps import doubled_times, in_both
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 OVERLAID = ("tracks", "imu")

@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import tomllib
-import venv
 from pathlib import Path
 
 import msgspec
@@ -153,20 +152,23 @@ def fresh_clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def demo(fresh_clone: Path) -> str:
+    """Output of the README's first line, which makes a virtual environment in the clone."""
+    return shell(SHELL[0], fresh_clone)
+
+
 @pytest.mark.slow
-def test_the_demo_line_works_in_a_fresh_virtual_environment(fresh_clone: Path) -> None:
-    printed = shell(SHELL[0], fresh_clone)
-    assert "inertia-online" in printed
+def test_the_demo_line_works_in_a_fresh_virtual_environment(demo: str, fresh_clone: Path) -> None:
+    assert "inertia-online" in demo
     assert (fresh_clone / "icreckon-demo" / "figure.png").exists()
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("demo")
 def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: Path) -> None:
     """The block of the README with a simulated bag for LOG; what `inspect` cannot know is filled in."""
-    venv.create(tmp_path / "venv", with_pip=True)
-    binaries = tmp_path / "venv" / "bin"
-    shell(f"{binaries}/pip install -q {fresh_clone}", tmp_path)
-    path = f"{binaries}:{os.environ['PATH']}"
+    path = f"{fresh_clone / '.venv' / 'bin'}:{os.environ['PATH']}"
     shell("icreckon simulate --out LOG --duration 60 --fix-rate 0", tmp_path, PATH=path)
     first, second, third, fourth = SHELL[2].strip().splitlines()
     assert "/joint_states" in shell(first, tmp_path, PATH=path)
@@ -185,3 +187,7 @@ def test_the_test_line_is_the_one_that_ci_runs() -> None:
     """CI runs the README's test line on a clean clone; running it from within would be a loop."""
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert "grep -m 1 -- '-m pytest' README.md" in script
+    # In two parts, between which kernels are compiled.
+    assert {'-c "${test_line% && *}"\n', '-c "${test_line##* && }"\n'} <= set(
+        re.findall(r"^bash -euo pipefail (-c .*\n)", script, flags=re.MULTILINE)
+    )

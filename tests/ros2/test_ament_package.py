@@ -22,6 +22,7 @@ import pytest
 
 import icreckon
 from conftest import REPOSITORY
+from icreckon.replay.bags import message_types
 from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions
 
 NAME = "icreckon_ros"
@@ -37,10 +38,12 @@ def manifest(tag: str) -> list[str]:
 
 
 def ros_packages(source: Path) -> Iterator[str]:
-    """ROS packages that a file imports, or names as the package of a message type."""
+    """ROS packages that a file imports, or whose message types it names."""
     for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             modules = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module == message_types.__name__:
+            modules = [getattr(message_types, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             modules = [str(node.module)]
         elif isinstance(node, ast.Constant) and re.fullmatch(r"\w+/msg/\w+", str(node.value)):

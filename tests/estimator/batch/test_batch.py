@@ -61,7 +61,8 @@ def assert_same(
 ) -> tuple[dict[str, np.ndarray], list[PoseEstimator]]:
     """Run both on the same logs: state, covariance and counts must be those of the streaming filter."""
     side_by_side = BatchFilter(robot, VARIANTS[variant], settings)
-    logs = [logs[k % len(logs)] for k in range(side_by_side.width)]
+    streams = [streamed(log, robot, variant, settings) for log in logs]
+    logs = [logs[k % len(streams)] for k in range(side_by_side.width)]
     measured = measured_of(logs, robot)
     steps = steps_of(
         measured.track_stamps,
@@ -74,10 +75,8 @@ def assert_same(
         [side_by_side], [measured], steps, start=np.zeros(3), start_sigma=np.zeros(3)
     )
     counts = side_by_side.counts(worked.lanes)
-    streams = []
-    for lane, log in enumerate(logs):
-        stream = streamed(log, robot, variant, settings)
-        streams.append(stream)
+    for lane in range(side_by_side.width):
+        stream = streams[lane % len(streams)]
         x, P = side_by_side.state(worked.lanes, lane)
         kept = slice(0, FAST_SLIP.start)
         sigma = np.sqrt(np.diagonal(stream.covariance))[kept]

@@ -8,11 +8,12 @@ import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from types import FunctionType
 
 import numpy as np
 import pytest
 
-from command_line import fails
+from command_line import fails, icreckon_alone
 from conftest import REPOSITORY
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.robot.robot_file import load_robot
@@ -121,6 +122,33 @@ def test_functions_made_anew_for_each_shape_need_a_digest_of_it() -> None:
         entry(lambda x: factor * x)
 
 
+def as_of_the_estimator(function: FunctionType) -> FunctionType:
+    """Only functions of the package are compiled with their callers."""
+    function.__module__ = "icreckon.estimator.made_by_a_test"
+    return function
+
+
+@as_of_the_estimator
+def rate(record: np.void) -> float:
+    return record.rate + 1.0
+
+
+@as_of_the_estimator
+def countdown(steps: int) -> int:
+    return countdown(steps - 1) if steps else 0
+
+
+def test_a_function_may_be_named_like_an_attribute_it_reads(own_cache: Path) -> None:
+    record = np.array([(2.0,)], dtype=[("rate", float)])[0]
+    assert entry(rate)(record) == 3.0
+    assert len(files_of(own_cache)) == 1
+
+
+def test_a_function_that_calls_itself_is_refused() -> None:
+    with pytest.raises(ValueError, match="countdown calls itself"):
+        entry(countdown)
+
+
 def test_the_cache_is_where_the_user_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/somewhere")
     assert cache_folder() == Path("/somewhere/icreckon")
@@ -201,7 +229,7 @@ def test_a_folder_that_cannot_be_written_costs_one_warning(own_cache: Path) -> N
 
 def test_preparing_fails_if_nothing_can_be_kept(own_cache: Path) -> None:
     (own_cache / "icreckon").write_text("a file in the way")
-    assert "NUMBA_CACHE_DIR" in fails("prepare", cwd=own_cache)
+    assert "NUMBA_CACHE_DIR" in fails("prepare", cwd=own_cache, run=icreckon_alone)
 
 
 def test_a_cache_can_be_emptied_and_switched_off(own_cache: Path) -> None:

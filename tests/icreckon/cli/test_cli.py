@@ -1,4 +1,4 @@
-"""The command line from end to end, in processes of their own."""
+"""The command line from end to end; each command once in a process of its own."""
 
 import json
 import os
@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from command_line import fails, icreckon
+from command_line import fails, icreckon, icreckon_alone
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.trajectories import read_tum
@@ -38,7 +38,7 @@ TRAJECTORIES = {*ALL_VARIANTS, "ground_truth"}
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short demo, run once."""
     folder = tmp_path_factory.mktemp("demo")
-    done = icreckon("demo", "--duration", 60, "--workers", 2, cwd=folder)
+    done = icreckon_alone("demo", "--duration", 60, "--workers", 2, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "truth: friction" in done.stdout
     for variant in ALL_VARIANTS:
@@ -108,27 +108,28 @@ def test_demo_is_reproducible_and_does_not_overwrite(demo: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1"])
 def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -> None:
+    command = icreckon_alone if kind == "mcap" else icreckon
     bag = tmp_path / ("run.bag" if kind == "ros1" else "run")
     words = ("--duration", 30, "--format", kind, "--seed", 5, "--outage", "10:30")
-    made = icreckon("simulate", "--out", bag, *words, cwd=tmp_path)
+    made = command("simulate", "--out", bag, *words, cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     words = ("--variants", "constant-fixed, inertia-online", "--json", "--workers", 1)
-    replayed = icreckon("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
+    replayed = command("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
     assert replayed.returncode == 0, replayed.stderr
     results = json.loads(replayed.stdout)
     assert list(results["variants"]) == ["constant-fixed", "inertia-online"]
     assert results["log"]["fixes"] == 10
     assert results["variants"]["inertia-online"]["final_position_error_m"] < 0.5
-    found = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
+    found = command("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
     assert found.returncode == 0, found.stderr
     assert "/joint_states" in found.stdout
     proposed = (tmp_path / "robot.toml").read_text(encoding="utf-8")
     assert 'topic = "/ground_truth/pose"' in proposed
     words = ("--robot", "robot.toml", "--variants", "differential", "--out", "again")
-    assert "is not filled in" in fails("replay", bag, *words, cwd=tmp_path)
+    assert "is not filled in" in fails("replay", bag, *words, cwd=tmp_path, run=command)
     completed = proposed.replace("radius = nan", "radius = 0.1").replace("= nan", "= 1.0")
     (tmp_path / "robot.toml").write_text(completed, encoding="utf-8")
-    assert icreckon("replay", bag, *words, cwd=tmp_path).returncode == 0
+    assert command("replay", bag, *words, cwd=tmp_path).returncode == 0
 
 
 def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Path) -> None:
@@ -328,7 +329,9 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
 
 
 def test_debug_shows_the_traceback(tmp_path: Path) -> None:
-    done = icreckon("--debug", "inspect", "missing.bag", cwd=tmp_path)
+    words = ("inspect", "missing.bag")
+    fails(*words, cwd=tmp_path, run=icreckon_alone)
+    done = icreckon_alone("--debug", *words, cwd=tmp_path)
     assert done.returncode != 0
     assert "Traceback" in done.stderr
 

@@ -1,9 +1,8 @@
-"""`icreckon paper` from end to end, in processes of its own."""
+"""`icreckon paper` from end to end."""
 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,36 +11,18 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from command_line import icreckon, icreckon_alone
 from icreckon.simulation.paper.contact import load_paper_contact
 from icreckon.simulation.paper.published import PUBLISHED, READ_OFF
 
 FIGURES = {"figure.png", *(f"figure-{number}.png" for number in (3, 5, 6, 7, 8))}
 
 
-def paper(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "from icreckon.cli.main import main; main()",
-            "paper",
-            *map(str, words),
-        ],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
-        cwd=cwd,
-        timeout=300,
-        check=False,
-    )
-
-
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report, made once."""
     folder = tmp_path_factory.mktemp("paper")
-    done = paper(cwd=folder)
+    done = icreckon_alone("paper", cwd=folder)
     assert done.returncode == 0, done.stderr
     for number in (*PUBLISHED, *READ_OFF):
         assert number.name in done.stdout
@@ -129,13 +110,13 @@ def test_the_contact_is_the_one_that_ships(report: Path) -> None:
 
 
 def test_it_is_reproducible_as_json_and_does_not_overwrite(report: Path, tmp_path: Path) -> None:
-    done = paper("--json", "--out", "here", cwd=tmp_path)
+    done = icreckon("paper", "--json", "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == json.loads((report / "results.json").read_text())
-    again = paper("--out", "here", cwd=tmp_path)
+    again = icreckon("paper", "--out", "here", cwd=tmp_path)
     assert again.returncode == 1
     assert "--overwrite" in again.stderr
-    assert paper("--out", "here", "--overwrite", cwd=tmp_path).returncode == 0
+    assert icreckon("paper", "--out", "here", "--overwrite", cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.slow

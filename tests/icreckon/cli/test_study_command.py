@@ -127,6 +127,8 @@ def test_ctrl_c_waits_for_nothing_and_says_how_to_go_on(here: Path, threads: boo
     """Blocks take minutes here, so whoever waits for one is late."""
     engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
     script = (
+        # Started in the background, the tests hand on that interrupts are ignored.
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from icreckon.simulation.running import engines\n"
         f"engines.ENGINES['streaming'] = {engine}\n"
         "from icreckon.cli.main import main\nmain()"

@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from accuracy import GOALS, GRASS, Job, differences, folds, results_of, score
+from _logs import GRASS
+from accuracy import GOALS, Job, differences, folds, results_of, score
 
 from conftest import REPOSITORY, sample_log
 

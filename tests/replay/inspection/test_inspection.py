@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import make_log, sample_log
+from conftest import inspected, make_log, sample_log
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
@@ -158,7 +158,7 @@ EXPECTED = {
 @pytest.mark.parametrize("name", EXPECTED)
 def test_sample_logs(data_dir: Path, tmp_path: Path, name: str) -> None:
     rpy_deg, gyro_axes, tracks, stood = EXPECTED[name]
-    found = inspect(sample_log(data_dir, name))
+    found = inspected(sample_log(data_dir, name))
     robot, topics = proposed(found, tmp_path)
     np.testing.assert_allclose(robot.imu.rotation_rpy_deg, rpy_deg, atol=1.0)
     assert robot.imu.gyro_axes == gyro_axes
@@ -169,7 +169,7 @@ def test_sample_logs(data_dir: Path, tmp_path: Path, name: str) -> None:
 
 
 def test_warthog_wheel_speeds_are_repeated(data_dir: Path) -> None:
-    found = inspect(sample_log(data_dir, "warthog_grass_2024_7_29_14h46s15"))
+    found = inspected(sample_log(data_dir, "warthog_grass_2024_7_29_14h46s15"))
     shares = {report.topic: report.repeated_share for report in found.topics}
     assert 0.75 < shares["/joint_states"] < 0.85
     assert shares["/ground_truth/pose"] is None
@@ -178,7 +178,7 @@ def test_warthog_wheel_speeds_are_repeated(data_dir: Path) -> None:
 
 
 def test_wetexplorer(data_dir: Path, tmp_path: Path) -> None:
-    found = inspect(sample_log(data_dir, "wetexplorer_2024-07-05-13-33-58.bag"))
+    found = inspected(sample_log(data_dir, "wetexplorer_2024-07-05-13-33-58.bag"))
     robot, topics = proposed(found, tmp_path)
     assert topics.tracks is None
     assert topics.imu.topic == "/imu/data_raw"

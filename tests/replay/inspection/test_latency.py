@@ -9,14 +9,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from conftest import make_log, sample_log
+from conftest import inspected, make_log, sample_log
 from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.inspection.latency import Latency, heading_latency, track_latency
 from icreckon.replay.mapping.topics import topic_map, writable_topics
 from icreckon.replay.reading.read_log import read_log
@@ -146,9 +145,9 @@ def test_nonsense_is_refused(latency: float) -> None:
     ],
 )
 def test_inspect_proposes_it(name: str, seconds: float | None, data_dir: Path) -> None:
-    inspected = inspect(sample_log(data_dir, name))
-    text = inspected.proposed_robot_file
-    (found,) = [one for one in inspected.findings if one.startswith("tracks: stamps are")]
+    found_of_log = inspected(sample_log(data_dir, name))
+    text = found_of_log.proposed_robot_file
+    (found,) = [one for one in found_of_log.findings if one.startswith("tracks: stamps are")]
     assert "± 0.0" in found
     if seconds is None:
         assert "latency =" not in text

@@ -13,8 +13,8 @@ from conftest import sample_log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.clock_steps import doubled_times, in_both, without_steps
 from icreckon.replay.reading.read_log import read_log
+from icreckon.replay.reading.stamps import doubled_times, in_both, without_steps
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 

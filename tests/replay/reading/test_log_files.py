@@ -13,8 +13,8 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.reading.clocks import Evidence, choose_clocks
-from icreckon.replay.reading.ordering import WINDOW, arrival_in_order
 from icreckon.replay.reading.read_log import read_log
+from icreckon.replay.reading.stamps import LATE, arrival_in_order
 
 SECOND = 10**9
 
@@ -85,7 +85,7 @@ def test_late_messages_are_sorted(tmp_path: Path) -> None:
 
 
 def test_order() -> None:
-    window = round(WINDOW * SECOND)
+    window = round(LATE * SECOND)
 
     def taken(*stamps: int) -> tuple[list[int], int]:
         array = np.array(stamps, dtype=np.int64)

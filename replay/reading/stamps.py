@@ -1,4 +1,4 @@
-"""Clock steps: clocks that were set while a log was recorded.
+"""Repair of stamps: samples out of order, and clocks that were set under way.
 
 A step of only the headers' clock shows against the times of recording and is corrected. If the
 recorder's clock was set back too, two periods overlap in the bag and cannot be separated.
@@ -9,9 +9,13 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
+from icreckon.estimator.log.log import screen
 
+LATE = 1.0
+"""Stamps out of order by up to this are sorted; others are dropped and counted [s]."""
 STEP = 0.5
 """Smallest jump of header stamps against the time of recording that may be a clock step [s]."""
 LASTING = 20
@@ -20,6 +24,41 @@ WINDOW = 0.5
 """Length of the windows over which samples are counted [s]."""
 MANY, TOO_MANY, FEWEST_WINDOWS = 1.7, 2.3, 2
 """Overlap: range of the ratio to the median number of samples [-], and the fewest windows of it."""
+
+
+def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
+    """Permutation that sorts samples that are early or late by up to `LATE`.
+
+    Samples that are further out of order stay in place, for `screen` to drop.
+
+    Args:
+        stamps: (n,) [ns] in the order of arrival.
+
+    Returns:
+        (n,) indices of the samples in the new order; number of samples that moved.
+    """
+    count = len(stamps)
+    places = np.arange(count)
+    rising, _ = screen("", stamps)
+    if rising.all():
+        return places, 0
+    kept = np.flatnonzero(rising)
+    # Nearest in-order samples before and after each sample.
+    place = np.searchsorted(kept, places, side="right")
+    before = stamps[kept[np.maximum(place - 1, 0)]]
+    after = stamps[kept[np.minimum(place, len(kept) - 1)]]
+    near = np.minimum(_apart(stamps, before), _apart(stamps, after)) <= round(LATE / NANOSECOND)
+    movable = np.flatnonzero(rising | near)
+    ordered = places.copy()
+    ordered[movable] = movable[np.argsort(stamps[movable], kind="stable")]
+    moved = near & ~rising & (stamps != before) & (stamps != after)
+    return ordered, int(moved.sum())
+
+
+def _apart(stamps: Stamps, others: Stamps) -> NDArray[np.uint64]:
+    """Absolute differences, unsigned so that damaged stamps cannot overflow them."""
+    high, low = np.maximum(stamps, others), np.minimum(stamps, others)
+    return high.astype(np.uint64) - low.astype(np.uint64)
 
 
 def without_steps(stamped: Stamps, recorded: Stamps) -> tuple[Stamps, list[tuple[int, float]]]:
