@@ -30,6 +30,8 @@ LONGEST = 0.1
 LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
 # Way of the mismatch after which a track spins [m], and time without it after which it grips again [s].
 LEAST_WAY, OVER = 0.1, 0.2
+# Greatest change of a robot's yaw rate; beyond it the gyro fails [rad/s²].
+MOST_ACCELERATION = 30.0
 # A mismatch below this share of the one that counts is none, once a track spins.
 GONE = 0.5
 # Time over which the force to the left is averaged [s], and the least that tells of loads [m/s²].
@@ -51,6 +53,7 @@ class SpinRecord(msgspec.Struct):
         since: stamp at which the mismatch began [ns], or NEVER.
         newest: stamp of the newest mismatch [ns], or NEVER.
         way: way of the mismatch since it began [m].
+        gyro_jumped: 1 while there is a mismatch that began with a jump of the gyro: no track spins then.
         found: 1 while a track is found spinning.
         times: number of times that one was found.
         stamp: stamp of the newest sample of the gyro [ns], or NEVER.
@@ -69,6 +72,7 @@ class SpinRecord(msgspec.Struct):
     since: int = NEVER
     newest: int = NEVER
     way: float = 0.0
+    gyro_jumped: int = 0
     found: int = 0
     times: int = 0
     stamp: int = NEVER
@@ -99,17 +103,18 @@ def spread_of_bends(spin: SpinRecord) -> float:
     return math.sqrt(max(0.0, spin.of_turning * spin.of_rate / explained - 1.0))
 
 
-def unexplained(spin: SpinRecord, rate: float) -> float:
+def unexplained(spin: SpinRecord, left: float, right: float) -> float:
     """Difference of the track speeds that no slip in bends explains [m/s].
 
     Args:
-        spin: record, with the readings of the tracks.
-        rate: yaw rate [rad/s].
+        spin: record, with the yaw rate.
+        left: reading of the left track [m/s].
+        right: reading of the right track [m/s].
     """
     width = width_of_bends(spin)
     if width == 0.0:
         return 0.0
-    turning, expected = spin.right - spin.left, width * rate
+    turning, expected = right - left, width * spin.rate
     share = SIGMAS * spread_of_bends(spin)
     below = min(MOST_BELOW, max(LEAST_SHARE, share)) * abs(expected)
     above = min(MOST_ABOVE, max(LEAST_SHARE, share)) * abs(expected)
@@ -189,14 +194,21 @@ def watch_spin(
     dt = (stamp - spin.stamp) * NANOSECOND if spin.stamp != NEVER else 0.0
     if not 0.0 < dt < LONGEST:
         dt = 0.0
+    change = rate - spin.rate if dt > 0.0 else 0.0
     spin.stamp, spin.rate = stamp, rate
     if force == force:
         spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
-    mismatch = unexplained(spin, rate)
+    mismatch = unexplained(spin, spin.left, spin.right)
     limit = least_mismatch(fastest)
+    if abs(mismatch) <= limit:
+        spin.gyro_jumped = 0
+    elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
+        spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > GONE * limit)
     # Tracks at rest do not spin; the robot is pushed or carried.
     turns = max(abs(spin.left), abs(spin.right)) > limit
-    counts = turns and abs(mismatch) > (GONE * limit if spin.found else limit)
+    counts = (
+        turns and not spin.gyro_jumped and abs(mismatch) > (GONE * limit if spin.found else limit)
+    )
     same = spin.since == NEVER or mismatch * spin.mismatch > 0.0
     if counts and same:
         if spin.since == NEVER:
@@ -225,7 +237,7 @@ def assumed_speeds(
     mean stays.
 
     Args:
-        spin: record, with these readings.
+        spin: record.
         stamp: stamp of the readings [ns].
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
@@ -233,7 +245,8 @@ def assumed_speeds(
     """
     if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST:
         return left, right
-    if spin.since == NEVER and abs(unexplained(spin, spin.rate)) <= least_mismatch(fastest):
+    jumps = abs(unexplained(spin, left, right)) > least_mismatch(fastest) and not spin.gyro_jumped
+    if spin.since == NEVER and not jumps:
         return left, right
     excess = right - left - width_of_bends(spin) * spin.rate
     of_left = 0.5 * (1.0 - certain_side(spin))
