@@ -26,6 +26,7 @@ class FilterRecord(msgspec.Struct):
         stands: 1 if the robot was found standing at the newest IMU sample.
         step_under_way: 1 if the fast slip of the next step has begun, and the pose is still at its start.
         slip_factor: factor on the slip that position fixes have shown.
+        wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
         tracks: the track speeds.
         imu: clock of the IMU.
         noise: noise of the IMU.
@@ -41,6 +42,7 @@ class FilterRecord(msgspec.Struct):
     stands: int = 0
     step_under_way: int = 0
     slip_factor: float = 1.0
+    wander_stamp: int = NEVER
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
