@@ -220,6 +220,11 @@ class WanderHealth(NamedTuple):
     y: float
     sigma: float
 
+    @property
+    def text(self) -> str:
+        """Text for people."""
+        return f"x {self.x:+.2f} m, y {self.y:+.2f} m, +- {self.sigma:.2f} m"
+
 
 def wander_health(x: Floats, P: Floats) -> WanderHealth | None:
     """Wander of the fixes in a state (n,) of covariance (n, n); None if it is not in it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, get_args
 
 import msgspec
@@ -104,6 +105,15 @@ class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         check_bounds(self, "FixWander.{}")
         require_wander("FixWander.sigma", self.sigma, "FixWander.time", self.time)
+
+    def at_start(self, sigma: float) -> float:
+        """Standard deviation of a start at fixes that the filter uses once more [m].
+
+        Args:
+            sigma: that of the white part of the fixes [m].
+        """
+        # So large that the start has no weight beside the fixes, whose wander is its error.
+        return math.hypot(sigma, 3.0 * self.sigma)
 
     @classmethod
     def of(cls, robot: Robot) -> FixWander:

@@ -95,7 +95,7 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
-            "notes": [*log.notes, *_holes(log), *_doubts(comparison)],
+            "notes": [*log.notes, *_holes(log), *_doubts(comparison), *_wander(comparison)],
             "start_ns": log.start,
         },
         "truth": _truth_summary(comparison, scored),
@@ -154,6 +154,16 @@ def _doubts(comparison: Comparison) -> list[str]:
         f"every variant rejects {min(shares):.0%} or more of the gyro's readings: are left and right "
         "swapped, or is the IMU mounted otherwise than in the robot file? icreckon inspect shows both"
     ]
+
+
+def _wander(comparison: Comparison) -> list[str]:
+    """Report the estimated wander of the fixes at the end of the log."""
+    found = [
+        f"{name} {one.health.wander.text}"
+        for name, one in comparison.runs.items()
+        if one.health.wander is not None and not name.endswith(SMOOTHED)
+    ]
+    return [f"wander of the fixes at the newest of them: {'; '.join(found)}"] if found else []
 
 
 def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:

@@ -17,6 +17,7 @@ from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
 from icreckon.replay.inspection.guess_topics import Sample, guess_topics
 from icreckon.replay.inspection.imu_mounting import (
@@ -119,11 +120,13 @@ def inspect(
     mounting = estimate_mounting(log) if log is not None else None
     estimates = NO_ESTIMATES
     latencies: dict[str, Latency | None] = {}
+    wander: FixWanderEstimate | str | None = None
     if log is not None:
         vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
         correlation = mounting.turning_correlation if mounting else None
         estimates = wheel_estimates(log, vertical, correlation)
         latencies = _latencies(log, vertical)
+        wander = estimate_wander(log, vertical) if log.fixes is not None else None
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
@@ -136,7 +139,10 @@ def inspect(
         topics=tuple(listed),
         mapping=mapping,
         mounting=mounting,
-        findings=tuple(_findings(log, mapping, mounting, estimates, clocks, latencies)),
+        findings=(
+            *_findings(log, mapping, mounting, estimates, clocks, latencies),
+            *_of_wander(wander),
+        ),
         dropped=log.dropped if log is not None else {},
         notes=tuple(notes),
         proposed_robot_file=robot_file_text(
@@ -148,6 +154,7 @@ def inspect(
             clocks,
             heading_offset(log) if log is not None else None,
             latencies.get("tracks"),
+            wander if isinstance(wander, FixWanderEstimate) else None,
         ),
     )
 
@@ -258,6 +265,13 @@ def _findings(
             from_twist=mapping.tracks is not None and not mapping.tracks.left,
         )
     )
+
+
+def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:
+    if isinstance(wander, FixWanderEstimate):
+        yield f"fixes: {wander.text}"
+    elif wander is not None:
+        yield f"fixes: whether their error wanders cannot be seen: {wander}"
 
 
 def _mapped_purposes(mapping: TopicMap) -> list[str]:

@@ -72,6 +72,8 @@ class LiveStatuses:
             "stuck_tracks": str(health.stuck_tracks),
             "warm_start": str(self._live.warm).lower(),
         }
+        if frame == "map" and health.wander is not None:
+            values["wander_of_fixes_m"] = health.wander.text
         return DiagnosticStatus(OK, name, f"sigma {position:.2f} m, {yaw:.2f} deg", values)
 
     def _map(self) -> DiagnosticStatus:
