@@ -438,5 +438,5 @@ def slip_diagonal(size: int) -> slice:
 
 
 def replaced_states(covariance: Floats) -> list[int]:
-    """States of a covariance that `IcrEkf.replace_pose` is given: pose, and wander if there is one."""
+    """States that `IcrEkf.replace_pose` replaces, by the size of its covariance."""
     return [s.X, s.Y, s.YAW, s.WANDER_X, s.WANDER_Y][: len(covariance)]

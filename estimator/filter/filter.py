@@ -511,7 +511,7 @@ class Reckoning:
         return found is not None
 
     def _let_wander(self, stamp: int) -> float:
-        """Propagate the wander of the fixes to a stamp [ns]; return the variance it gains [m²]."""
+        """Propagate the wander to a stamp [ns]; return its process noise [m²]."""
         record, wander = self._record, self._wander
         if not wander.sigma:
             return 0.0

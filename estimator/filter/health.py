@@ -227,7 +227,7 @@ class WanderHealth(NamedTuple):
 
 
 def wander_health(x: Floats, P: Floats) -> WanderHealth | None:
-    """Wander of the fixes in a state (n,) of covariance (n, n); None if it is not in it."""
+    """Wander of the fixes in a state (n,) and covariance (n, n), or None."""
     if len(x) == s.SIZE:
         return None
     variance = float(P.diagonal()[s.WANDER].max())

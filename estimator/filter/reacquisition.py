@@ -72,7 +72,7 @@ class Relocation(NamedTuple):
 
 
 def beside_wander(covariance: Floats, sigma: float) -> Floats:
-    """Covariance (5, 5) of a pose from fixes and of a new wander of zero, if they wander.
+    """Covariance (5, 5) of a pose from fixes, and of a new wander of zero.
 
     The pose is as far off as the fixes are: to its error the wander's is added, with the other sign.
 

@@ -192,7 +192,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def with_wander_of(robot: Robot, settings: Settings) -> Settings:
-    """Settings whose wander is that of the robot file, if they leave it out and it has one.
+    """Settings with the wander of the robot file, if they leave it out.
 
     Raises:
         EstimatorError: a value in the robot file is not valid.

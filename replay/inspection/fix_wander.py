@@ -1,4 +1,4 @@
-"""Wander of position fixes: the slow part of their error, against odometry over some minutes.
+"""Wander of position fixes: slow part of their error, against odometry.
 
 The path by gyro and tracks has the right shape over a window of two minutes, but for its scale, its
 heading, and the gyro's bias. These are fitted to the fixes in each window. What is left is the error of
@@ -193,7 +193,7 @@ def _outlying(places: Floats) -> NDArray[np.bool_]:
     """Mask of the fixes (n,) that are far from their neighbours."""
     if len(places) < 5:
         return np.zeros(len(places), dtype=bool)
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(places, 2, mode="edge"), 5)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(places, 2, mode="reflect"), 5)
     middle = np.median(around.real, axis=1) + 1j * np.median(around.imag, axis=1)
     distance = np.abs(places - middle)
     return np.asarray(distance > OUTLYING * np.median(distance) + 1e-6)

@@ -295,7 +295,7 @@ def _wander_lines(wander: FixWanderEstimate | None) -> list[str]:
 def columns_text(
     columns: ColumnMap, track_latency: Sequence[str] = (), wander: Sequence[str] = ()
 ) -> list[str]:
-    """Format a column map, with the lines of the tracks' latency and of the fixes' error."""
+    """Format a column map, with lines on the tracks' latency and the fixes' error."""
     lines = ["[log.columns]", f"time = {_text(columns.time)}"]
     lines.append(f"time_unit = {_text(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):

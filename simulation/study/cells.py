@@ -245,14 +245,17 @@ def _cell(
         scenario = _with_outage(scenario, outage)
     alike = _changed_robot(robot, parts[ROBOT], ROBOT)
     modelled = _changed_robot(alike, parts[FILTER], FILTER)
+    robots = [
+        _changed_robot(modelled, spec.robot, f"robot of {spec.label}") for spec in study.filters()
+    ]
     filters = tuple(
         Filter(
             spec.label,
             spec.variant,
-            _changed_robot(modelled, spec.robot, f"robot of {spec.label}"),
-            _aware_of_wander(spec.made_settings(), modelled, scenario),
+            its_robot,
+            _aware_of_wander(spec.made_settings(), its_robot, scenario),
         )
-        for spec in study.filters()
+        for spec, its_robot in zip(study.filters(), robots, strict=True)
     )
     for one in filters:
         assumptions(one.robot, find_variant(one.variant), one.settings)
