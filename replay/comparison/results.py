@@ -173,6 +173,7 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
     start = comparison.log.start
     return {
         "source": truth.source,
+        "headings": truth.headings,
         "distance_m": float(path_length(truth.poses)[-1]),
         "lag_s": 0.0 if alignment is None else alignment.lag,
         "lag_sigma_s": None if alignment is None else alignment.lag_sigma,

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
@@ -166,7 +167,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency | None]:
     found = {}
     if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= ABSURD:
         found["tracks"] = track_latency(log.tracks, log.imu, vertical)
-    if log.truth is not None:
+    if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         truth = log.truth.poses
         found["truth"] = heading_latency(truth.stamps, truth.poses[:, 2], log.imu, vertical)
     return found
@@ -227,6 +228,10 @@ def _findings(
         )
     if log is None:
         return
+    if log.truth is not None:
+        fault = heading_fault(log.truth) if log.truth.headings else "are missing"
+        if fault is not None:
+            yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
     for purpose, latency in latencies.items():
         if latency is None:

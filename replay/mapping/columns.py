@@ -200,7 +200,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tracks: columns of the track speeds.
         imu: columns of the IMU.
         fixes: columns of the fixes.
-        truth: columns of the truth; x, y and yaw.
+        truth: columns of the truth; without yaw it shows positions alone.
         heading: columns of a heading without a position.
     """
 
@@ -213,8 +213,6 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     heading: HeadingColumns | None = None
 
     def __post_init__(self) -> None:
-        if self.truth is not None and not (self.truth.x and self.truth.yaw):
-            raise ValueError("truth must name the columns x, y and yaw")
         if self.truth is not None and any(self.truth.position):
             raise ValueError("truth takes no position: the truth's point is estimated")
         if self.truth is not None and self.truth.wander_sigma:

@@ -198,12 +198,15 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         topic: the pose; geometry_msgs/PoseStamped or PoseWithCovarianceStamped,
-            nav_msgs/Odometry (which gives the twist too), or tf with `frames`.
+            nav_msgs/Odometry (which gives the twist too), or tf with `frames`; or sensor_msgs/NavSatFix,
+            which has no headings.
         twist: the body velocity (geometry_msgs/TwistStamped), or None.
         tracks: the true track speeds (JointState, joints as in `[log.tracks]`), or None.
         source: name of the reference system ("lidar map"), for reports; the topic if left out.
         source_topic: a topic with that name (std_msgs/String), or None.
         frames: for tf, the frame of the truth and that of the robot.
+        origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; that of the fixes if
+            left out, if they have one, otherwise the first position.
         time: clock of the stamps.
         latency: latency of the stamps, subtracted from them [s].
     """
@@ -214,11 +217,13 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     source: str = ""
     source_topic: str | None = None
     frames: tuple[str, str] | None = None
+    origin: tuple[float, float, float] | None = None
     time: Clock = "auto"
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         _check_frames(self.frames)
+        check_origin(self.origin)
         check_bounds(self)
 
 
