@@ -1,7 +1,7 @@
 """Headings of a truth: check that they are some, or find them from its path.
 
 A position in a map shows no heading. But over some metres the path by tracks and gyro has the right
-shape: the turn that lays it over the positions around a stamp, added to its own yaw there, is the heading.
+shape. The turn that lays it over the positions around a stamp, plus its own yaw there, is the heading.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.scores import interpolate, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 
@@ -22,6 +22,8 @@ LEAST_AGREEMENT = 0.4
 """Least length of the mean vector of course less heading: 1 if they always agree, 0 for chance [-]."""
 SLOW = 0.05
 """Speed below which a true twist has no direction [m/s]."""
+TURNED = 0.5
+"""Turning by the true twists at which a heading is to change [rad]."""
 SAME = 1e-9
 """Headings that differ by less are the same [rad]."""
 REACH = 5.0
@@ -66,7 +68,7 @@ def heading_fault(truth: Truth) -> str | None:
     yaw = np.unwrap(poses.poses[:, 2])
     steps = np.diff(poses.poses[ends, :2], axis=0)
     way = float(np.hypot(*steps.T).sum())
-    if truth.twists is None and np.ptp(yaw) < SAME:
+    if np.ptp(yaw) < SAME and _may_turn(truth):
         return f"are all the same although it moves by {way:.0f} m"
     if len(steps) < FEWEST_STEPS:
         return None
@@ -83,6 +85,14 @@ def heading_fault(truth: Truth) -> str | None:
     if abs(np.mean(np.exp(1j * turns * off))) < LEAST_AGREEMENT:
         return f"do not follow its path of {way:.0f} m"
     return None
+
+
+def _may_turn(truth: Truth) -> bool:
+    """Return False if the true twists say that the robot has kept its heading."""
+    if truth.twists is None:
+        return True
+    steps = np.diff(truth.twists.stamps) * NANOSECOND
+    return bool(np.ptp(np.cumsum(steps * truth.twists.twists[1:, 2])) > TURNED)
 
 
 def _steps(places: Floats) -> Floats:
