@@ -1,4 +1,4 @@
-"""Headings of a truth that shows positions alone, from its path by tracks and gyro."""
+"""Headings of a truth of positions alone, from the path by tracks and gyro."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _summed(steps: Floats, values: Floats) -> Floats:
 
 
 def _lag(places: PoseSeries, path: PoseSeries) -> float:
-    """Lag [s] at which distances of positions and path agree best; 0 without any driving."""
+    """Lag [s] at which distances of positions and path agree best."""
     margin = float(np.abs(LAGS).max())
     low = max(places.stamps[0], path.stamps[0]) + round(margin / NANOSECOND)
     high = min(places.stamps[-1], path.stamps[-1]) - round((margin + WINDOW) / NANOSECOND)

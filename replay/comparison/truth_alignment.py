@@ -63,7 +63,7 @@ class TruthAlignment:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on missing headings, and on a lag that is not observable and taken as zero."""
+        """Notes on missing headings, and on a lag that is not observable."""
         found = []
         if self.headings is not None:
             found.append(
