@@ -30,7 +30,7 @@ from scipy.stats import chi2
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter import filter as streaming_filter
+from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -104,7 +104,7 @@ def nees_of(error: Floats, covariance: Floats) -> float:
 
 def score(job: Job) -> Score:
     """One run."""
-    held = patch.object(streaming_filter, "slip_factor_after", return_value=1.0)
+    held = patch.object(slip_factor, "slip_factor_after", return_value=1.0)
     with held if job.steady_slip else nullcontext():
         return score_run(job)
 

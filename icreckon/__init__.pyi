@@ -39,6 +39,7 @@ from icreckon.estimator.robot.robot_file import Robot as Robot
 from icreckon.estimator.robot.robot_file import Slip as Slip
 from icreckon.estimator.robot.robot_file import load_robot as load_robot
 from icreckon.estimator.robot.robot_file import robot_names as robot_names
+from icreckon.estimator.robot.settings import FixWander as FixWander
 from icreckon.estimator.robot.settings import GateSettings as GateSettings
 from icreckon.estimator.robot.settings import Settings as Settings
 from icreckon.estimator.robot.settings import StandstillSettings as StandstillSettings

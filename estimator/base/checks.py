@@ -70,6 +70,9 @@ Positive = Annotated[float, Bound("a positive number", 0.0, beyond=True)]
 NotNegative = Annotated[float, Bound("zero or a positive number", 0.0)]
 # Coordinate of a place on the robot [m].
 OnRobot = Annotated[float, Bound("a number of metres, 100 at most", -100.0, 100.0)]
+# Standard deviation and correlation time of fixes that wander [m, s].
+WanderSigma = Annotated[float, Bound("from 0 to 1000 m", 0.0, 1000.0)]
+WanderTime = Annotated[float, Bound("from 0 to 1e6 s", 0.0, 1e6)]
 # Latency of stamps; later ones come from another clock [s].
 Latency = Annotated[float, Bound("a number of seconds, 10 at most", -10.0, 10.0)]
 
@@ -141,6 +144,27 @@ def require_kind(name: str, value: object, kind: type, *, or_none: bool = False)
     raise SettingError(
         f"{name} must be {kind.__name__}(...){leave_out}, found {type(value).__name__} {value!r}"
     )
+
+
+def require_wander(
+    of_sigma: str, sigma: float, of_time: str, time: float, error: type[Exception] = SettingError
+) -> None:
+    """Reject a wander of fixes of which one of the two values is missing.
+
+    Args:
+        of_sigma: name of the standard deviation, for the message.
+        sigma: standard deviation [m].
+        of_time: name of the correlation time, for the message.
+        time: correlation time [s].
+        error: the error class to raise.
+
+    Raises:
+        SettingError: there is a standard deviation without a time, or the reverse.
+    """
+    if sigma > 0.0 and not time > 0.0:
+        raise error(f"{of_sigma} = {sigma!r} needs {of_time}, the correlation time in seconds")
+    if time > 0.0 and not sigma > 0.0:
+        raise error(f"{of_time} = {time!r} needs {of_sigma}, the standard deviation in metres")
 
 
 def three_numbers(

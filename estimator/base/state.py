@@ -58,3 +58,7 @@ LEARNT: Final = slice(PARAMETERS.start, BIASES.stop)
 GRAVITY: Final = slice(21, 23)
 GRAVITY_X, GRAVITY_Y = range(21, 23)
 FAST_SLIP: Final = slice(23, 26)
+# Behind the states: wander of the position fixes along x and y of odom [m], if the filter estimates it.
+WANDER: Final = slice(26, 28)
+WANDER_X, WANDER_Y = range(26, 28)
+WANDER_NAMES: Final[tuple[str, ...]] = ("wander_x", "wander_y")

@@ -15,6 +15,7 @@ from icreckon.estimator.calibration.cross_validation import likeliest, validate
 from icreckon.estimator.calibration.fit import Fit, fit
 from icreckon.estimator.calibration.ground_forces import ground_forces
 from icreckon.estimator.calibration.models import MODELS, model_of
+from icreckon.estimator.calibration.position_truth import with_headings
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
@@ -39,6 +40,8 @@ def calibrate(
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:
     """Calibrate a robot's parameters from logs with a pose truth.
+
+    A truth of positions alone (RTK GPS, a total station) has its headings found from the path.
 
     The method is maximum likelihood over segments. The two tracks may have different effective radii.
     The truth may be late, and that of another point of the robot than base_link. If neither this point
@@ -74,7 +77,8 @@ def calibrate(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
         )
     report = progress or (lambda _: None)
-    motions = [motion_of(log, robot) for log in logs]
+    headed = [with_headings(log, robot) for log in logs]
+    motions = [motion_of(log, robot) for log, _ in headed]
     recording = record(motions, robot, segment, difference=robot.tracks.difference)
     imu_place_known = any(robot.imu.position)
 
@@ -123,7 +127,7 @@ def calibrate(
         robot, fits, shared, radii, comparison, again, speeds_by_radius=speeds_by_radius
     )
     report(1.0)
-    return found
+    return replace(found, notes=(*found.notes, *(text for _, texts in headed for text in texts)))
 
 
 def _models(wanted: Sequence[str]) -> list[str]:

@@ -51,7 +51,7 @@ from icreckon.estimator.friction.loads import PAIR_COLUMNS
 from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import FixWander, Settings, with_wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
@@ -97,7 +97,7 @@ class BatchFilter:
         layout: layout of the workspace.
 
     Raises:
-        BatchError: the variant's motion model has no traced form.
+        BatchError: the variant's motion model has no traced form, or fixes wander.
         EstimatorError: see `PoseEstimator`.
     """
 
@@ -111,6 +111,10 @@ class BatchFilter:
     ) -> None:
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
+        if with_wander_of(robot, settings).wander not in (None, FixWander()):
+            raise BatchError(
+                "filters side by side do not estimate the wander of fixes (wander_sigma); use run"
+            )
         assumed = assumptions(robot, variant, settings)
         model = traced_model(assumed.model)
         if model is None:

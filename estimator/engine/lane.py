@@ -32,7 +32,8 @@ class FilterShape(NamedTuple):
     """Shape of a filter: all properties that its compiled code depends on.
 
     Attributes:
-        states: indices of the uncertain states, without the fast slip, ascending.
+        states: indices of the uncertain states, without the fast slip, ascending; the wander of the
+            fixes with them, if the filter estimates it.
         absent: indices of parameters that are zero and stay so.
         model: the motion model.
         considered: consider states, which no measurement moves.
@@ -72,9 +73,11 @@ class Lane:
         vehicle = VehicleConstants(*(cast(Any, self.constant(name)) for name in names))
         memory = [self.row(f"memory{k}") for k in range(shape.model.memory)]
         self.model_inputs = ModelInputs(shape.model, vehicle, memory)
-        self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered)
-        self.x = np.array([self._start(i) for i in range(s.SIZE)], dtype=object)
-        pairs = [(i, j) for n, i in enumerate(states) for j in states[n:]]
+        wander = tuple(i for i in states if i >= s.SIZE)
+        self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered, *wander)
+        size = s.SIZE + len(wander)
+        self.x = np.array([self._start(i) for i in range(size)], dtype=object)
+        pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
         self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
 

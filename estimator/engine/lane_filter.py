@@ -56,7 +56,7 @@ class LaneEkf(IcrEkf):
         Args:
             considered: consider states.
         """
-        self.compiled = one_lane(self.model, considered)
+        self.compiled = one_lane(self.model, considered, wanders=self.wanders)
         if self.compiled is not None:
             layout = self.compiled.shape.layout
             constants = aligned(len(layout.constants))
@@ -80,7 +80,7 @@ class LaneEkf(IcrEkf):
     def _evaluate(self, left: float, right: float, slip_share: float) -> TwistModel:
         if self.compiled is None:
             return super()._evaluate(left, right, slip_share)
-        twist, jacobian, by_speeds = np.empty(3), np.empty((3, s.SIZE)), np.empty((3, 2))
+        twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(self.x))), np.empty((3, 2))
         zeta, epsilon, eta, u, force = self.compiled.twist(
             self.x,
             self.model.memory,
@@ -121,11 +121,11 @@ class LaneStep:
         self._made_of = ekf, disturbances, robot, settings, record, readings
         self._ekf, self._readings = ekf, readings
         self._record, self._records = record, array_on(record)
-        if ekf.considered:
+        if ekf.considered or ekf.wanders:
             ekf.compile_step(ekf.considered)
         self._compiled = compiled = cast(OneLane, ekf.compiled)
         constants = shared_constants(
-            compiled.shape, ekf.model, disturbances, robot, settings, ekf.x
+            compiled.shape, ekf.model, disturbances, robot, settings, ekf.x[: s.SIZE]
         )
         ekf.workspace = Workspace(compiled, constants)
         self._inputs = ekf.workspace.inputs

@@ -148,7 +148,12 @@ class Layout:
                 *(f"memory{k}" for k in range(self.model.memory)),
                 *(CARRIED if self.model.kind == "friction" else ()),
                 *(f"x{i}" for i in fast),
-                *(covariance_name(i, j) for j in fast for i in all_states if i <= j),
+                *(
+                    covariance_name(i, j)
+                    for j in fast
+                    for i in all_states
+                    if i <= j or i >= fast.stop
+                ),
                 *INNOVATIONS,
                 *MOTION,
                 *(f"{axis}_by_{i}" for axis in TWIST[:3] for i in all_states),

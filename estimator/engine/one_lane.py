@@ -29,7 +29,7 @@ from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
 from icreckon.estimator.tracing.jit_kernel import entry
 
 COUNT = s.PARAMETER_COUNT
-SIZE, PARAMETERS, FAST_SLIP = s.SIZE, s.PARAMETERS.start, s.FAST_SLIP.start
+PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
 # Places of constants of a step, and of inputs of a kernel.
 DT, MEAN = STEP_CONSTANTS.index("dt"), STEP_CONSTANTS.index("mean")
@@ -56,6 +56,7 @@ class LanePlaces(NamedTuple):
     """Places in the workspace of one lane.
 
     Attributes:
+        size: number of states of the filter.
         states: indices of the uncertain states, the fast slip last.
         parameters: indices of the uncertain parameters.
         x: (n,) rows of the states.
@@ -77,6 +78,7 @@ class LanePlaces(NamedTuple):
         constant_count: number of constants.
     """
 
+    size: int
     states: Any
     parameters: Any
     x: Any
@@ -98,7 +100,9 @@ class LanePlaces(NamedTuple):
     constant_count: int
 
 
-def one_lane(model: MotionModel, considered: tuple[int, ...]) -> OneLane | None:
+def one_lane(
+    model: MotionModel, considered: tuple[int, ...], *, wanders: bool = False
+) -> OneLane | None:
     """Compile the step of a motion model for one lane; None if it has no traced form.
 
     Every parameter, bias and scale is a state, so that all variants of a model share the machine code.
@@ -106,16 +110,18 @@ def one_lane(model: MotionModel, considered: tuple[int, ...]) -> OneLane | None:
     Args:
         model: the motion model.
         considered: consider states.
+        wanders: the wander of position fixes is part of the state.
     """
     described = traced_model(model)
-    return None if described is None else _one_lane(described, considered)
+    return None if described is None else _one_lane(described, considered, wanders)
 
 
 @cache
-def _one_lane(model: TracedModel, considered: tuple[int, ...]) -> OneLane:
+def _one_lane(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> OneLane:
     parameters = tuple(PARAMETERS + k for k in model.parameters)
     others = (i for i in range(FAST_SLIP) if not PARAMETERS <= i < s.PARAMETERS.stop)
-    shape = FilterShape(tuple(sorted((*others, *parameters))), (), model, considered)
+    wander = (s.WANDER_X, s.WANDER_Y) if wanders else ()
+    shape = FilterShape(tuple(sorted((*others, *parameters, *wander))), (), model, considered)
     of_sample = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)
     of_time = StepKind(imu=False, accelerometer=False, fast_slip=True)
     kernels = {
@@ -155,6 +161,7 @@ def _places(shape: FilterShape) -> LanePlaces:
 
     memory = shape.model.memory
     return LanePlaces(
+        max(states) + 1,
         np.array(states, np.uintp),
         np.array(layout.parameters, np.uintp),
         np.array([rows[f"x{i}"] for i in states], np.uintp),
@@ -189,7 +196,7 @@ def fill_state(
         ValueError: an array has the wrong size.
     """
     sizes_fit = lane.shape == (places.row_count, 1) and len(constants) >= places.constant_count
-    if not sizes_fit or x.shape != (SIZE,) or len(memory) != places.memory_size:
+    if not sizes_fit or x.shape != (places.size,) or len(memory) != places.memory_size:
         raise ValueError(WRONG_SIZE)
     for a in range(len(places.states)):
         lane[places.x[a], 0] = x[places.states[a]]
@@ -205,7 +212,7 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePla
     Raises:
         ValueError: an array has the wrong size.
     """
-    if P.shape != (SIZE, SIZE) or regressors.shape != (3, COUNT):
+    if P.shape != (places.size, places.size) or regressors.shape != (3, COUNT):
         raise ValueError(WRONG_SIZE)
     n = len(places.states)
     for a in range(n):
@@ -401,7 +408,7 @@ def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         Raises:
             ValueError: an array has the wrong size.
         """
-        sizes_fit = twist.shape == (3,) and jacobian.shape == (3, SIZE)
+        sizes_fit = twist.shape == (3,) and jacobian.shape == (3, places.size)
         if not sizes_fit or by_speeds.shape != (3, 2) or inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         fill_state(lane, constants, x, memory, places)

@@ -350,6 +350,8 @@ class Step:
                         after[i, j] = carried[i, j]
                     elif i <= j:
                         after[i, j] = _between(P, faded[i], {j: 1.0})
+                    elif i >= s.SIZE:
+                        after[j, i] = _between(P, faded[i], {j: 1.0})
         lane.P = Covariance(after)
         before = x.copy()
         for i in GRAVITY:

@@ -58,8 +58,8 @@ class FilterCheckpoint(
 
     Attributes:
         stamp: time of the estimate [ns], or None before the first.
-        state: (SIZE,) see `estimator.base.state`.
-        covariance: (SIZE, SIZE).
+        state: (SIZE,) see `estimator.base.state`; with the wander of the fixes two more.
+        covariance: (n, n) of the n states.
         step_under_way: the fast slip of the next step has begun.
         stands: the robot was found standing.
         tracks: record of the track speeds.
@@ -75,6 +75,7 @@ class FilterCheckpoint(
         slip_factor: factor on the slip that position fixes have shown.
         fix_trend: mean of the normalised innovations of position fixes, to the front and to the left.
         noise: record of the noise of the IMU.
+        wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
     """
 
     stamp: int | None
@@ -95,10 +96,12 @@ class FilterCheckpoint(
     slip_factor: float = 1.0
     fix_trend: tuple[float, float] = (0.0, 0.0)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
+    wander_stamp: int | None = None
 
     def __post_init__(self) -> None:
-        if self.state.shape != (s.SIZE,) or self.covariance.shape != (s.SIZE, s.SIZE):
-            raise ValueError(f"{s.SIZE} states and the rows of their covariance are needed")
+        size = s.WANDER.stop if self.state.shape == (s.WANDER.stop,) else s.SIZE
+        if self.state.shape != (size,) or self.covariance.shape != (size, size):
+            raise ValueError(f"{size} states and the rows of their covariance are needed")
         if self.regressors is not None and self.regressors.shape != (3, 9):
             raise ValueError("three rows of nine derivatives by the parameters are needed")
 
@@ -109,6 +112,7 @@ class FilterCheckpoint(
         record.step_under_way, record.stands = self.step_under_way, self.stands
         record.slip_factor = self.slip_factor
         record.trend_forward, record.trend_left = self.fix_trend
+        record.wander_stamp = NEVER if self.wander_stamp is None else self.wander_stamp
         assign(record.tracks, self.tracks)
         assign(record.imu, self.imu)
         assign(record.noise, self.noise)
@@ -126,5 +130,6 @@ class FilterCheckpoint(
             standstill=self.standstill.shifted(by),
             imu=self.imu.shifted(by),
             stood_at=later(self.stood_at),
+            wander_stamp=later(self.wander_stamp),
             noise=self.noise.shifted(by),
         )

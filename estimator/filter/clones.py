@@ -57,7 +57,7 @@ class Clones(msgspec.Struct, frozen=True):
     Attributes:
         stamps: stamps of the marks [ns].
         poses: (m, 3) poses of base_link in base_link at each mark.
-        cross: (3m, SIZE) covariance of `poses` with the filter's state.
+        cross: (3m, SIZE) covariance of `poses` with the filter's state; two columns more if fixes wander.
         covariance: (3m, 3m) covariance of `poses`.
     """
 
@@ -69,13 +69,14 @@ class Clones(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         m = len(self.stamps)
         shapes = (self.poses.shape, self.cross.shape, self.covariance.shape)
-        if shapes != ((m, 3), (3 * m, s.SIZE), (3 * m, 3 * m)):
+        size = self.cross.shape[-1] if self.cross.shape[-1:] == (s.WANDER.stop,) else s.SIZE
+        if shapes != ((m, 3), (3 * m, size), (3 * m, 3 * m)):
             raise ValueError(f"{m} marks with arrays of shapes {shapes}")
 
     @classmethod
-    def none(cls) -> Clones:
-        """Make an empty set."""
-        return cls((), np.zeros((0, 3)), np.zeros((0, s.SIZE)), np.zeros((0, 0)))
+    def none(cls, size: int = s.SIZE) -> Clones:
+        """Make an empty set, of a filter of so many states."""
+        return cls((), np.zeros((0, 3)), np.zeros((0, size)), np.zeros((0, 0)))
 
     def begun(self, stamp: int, motion: Floats, by_state: Floats, P: Floats) -> Clones:
         """Add a clone.
@@ -140,10 +141,16 @@ class Clones(msgspec.Struct, frozen=True):
             0.5 * (covariance + covariance.T),
         )
 
-    def renewed(self, states: slice = s.FAST_SLIP) -> Clones:
+    def renewed(self, states: slice | list[int] = s.FAST_SLIP) -> Clones:
         """Clear the correlation with replaced states: a new fast slip, or a lost pose."""
         cross = self.cross.copy()
         cross[:, states] = 0.0
+        return Clones(self.stamps, self.poses, cross, self.covariance)
+
+    def faded(self, states: slice, factor: float) -> Clones:
+        """Scale the correlation with states that fade."""
+        cross = self.cross.copy()
+        cross[:, states] *= factor
         return Clones(self.stamps, self.poses, cross, self.covariance)
 
     def updated(

@@ -44,10 +44,7 @@ from icreckon.estimator.sensors.measurement_models import POSE_FIXED, imu_fixed
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
 # so much that they are those of another motion.
 REGRESSOR_SMOOTHING = 0.05
-IDENTITY = np.eye(s.SIZE)
-# Diagonal of a flattened covariance, and the slip's part of it.
-DIAGONAL = slice(None, None, s.SIZE + 1)
-SLIP_DIAGONAL = slice(s.SLIP_X * (s.SIZE + 1), s.SLIP_W * (s.SIZE + 1) + 1, s.SIZE + 1)
+IDENTITY = np.eye(s.WANDER.stop)
 # Ends of the derivatives by slip, parameters and track speeds among those of a twist.
 PARTS = (3, 3 + s.PARAMETER_COUNT, 5 + s.PARAMETER_COUNT)
 # Paper's axes to REP-103: forward is the paper's second, left is minus its first.
@@ -80,7 +77,10 @@ class Observer(Protocol):
         """New fast slip of this covariance (3, 3), independent of the one before."""
 
     def replaced(self, covariance: Floats) -> None:
-        """New pose of this covariance (3, 3), independent of all other states."""
+        """New pose, and wander if there is one, see `IcrEkf.replace_pose`."""
+
+    def wandered(self, decay: float, variance: float) -> None:
+        """Wander of the fixes over some time, see `IcrEkf.let_wander`."""
 
     def inflated(self, states: tuple[int, ...], variance: float) -> None:
         """Inflation of each of these states by this variance."""
@@ -95,9 +95,9 @@ class Observer(Protocol):
 class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the kinematics of ICRs as its motion model.
 
-    `x` is (SIZE,), `P` (SIZE, SIZE); `estimator.base.state` has their layout. `F` and `Q` are those of
-    the newest prediction. Updates are scalar (`update_scalar`); filterpy's own `update` and its `y`, `K`
-    and `S` are not used.
+    `x` is (SIZE,), `P` (SIZE, SIZE); `estimator.base.state` has their layout. If fixes wander there are
+    two states more behind these (`add_wander`). `F` and `Q` are those of the newest prediction. Updates
+    are scalar (`update_scalar`); filterpy's own `update` and its `y`, `K` and `S` are not used.
 
     Args:
         model: the motion model.
@@ -126,6 +126,36 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         # Cache of the newest evaluation of the twist model.
         self._evaluated_at: tuple[float | bytes, ...] | None = None
         self._evaluated: TwistModel
+
+    @property
+    def wanders(self) -> bool:
+        """True if the wander of position fixes is part of the state."""
+        return len(self.x) > s.SIZE
+
+    def add_wander(self, sigma: float) -> None:
+        """Add the wander of position fixes to the state, of this standard deviation [m]."""
+        x, P = np.zeros(s.WANDER.stop), np.diag([0.0] * s.SIZE + [sigma * sigma] * 2)
+        x[: s.SIZE], P[: s.SIZE, : s.SIZE] = self.x, self.P
+        self.x, self.P = x, P
+
+    def let_wander(self, decay: float, variance: float) -> None:
+        """Propagate the wander of position fixes over some time.
+
+        Its transition is a number, which commutes with everything else that happens in that time. So this
+        is exact once before each fix, and not only in each step.
+
+        Args:
+            decay: factor on the wander.
+            variance: variance that it gains along each axis [m²].
+        """
+        self.x[s.WANDER] *= decay
+        self.P[s.WANDER] *= decay
+        self.P[:, s.WANDER] *= decay
+        self.P[[s.WANDER_X, s.WANDER_Y], [s.WANDER_X, s.WANDER_Y]] += variance
+        if self.clones is not None:
+            self.clones = self.clones.faded(s.WANDER, decay)
+        if self.observer is not None:
+            self.observer.wandered(decay, variance)
 
     def twist_model(self, left: float, right: float, slip_share: float = 1.0) -> TwistModel:
         """Body velocity and its Jacobian at the present state; do not change them.
@@ -165,7 +195,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         )
         by_slip, by_parameters, by_speeds, by_gravity = np.split(by_all, PARTS, axis=1)
         by_slip = by_slip.dot(TO_REP103.T)
-        jacobian = np.zeros((3, s.SIZE))
+        jacobian = np.zeros((3, len(x)))
         jacobian[:, s.SLIP] = slip_share * by_slip
         jacobian[:, s.FAST_SLIP] = by_slip
         jacobian[:, s.PARAMETERS] = by_parameters
@@ -227,27 +257,31 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         by_motion = np.array(rows)
 
         by_state = by_motion.dot(model.jacobian)
-        self.F = F = IDENTITY.copy()
+        size = len(self.x)
+        diagonal, of_slip = slice(None, None, size + 1), slip_diagonal(size)
+        self.F = F = IDENTITY[:size, :size].copy()
         F[s.POSE] += by_state * dt
         F[s.POSITION, s.YAW] += by_yaw
-        F.ravel()[SLIP_DIAGONAL] = decay
+        F.ravel()[of_slip] = decay
         cos, sin = turn(step[2])
         back = math.exp(-noise.forgetting * dt) * np.array([[cos, sin], [-sin, cos]])
         F[s.GRAVITY, s.GRAVITY] = back
 
         # Random walks and slip, and their effect on the pose within the step.
         walk, slip = noise.walk**2, noise.slip_sigma**2
+        if self.wanders:
+            walk = np.append(walk, (0.0, 0.0))
         integral, cross, final = gauss_markov_noise(dt, noise.time_constant)
         walked, slipped = by_state * walk, by_motion * slip
         with_pose = walked * (dt**2 / 2.0)
         with_pose[:, s.SLIP] += slipped * cross
-        self.Q = Q = np.zeros((s.SIZE, s.SIZE))
+        self.Q = Q = np.zeros((size, size))
         Q[s.POSE] = with_pose
         Q[:, s.POSE] = with_pose.T
         Q[s.POSE, s.POSE] = walked.dot(by_state.T) * (dt**3 / 3.0)
         Q[s.POSE, s.POSE] += (slipped * integral).dot(by_motion.T)
-        Q.ravel()[DIAGONAL] += walk * dt
-        Q.ravel()[SLIP_DIAGONAL] += slip * final
+        Q.ravel()[diagonal] += walk * dt
+        Q.ravel()[of_slip] += slip * final
 
         self._next_x = self.x.copy()
         self._next_x[s.POSE] += step
@@ -284,14 +318,17 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
         Args:
             pose: (3,) x, y [m], yaw [rad].
-            covariance: (3, 3) covariance of the pose.
+            covariance: (3, 3) covariance of the pose; if fixes wander, (5, 5) of the pose and of a new
+                wander of zero.
         """
+        states = replaced_states(covariance)
+        self.x[states] = 0.0
         self.x[s.POSE] = pose
-        self.P[s.POSE, :] = 0.0
-        self.P[:, s.POSE] = 0.0
-        self.P[s.POSE, s.POSE] = covariance
+        self.P[states, :] = 0.0
+        self.P[:, states] = 0.0
+        self.P[np.ix_(states, states)] = covariance
         if self.clones is not None:
-            self.clones = self.clones.renewed(s.POSE)
+            self.clones = self.clones.renewed(states)
         if self.observer is not None:
             self.observer.replaced(covariance)
 
@@ -330,6 +367,9 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """
         if self.considered:
             fixed = tuple(sorted({*fixed, *self.considered}))
+        if self.wanders and s.X in fixed:
+            # A fix shows the sum of position and wander: one is not to move without the other.
+            fixed = (*fixed, s.WANDER_X, s.WANDER_Y)
         observer = self.observer
         before = self.x if observer is None else self.x.copy()
         c, K, S = self._correct(z, h, r, fixed, stand_in)
@@ -368,6 +408,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """
         before, P = self.x, self.P
         fixed = [*(self.fixed_for_imu if by_imu else POSE_FIXED), *self.considered]
+        fixed += range(s.SIZE, len(before))
         for _ in range(BOUND_ROUNDS):
             moved = False
             for bound in range(len(self._bounds)):
@@ -375,7 +416,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 short = float(least - direction.dot(self.x[s.PARAMETERS]))
                 if short <= ROUNDING:
                     continue
-                of_state = np.zeros(s.SIZE)
+                of_state = np.zeros(len(before))
                 of_state[s.PARAMETERS] = direction
                 of_state[fixed] = 0.0
                 cross = of_state[s.PARAMETERS].dot(P[s.PARAMETERS])
@@ -389,3 +430,13 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 break
         if self.observer is not None and self.x is not before:
             self.observer.projected(self.x - before)
+
+
+def slip_diagonal(size: int) -> slice:
+    """Places of the slip on the diagonal of a flattened (size, size) matrix."""
+    return slice(s.SLIP_X * (size + 1), s.SLIP_W * (size + 1) + 1, size + 1)
+
+
+def replaced_states(covariance: Floats) -> list[int]:
+    """States that `IcrEkf.replace_pose` replaces, by the size of its covariance."""
+    return [s.X, s.Y, s.YAW, s.WANDER_X, s.WANDER_Y][: len(covariance)]

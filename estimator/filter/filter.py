@@ -19,16 +19,16 @@ from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
 from icreckon.estimator.filter.gate import Gate, GateRecord
 from icreckon.estimator.filter.health import (
-    ADMITTED,
     Health,
     Judged,
     SensorHealth,
     noise_health,
     slip_health,
+    wander_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
-from icreckon.estimator.filter.slip_factor import slip_factor_after, trend_after
+from icreckon.estimator.filter.reacquisition import RejectedFix, beside_wander, relocation
+from icreckon.estimator.filter.slip_factor import follow_fix
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -44,7 +44,7 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.motion.propagation import step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import FixWander, Settings, with_wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import (
     TrackRecord,
@@ -85,6 +85,7 @@ from icreckon.estimator.sensors.predictions import (
     pose_now,
     twist_ahead,
     twist_now,
+    with_wander,
 )
 from icreckon.estimator.sensors.sensor_models import (
     STANDSTILL_VARIANCE,
@@ -131,6 +132,9 @@ class Reckoning:
         self.ekf.x[s.POSE] = start
         self.ekf.P = np.diag(sigmas**2)
         self.ekf.considered = considered_states(variant, settings)
+        self._wander = with_wander_of(robot, settings).wander or FixWander()
+        if self._wander.sigma:
+            self.ekf.add_wander(self._wander.sigma)
 
         # Counts of all but the gates, which count themselves.
         self._counts = Health()
@@ -172,6 +176,7 @@ class Reckoning:
         health, record = self._judged_counts(), self._record
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
         health.slip = slip_health(self._tracks.spin, float(record.slip_factor))
+        health.wander = wander_health(self.ekf.x, self.ekf.P)
         return health
 
     def _judged_counts(self) -> Health:
@@ -215,6 +220,7 @@ class Reckoning:
             float(record.slip_factor),
             (float(record.trend_forward), float(record.trend_left)),
             plain_copy(NoiseRecord, record.noise),
+            _or_none(record.wander_stamp),
         )
 
     def memory(self) -> FilterMemory:
@@ -273,14 +279,14 @@ class Reckoning:
         learnt = s.LEARNT
         self.ekf.x[learnt] = checkpoint.state[learnt]
         self.ekf.P[learnt, learnt] = checkpoint.covariance[learnt, learnt]
-        self.ekf.P += np.diag(self._disturbances.bias_walk**2 * off)
+        self.ekf.P[: s.SIZE, : s.SIZE] += np.diag(self._disturbances.bias_walk**2 * off)
 
     # --- outputs ---------------------------------------------------------------------------------
 
     @property
     def clones(self) -> Clones:
         """Stochastic clones, with the motion since each mark."""
-        return self.ekf.clones or Clones.none()
+        return self.ekf.clones or Clones.none(len(self.ekf.x))
 
     def model(self) -> TwistModel:
         """Body velocity and its derivatives now."""
@@ -435,18 +441,22 @@ class Reckoning:
         if model.standing:
             record.stood_at = m.stamp
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
+        wandered = self._let_wander(m.stamp) if model.predicts == "pose" else 0.0
 
         # Gate, update and record; relocate after rejected position fixes.
         if isinstance(m, PositionFix):
             x, y, _ = point_on_robot(predicted, m.forward, m.left).values.tolist()
-            self._rejected_fixes += (RejectedFix(m.x, m.y, m.variance, x, y),)
+            before = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
+            self._rejected_fixes += (RejectedFix(m.x, m.y, max(m.variance, before), x, y),)
+            if ekf.wanders:
+                predicted = with_wander(predicted, ekf.x)
         recover = self._relocate if isinstance(m, PositionFix) else None
         used = self._update(model, model.linearise(m, predicted), m.stamp, recover)
         if used:
             ekf.keep_inside_bounds()
 
         if isinstance(m, PositionFix):
-            self._follow_slip(self._gates[model.name].counts, float(predicted.values[s.YAW]))
+            follow_fix(record, self._gates[model.name].counts, float(predicted.values[s.YAW]))
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
         if model.standing and not used:
@@ -457,21 +467,6 @@ class Reckoning:
         if not ahead:
             self._advance(m.stamp)
         return used
-
-    def _follow_slip(self, fixes: GateRecord, yaw: float) -> None:
-        """Adapt the factor on the slip to the newest position fix, if admitted; yaw at it [rad]."""
-        record, tracks = self._record, self._tracks
-        if fixes.verdict != ADMITTED:
-            return
-        trend = trend_after(
-            (record.trend_forward, record.trend_left),
-            (fixes.z[0], fixes.z[1]),
-            (fixes.S[0], fixes.S[1], fixes.S[3]),
-            (math.cos(yaw), math.sin(yaw)),
-        )
-        record.trend_forward, record.trend_left = trend
-        speeds = tracks.smooth_left, tracks.smooth_right
-        record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)
 
     def _take_mark(self, m: Mark) -> bool:
         # The estimate is that of the newest step before the mark. Until the mark the motion is assumed
@@ -503,8 +498,20 @@ class Reckoning:
         """
         found = relocation(self._rejected_fixes)
         if found is not None:
-            self.ekf.replace_pose(*found.pose(self.ekf.x[s.POSE]))
+            pose, P = found.pose(self.ekf.x[s.POSE])
+            self.ekf.replace_pose(pose, beside_wander(P, self._wander.sigma))
         return found is not None
+
+    def _let_wander(self, stamp: int) -> float:
+        """Propagate the wander to a stamp [ns]; return its process noise [m²]."""
+        record, wander = self._record, self._wander
+        if not wander.sigma:
+            return 0.0
+        elapsed = 0 if record.wander_stamp == NEVER else stamp - record.wander_stamp
+        record.wander_stamp, decay = stamp, math.exp(-elapsed * NANOSECOND / wander.time)
+        variance = wander.sigma**2 * (1.0 - decay * decay)
+        self.ekf.let_wander(decay, variance)
+        return variance
 
     def _may_be_pushed(self) -> bool:
         """Return True if the robot may be turning with its tracks at rest."""

@@ -28,6 +28,7 @@ class FilterRecord(msgspec.Struct):
         slip_factor: factor on the slip that position fixes have shown.
         trend_forward: mean of the normalised innovations of position fixes, to the front of the robot.
         trend_left: to its left.
+        wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
         tracks: the track speeds.
         imu: clock of the IMU.
         noise: noise of the IMU.
@@ -45,6 +46,7 @@ class FilterRecord(msgspec.Struct):
     slip_factor: float = 1.0
     trend_forward: float = 0.0
     trend_left: float = 0.0
+    wander_stamp: int = NEVER
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)

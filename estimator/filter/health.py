@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, UNKNOWN, SpinRecord
@@ -211,6 +213,33 @@ def slip_health(spin: SpinRecord, factor: float, ahead: int = 0) -> SlipHealth:
     return SlipHealth(side, spin.since + ahead, abs(spin.mismatch), spin.times, factor)
 
 
+class WanderHealth(NamedTuple):
+    """Estimated wander of the position fixes, at the newest of them.
+
+    Attributes:
+        x: part of the fixes' error that wanders, along x of `odom` [m].
+        y: along y [m].
+        sigma: standard deviation of the estimate, the larger of the two [m].
+    """
+
+    x: float
+    y: float
+    sigma: float
+
+    @property
+    def text(self) -> str:
+        """Text for people."""
+        return f"x {self.x:+.2f} m, y {self.y:+.2f} m, +- {self.sigma:.2f} m"
+
+
+def wander_health(x: Floats, P: Floats) -> WanderHealth | None:
+    """Wander of the fixes in a state (n,) and covariance (n, n), or None."""
+    if len(x) == s.SIZE:
+        return None
+    variance = float(P.diagonal()[s.WANDER].max())
+    return WanderHealth(x.item(s.WANDER_X), x.item(s.WANDER_Y), math.sqrt(max(variance, 0.0)))
+
+
 @dataclass
 class Health:
     """Counts of all sensors, events of the filter, and the noise of the IMU.
@@ -224,6 +253,7 @@ class Health:
         track_latency: latency of the track speeds, used and estimated.
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         slip: slip beyond what bends explain: a track that spins.
+        wander: estimated wander of the position fixes; None if it is not estimated.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
@@ -234,6 +264,7 @@ class Health:
     track_latency: TrackLatencyHealth = TrackLatencyHealth()
     noise: dict[str, NoiseHealth] = field(default_factory=dict)
     slip: SlipHealth = SlipHealth()
+    wander: WanderHealth | None = None
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""

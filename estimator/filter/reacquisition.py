@@ -32,7 +32,7 @@ class RejectedFix(NamedTuple):
     Attributes:
         x: measured [m].
         y: measured [m].
-        variance: variance of each coordinate [m²].
+        variance: variance of each coordinate about those of the first one [m²].
         predicted_x: predicted [m].
         predicted_y: predicted [m].
     """
@@ -69,6 +69,24 @@ class Relocation(NamedTuple):
         covariance = self.turn_variance * np.outer(by_turn, by_turn)
         covariance[[0, 1], [0, 1]] += self.variance
         return np.array([*(self.moved_to + away), pose[2] + self.turn]), covariance
+
+
+def beside_wander(covariance: Floats, sigma: float) -> Floats:
+    """Covariance (5, 5) of a pose from fixes, and of a new wander of zero.
+
+    The pose is as far off as the fixes are: to its error the wander's is added, with the other sign.
+
+    Args:
+        covariance: (3, 3) covariance of the pose, of fixes that do not wander.
+        sigma: standard deviation of the wander [m]; at 0 the covariance stays as it is.
+    """
+    if sigma == 0.0:
+        return covariance
+    joint = np.zeros((5, 5))
+    joint[:3, :3] = covariance
+    joint[[0, 1, 3, 4], [0, 1, 3, 4]] += sigma * sigma
+    joint[[0, 1, 3, 4], [3, 4, 0, 1]] = -sigma * sigma
+    return joint
 
 
 def relocation(rejected: tuple[RejectedFix, ...]) -> Relocation | None:

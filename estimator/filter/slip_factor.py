@@ -5,7 +5,7 @@ larger than assumed, or the parameters are those of other ground, those of succe
 same side of the robot. Their weighted mean shows that long before the size of single ones does: an error
 of 2 cm/s is less than the noise of a fix, and the mean of five fixes is not.
 
-The functions are written for plain Python and, traced, for lanes.
+`trend_after` and `slip_factor_after` are written for plain Python and, traced, for lanes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from icreckon.estimator.filter.filter_record import FilterRecord
+from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.filter.health import ADMITTED
 from icreckon.estimator.filter.process_noise import travel_speed
 
 # Weight of a position fix in the trend.
@@ -72,3 +75,24 @@ def slip_factor_after(factor: Any, trend: tuple[Any, Any], left: Any, right: Any
     share = FACTOR_WEIGHT * min(1.0, travel_speed(left, right) / MOVING)
     grown = factor * factor * (1.0 + share * (min(LARGEST_SQUARE, square) - EXPECTED_SQUARE))
     return min(LARGEST_FACTOR, max(1.0, math.sqrt(grown)))
+
+
+def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
+    """Adapt the factor to the newest position fix, if the gate admitted it.
+
+    Args:
+        record: record of the filter, changed in place.
+        fixes: gate of the position fixes.
+        yaw: yaw at the fix [rad].
+    """
+    if fixes.verdict != ADMITTED:
+        return
+    trend = trend_after(
+        (record.trend_forward, record.trend_left),
+        (fixes.z[0], fixes.z[1]),
+        (fixes.S[0], fixes.S[1], fixes.S[3]),
+        (math.cos(yaw), math.sin(yaw)),
+    )
+    record.trend_forward, record.trend_left = trend
+    speeds = record.tracks.smooth_left, record.tracks.smooth_right
+    record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)

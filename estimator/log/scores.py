@@ -295,12 +295,16 @@ def _factors(covariances: Floats, less: float = 0.0) -> tuple[tuple[Floats, ...]
 
 
 def pose_nees(
-    estimate: Trajectory, truth: PoseSeries, *, within: list[Interval] | None = None
+    estimate: Trajectory,
+    truth: PoseSeries,
+    *,
+    within: list[Interval] | None = None,
+    position_only: bool = False,
 ) -> Floats:
     """NEES (n,) of the pose at the truth's stamps, see `nees`.
 
     Estimate and truth must share their frame. Stamps with a singular covariance, and those outside of
-    `within`, are left out.
+    `within`, are left out. With `position_only` it is that of x and y, ideally 2.
     """
     stamps = shared_stamps(estimate, truth)
     if within is not None:
@@ -310,6 +314,10 @@ def pose_nees(
     errors[:, 2] = wrap_angle(errors[:, 2])
     covariances = estimate.pose_covariances[np.searchsorted(estimate.stamps, stamps)]
     counted = regular(covariances)
+    if position_only:
+        # An independent error of zero in the place of the yaw adds nothing.
+        errors[:, 2], covariances[:, 2], covariances[:, :, 2] = 0.0, 0.0, 0.0
+        covariances[:, 2, 2] = 1.0
     return nees(errors[counted], covariances[counted])
 
 

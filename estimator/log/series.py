@@ -105,12 +105,14 @@ class Truth:
         twists: its body velocity, or None.
         tracks: its track speeds without sensor error, or None.
         source: origin of the truth ("kinematic", "lidar map", ...).
+        headings: False if it shows positions alone; the yaw of `poses` is NaN then, or from the path.
     """
 
     poses: PoseSeries
     twists: TwistSeries | None = None
     tracks: TrackSpeedSeries | None = None
     source: str = "unknown"
+    headings: bool = True
 
 
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:

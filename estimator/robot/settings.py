@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, get_args
+import math
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
 from icreckon.estimator.base.checks import (
     Bound,
     NotNegative,
+    WanderSigma,
+    WanderTime,
     check_bounds,
     is_whole,
     require_choice,
     require_flag,
     require_kind,
+    require_wander,
 )
 from icreckon.estimator.base.errors import SettingError
-from icreckon.estimator.robot.robot_file import Slip
+from icreckon.estimator.robot.robot_file import Robot, Slip
 from icreckon.estimator.robot.variants import Adaptation
 
 Engine = Literal["compiled", "plain"]
@@ -81,6 +85,55 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         check_bounds(self, "StandstillSettings.{}")
 
 
+class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Error of position fixes that wanders, as that of plain GPS does.
+
+    It is a first-order Gauss-Markov process along x and along y of the frame of the fixes, in addition
+    to the white noise of each fix. The filter estimates it as two more states.
+
+    Attributes:
+        sigma: its standard deviation along each axis [m]; 0 for fixes that do not wander.
+        time: its correlation time [s]; needed unless `sigma` is 0.
+
+    Raises:
+        EstimatorError: a value is negative or not a finite number, or `sigma` is without a time.
+    """
+
+    sigma: WanderSigma = 0.0
+    time: WanderTime = 0.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self, "FixWander.{}")
+        require_wander("FixWander.sigma", self.sigma, "FixWander.time", self.time)
+
+    def at_start(self, sigma: float) -> float:
+        """Standard deviation of a start at fixes that the filter uses once more [m].
+
+        Args:
+            sigma: that of the white part of the fixes [m].
+        """
+        # So large that the start has no weight beside the fixes, whose wander is its error.
+        return math.hypot(sigma, 3.0 * self.sigma)
+
+    @classmethod
+    def of(cls, robot: Robot) -> FixWander:
+        """Wander of a robot file's `[log.fixes]`, or of the fixes in its `[log.columns]`.
+
+        Args:
+            robot: the robot.
+
+        Raises:
+            EstimatorError: a value is not valid.
+        """
+        columns = robot.log.get("columns")
+        tables: list[Any] = [robot.log.get("fixes")]
+        tables.append(columns.get("fixes") if isinstance(columns, dict) else None)
+        for table in tables:
+            if isinstance(table, dict) and table.get("wander_sigma"):
+                return cls(table["wander_sigma"], table.get("wander_time", 0.0))
+        return cls()
+
+
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Settings of the filter, with tuned defaults.
 
@@ -100,6 +153,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             `state_names`) that keep value and standard deviation, and contribute to the covariance.
         gates: chi-square gates.
         standstill: standstill detection.
+        wander: error of position fixes that wanders; None for that of the robot file's fixes, see
+            `FixWander.of`.
 
     Raises:
         EstimatorError: an unknown choice, a value that is out of range or not a finite number, or a
@@ -117,6 +172,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     considered: tuple[str, ...] = ()
     gates: GateSettings = GateSettings()
     standstill: StandstillSettings = StandstillSettings()
+    wander: FixWander | None = None
 
     def __post_init__(self) -> None:
         require_choice("Settings.engine", self.engine, get_args(Engine))
@@ -124,6 +180,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         require_kind("Settings.adaptation", self.adaptation, Adaptation, or_none=True)
         require_kind("Settings.gates", self.gates, GateSettings)
         require_kind("Settings.standstill", self.standstill, StandstillSettings)
+        require_kind("Settings.wander", self.wander, FixWander, or_none=True)
         check_bounds(self, "Settings.{}")
         require_flag("Settings.use_accelerometer", self.use_accelerometer)
         names = self.considered
@@ -132,3 +189,15 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "Settings.considered must be a tuple of names of states, as in ('gyro_scale',), "
                 f"found {names!r}"
             )
+
+
+def with_wander_of(robot: Robot, settings: Settings) -> Settings:
+    """Settings with the wander of the robot file, if they leave it out.
+
+    Raises:
+        EstimatorError: a value in the robot file is not valid.
+    """
+    wander = FixWander.of(robot) if settings.wander is None else settings.wander
+    if settings.wander is not None or not wander.sigma:
+        return settings
+    return msgspec.structs.replace(settings, wander=wander)

@@ -37,7 +37,7 @@ class Prediction(NamedTuple):
 
 def pose_now(x: Floats) -> Prediction:
     """Pose of a state (SIZE,)."""
-    return Prediction(x[s.POSE].copy(), np.eye(s.SIZE)[s.POSE], NO_NOISE)
+    return Prediction(x[s.POSE].copy(), np.eye(3, len(x)), NO_NOISE)
 
 
 def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) -> Prediction:
@@ -74,6 +74,19 @@ def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
     values = pose.values.copy()
     values[:2] += from_base
     return Prediction(values, by_pose @ pose.H, by_pose @ pose.R @ by_pose.T)
+
+
+def with_wander(pose: Prediction, x: Floats) -> Prediction:
+    """Add the wander of position fixes, part of the state, to a predicted pose.
+
+    Args:
+        pose: predicted pose.
+        x: (n,) the state.
+    """
+    values, H = pose.values.copy(), pose.H.copy()
+    values[:2] += x[s.WANDER]
+    H[:2, s.WANDER] += np.eye(2)
+    return Prediction(values, H, pose.R)
 
 
 def twist_now(model: TwistModel) -> Prediction:

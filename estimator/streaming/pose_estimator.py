@@ -20,7 +20,7 @@ from icreckon.estimator.log.input_checks import RANKS, STREAMS, Admission, as_pl
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.robot.robot_file import Robot, require_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import Settings, with_wander_of
 from icreckon.estimator.robot.variants import (
     find_variant,
     parameter_names,
@@ -126,7 +126,7 @@ class PoseEstimator:
         )
         self.robot = robot
         self.variant = find_variant(variant)
-        self.settings = settings if settings is not None else Settings()
+        self.settings = with_wander_of(robot, settings if settings is not None else Settings())
         self._reckoning = Reckoning(
             robot, self.variant, self.settings, start, start_sigma, engine_of(self.settings.engine)
         )
@@ -191,12 +191,12 @@ class PoseEstimator:
     @property
     def state(self) -> Floats:
         """(SIZE,) copy of the filter's state, see `estimator.base.state`."""
-        return self._reckoning.ekf.x.copy()
+        return self._reckoning.ekf.x[: s.SIZE].copy()
 
     @property
     def covariance(self) -> Floats:
         """(SIZE, SIZE) copy of the filter's covariance."""
-        return self._reckoning.ekf.P.copy()
+        return self._reckoning.ekf.P[: s.SIZE, : s.SIZE].copy()
 
     @property
     def stands(self) -> bool:
@@ -239,13 +239,13 @@ class PoseEstimator:
         if self.stamp is None:
             raise EstimatorError("there is no estimate before the first measurement")
         model = self._reckoning.model()
-        P = self.covariance
+        P, jacobian = self.covariance, model.jacobian[:, : s.SIZE]
         return Snapshot(
             self.stamp,
             self.state,
             P,
             model.twist.copy(),
-            model.jacobian @ P @ model.jacobian.T,
+            jacobian @ P @ jacobian.T,
             model.motion.indices,
         )
 

@@ -20,6 +20,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from icreckon.estimator.base import state as s
 from icreckon.estimator.base.atomic_write import write_whole
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
@@ -126,7 +127,8 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
         numbers = [*checkpoint["state"], *np.ravel(checkpoint["covariance"]), *checkpoint["model"]]
         if not np.isfinite(numbers).all():
             raise EstimatorError(f"{path}: not written, the estimate is not finite")
-        values = zip(names, checkpoint["state"], strict=True)
+        wander = s.WANDER_NAMES[: len(checkpoint["state"]) - len(names)]
+        values = zip((*names, *wander), checkpoint["state"], strict=True)
         checkpoint["state"] = {name: value for name, value in values if name}
     document = {
         "format": FORMAT,
@@ -167,7 +169,9 @@ def read_saved(path: Path) -> SavedEstimator:
     try:
         names = state_names(find_variant(content["variant"]))
         for checkpoint in (content["now"], content["history"]["memory"]):
-            checkpoint["state"] = [checkpoint["state"][name] if name else 0.0 for name in names]
+            state = checkpoint["state"]
+            wander = [name for name in s.WANDER_NAMES if name in state]
+            checkpoint["state"] = [state[name] if name else 0.0 for name in (*names, *wander)]
         return msgspec.convert(content, SavedEstimator, dec_hook=_from_plain)
     except (KeyError, TypeError, ValueError, EstimatorError) as problem:
         raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None

@@ -43,7 +43,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.ekf import IDENTITY, SLIP_DIAGONAL, IcrEkf
+from icreckon.estimator.filter.ekf import IDENTITY, IcrEkf, replaced_states, slip_diagonal
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -52,7 +52,6 @@ from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.run import Rows, work_through
 
 SMOOTHED = "-smoothed"
-UPPER = np.triu_indices(s.SIZE)
 # A heading less certain than this is lost [rad].
 LOST_YAW = 1.0
 
@@ -143,7 +142,13 @@ class _Step(NamedTuple):
 class _Renewal(NamedTuple):
     """States drawn anew, independent of all before: the fast slip, or a lost pose."""
 
-    states: slice
+    states: list[int]
+
+
+class _Wander(NamedTuple):
+    """Decay of the wander of the fixes over some time."""
+
+    decay: float
 
 
 class _Update(NamedTuple):
@@ -164,6 +169,7 @@ class _RowState(NamedTuple):
         upper: upper triangle of its covariance.
         speeds: track speeds [m/s].
         model_memory: (m,) checkpoint of the motion model's memory.
+        wander: (2,) wander of the fixes in the filter's state, or nothing.
     """
 
     length: int
@@ -171,6 +177,7 @@ class _RowState(NamedTuple):
     upper: Floats
     speeds: tuple[float, float]
     model_memory: Floats
+    wander: Floats
 
 
 class _Tape:
@@ -183,9 +190,11 @@ class _Tape:
     def __init__(self, ekf: IcrEkf) -> None:
         self._ekf = ekf
         ekf.observer = self
-        self._delta: Floats = np.zeros(s.SIZE)
+        self._size = len(ekf.x)
+        self._upper = np.triu_indices(self._size)
+        self._delta: Floats = np.zeros(self._size)
         self._optimal_P: Floats = ekf.P.copy()
-        self._tape: list[_Step | _Renewal | _Update] = []
+        self._tape: list[_Event] = []
         self._rows: list[_RowState] = []
 
     # --- forward ---------------------------------------------------------------------------------
@@ -198,21 +207,30 @@ class _Tape:
         decay, back = F.item(s.SLIP_X, s.SLIP_X), F[s.GRAVITY, s.GRAVITY].copy()
         self._tape.append(_Step(F[s.POSE].copy(), decay, back))
         if P[s.YAW, s.YAW] > LOST_YAW**2:
-            self._renew(s.POSE, self._optimal_P[s.POSE, s.POSE].copy())
+            self._renew([s.X, s.Y, s.YAW], self._optimal_P[s.POSE, s.POSE].copy())
 
     def renewed(self, covariance: Floats) -> None:
         """Record a new fast slip, see `Observer`."""
-        self._renew(s.FAST_SLIP, covariance)
+        self._renew([*range(s.FAST_SLIP.start, s.FAST_SLIP.stop)], covariance)
 
     def replaced(self, covariance: Floats) -> None:
         """Record a relocated pose, see `Observer`."""
-        self._renew(s.POSE, covariance)
+        self._renew(replaced_states(covariance), covariance)
 
-    def _renew(self, states: slice, covariance: Floats) -> None:
+    def wandered(self, decay: float, variance: float) -> None:
+        """Record the wander of the fixes over some time, see `Observer`."""
+        self._delta[s.WANDER] *= decay
+        P = self._optimal_P
+        P[s.WANDER] *= decay
+        P[:, s.WANDER] *= decay
+        P[[s.WANDER_X, s.WANDER_Y], [s.WANDER_X, s.WANDER_Y]] += variance
+        self._tape.append(_Wander(decay))
+
+    def _renew(self, states: list[int], covariance: Floats) -> None:
         self._delta[states] = 0.0
         P = self._optimal_P
         P[states, :] = P[:, states] = 0.0
-        P[states, states] = covariance
+        P[np.ix_(states, states)] = covariance
         self._tape.append(_Renewal(states))
 
     def inflated(self, states: tuple[int, ...], variance: float) -> None:
@@ -236,8 +254,9 @@ class _Tape:
 
     def record_row(self, track_speeds: tuple[float, float]) -> None:
         """Record the state of the optimal filter at a row of the result."""
-        P, memory = self._optimal_P[UPPER], self._ekf.model.memory
-        row = _RowState(len(self._tape), self._delta.copy(), P, track_speeds, memory)
+        P, memory = self._optimal_P[self._upper], self._ekf.model.memory
+        wander = self._ekf.x[s.SIZE :].copy()
+        row = _RowState(len(self._tape), self._delta.copy(), P, track_speeds, memory, wander)
         self._rows.append(row)
 
     # --- backward --------------------------------------------------------------------------------
@@ -252,16 +271,17 @@ class _Tape:
         ekf.observer = ekf.clones = ekf.regressors = None
         count = len(self._rows)
         rows = Rows(count)
-        adjoint, information = np.zeros(s.SIZE), np.zeros((s.SIZE, s.SIZE))
+        size = self._size
+        adjoint, information = np.zeros(size), np.zeros((size, size))
         for index in reversed(range(count)):
             row = self._rows.pop()
             while len(self._tape) > row.length:
                 adjoint, information = _back(self._tape.pop(), adjoint, information)
-            P = np.zeros((s.SIZE, s.SIZE))
-            P[UPPER] = row.upper
-            P.T[UPPER] = row.upper
+            P = np.zeros((size, size))
+            P[self._upper] = row.upper
+            P.T[self._upper] = row.upper
             smoothed_P = P - P @ information @ P
-            ekf.x = filtered.states[index] + row.delta - P @ adjoint
+            ekf.x = np.append(filtered.states[index], row.wander) + row.delta - P @ adjoint
             ekf.P = 0.5 * (smoothed_P + smoothed_P.T)
             # Rounding may make a variance of zero negative.
             np.fill_diagonal(ekf.P, np.maximum(ekf.P.diagonal(), 0.0))
@@ -272,8 +292,8 @@ class _Tape:
                 index,
                 Snapshot(
                     int(filtered.stamps[index]),
-                    ekf.x,
-                    ekf.P,
+                    ekf.x[: s.SIZE],
+                    ekf.P[: s.SIZE, : s.SIZE],
                     model.twist,
                     model.jacobian @ ekf.P @ model.jacobian.T,
                     model.motion.indices,
@@ -284,9 +304,10 @@ class _Tape:
         )
 
 
-def _back(
-    event: _Step | _Renewal | _Update, adjoint: Floats, information: Floats
-) -> tuple[Floats, Floats]:
+_Event = _Step | _Renewal | _Wander | _Update
+
+
+def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, Floats]:
     """Compute lambda and Lambda before an event on the tape from those after it."""
     match event:
         case _Update(h, gain, innovation, S):
@@ -301,9 +322,16 @@ def _back(
             information = information.copy()
             information[states, :] = information[:, states] = 0.0
             return adjoint, information
+        case _Wander(decay):
+            adjoint, information = adjoint.copy(), information.copy()
+            adjoint[s.WANDER] *= decay
+            information[s.WANDER] *= decay
+            information[:, s.WANDER] *= decay
+            return adjoint, information
         case _Step(pose_rows, decay, back):
-            F = IDENTITY.copy()
+            size = len(adjoint)
+            F = IDENTITY[:size, :size].copy()
             F[s.POSE] = pose_rows
-            F.ravel()[SLIP_DIAGONAL] = decay
+            F.ravel()[slip_diagonal(size)] = decay
             F[s.GRAVITY, s.GRAVITY] = back
             return adjoint @ F, F.T @ information @ F

@@ -48,7 +48,8 @@ def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settin
         return
     from icreckon.estimator.engine.model import traced_model
 
-    shape = (type(model), traced_model(model), settings.considered)
+    wanders = settings.wander is not None and settings.wander.sigma > 0.0
+    shape = (type(model), traced_model(model), settings.considered, wanders)
     if shape in READY:
         return
     filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN, engine_of(settings.engine))

@@ -10,8 +10,11 @@ from itertools import zip_longest
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+
 from icreckon.estimator.base.errors import IcreckonError, nearest_hint
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
@@ -29,8 +32,6 @@ from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_tru
 DEFAULT_VARIANTS = tuple(VARIANTS)
 # Variant against which the lag and the lever arm of a truth are estimated.
 ALIGNMENT_VARIANT = "constant-online"
-# Standard deviation of the initial pose from a logged truth [m, m, rad].
-LOGGED_START_SIGMA = (0.02, 0.02, 0.01)
 POLL_SECONDS = 0.2
 # IMU samples from which the batch engine pays off: the streaming filter runs through these in the time
 # of compiling a variant for the first time.
@@ -112,18 +113,13 @@ def compare(
         raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
     for name in variants:
         motion_model(robot, find_variant(name))
-    alignment = None
-    if log.truth is not None and log.truth.twists is None:
-        unaided = _Task(replace(log, fixes=None), robot, settings, engine=engine)
-        reckoned = _first_found(variants, unaided.only_run)
-        alignment = align_truth(log.truth, reckoned.trajectory)
-        log = replace(log, truth=alignment.truth, notes=(*log.notes, *alignment.notes))
+    log, alignment = _aligned(_without_false_headings(log), robot, variants, settings, engine)
     if fixes is not None:
         log = with_fixes_within(log, fixes)
     start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if log.truth is not None:
         start = _pose_at(log.truth, log.start)
-        sigma = (0.0, 0.0, 0.0) if alignment is None else LOGGED_START_SIGMA
+        sigma = (0.0, 0.0, 0.0) if alignment is None else alignment.start_sigma
     elif log.fixes is not None:
         start, sigma = _first_found(
             variants, lambda name: start_from_fixes(log, robot, name, settings)
@@ -140,6 +136,39 @@ def compare(
     if not kept:
         raise _all_failed([*failed.values()])
     return Comparison(log, kept, alignment, failed)
+
+
+def _without_false_headings(log: Log) -> Log:
+    """Log whose truth shows positions alone if its headings are none."""
+    truth = log.truth
+    fault = heading_fault(truth) if truth is not None and truth.headings else None
+    if truth is None or fault is None:
+        return log
+    poses = truth.poses.poses.copy()
+    poses[:, 2] = np.nan
+    bare = replace(
+        truth, poses=replace(truth.poses, poses=poses), twists=None, tracks=None, headings=False
+    )
+    return replace(log, truth=bare, notes=(*log.notes, f"headings of the truth {fault}: not used"))
+
+
+def _aligned(
+    log: Log, robot: Robot, variants: Sequence[str], settings: Settings | None, engine: str
+) -> tuple[Log, TruthAlignment | None]:
+    """Log with a logged truth aligned; without it if its headings cannot be found."""
+    truth = log.truth
+    if truth is None or (truth.twists is not None and truth.headings):
+        return log, None
+    unaided = _Task(replace(log, fixes=None), robot, settings, engine=engine)
+    reckoned = _first_found(variants, unaided.only_run)
+    found = align_truth(truth, reckoned.trajectory)
+    if not truth.headings and found.headings is None:
+        note = (
+            "the truth has no headings, and the robot moves too little to find them from its path: the "
+            "truth is not used"
+        )
+        return replace(log, truth=None, notes=(*log.notes, note)), None
+    return replace(log, truth=found.truth, notes=(*log.notes, *found.notes)), found
 
 
 def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:

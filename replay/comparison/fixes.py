@@ -108,5 +108,7 @@ def _fixes_from_truth(log: Log) -> FixSeries:
     poses = log.truth.poses
     period = int(TRUTH_FIX_PERIOD / NANOSECOND)
     _, first = np.unique((poses.stamps - poses.stamps[0]) // period, return_index=True)
-    variances = np.tile(np.square(TRUTH_FIX_SIGMA), (len(first), 1))
-    return FixSeries(poses.stamps[first], poses.poses[first], variances)
+    variances, found = np.tile(np.square(TRUTH_FIX_SIGMA), (len(first), 1)), poses.poses[first]
+    if not log.truth.headings:
+        found[:, 2] = np.nan
+    return FixSeries(poses.stamps[first], found, variances)

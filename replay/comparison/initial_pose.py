@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace as replace_setting
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rotate, wrap_angle
@@ -15,7 +16,7 @@ from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import FixWander, Settings, with_wander_of
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
 
@@ -57,9 +58,13 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     fixes = log.fixes
     if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):
         return EXACT_ORIGIN
-    sigma = math.sqrt(float(np.median(fixes.variances[:, 0])))
-    until = _has_gone(log, max(BEGINNING, SIGMAS * sigma))
-    path = run(_beginning(log, until), robot, variant, settings=settings).trajectory.pose_series
+    white = math.sqrt(float(np.median(fixes.variances[:, 0])))
+    settings = with_wander_of(robot, settings or Settings())
+    wander = settings.wander or FixWander()
+    # Errors that wander do not average out along the path.
+    until = _has_gone(log, max(BEGINNING, SIGMAS * math.hypot(white, wander.sigma)))
+    alone = replace_setting(settings, wander=FixWander())
+    path = run(_beginning(log, until), robot, variant, settings=alone).trajectory.pose_series
     used = (fixes.stamps <= until) & (fixes.stamps >= path.stamps[0])
     used &= fixes.stamps <= path.stamps[-1]
     if not used.any():
@@ -67,7 +72,11 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     poses = interpolate_poses(path, fixes.stamps[used])
     reckoned = poses[:, :2] + rotate(fixes.lever_arms[used], poses[:, 2])
     places = fixes.poses[used, :2]
-    start = _laid_over(reckoned, places, sigma)
+    sigma = wander.at_start(white)
+    start = _laid_over(reckoned, places, math.hypot(white, math.sqrt(len(places)) * wander.sigma))
+    if start is not None and wander.sigma:
+        wide = sigma + start.sigma[2] * float(np.hypot(*reckoned.mean(axis=0)))
+        start = start._replace(sigma=(wide, wide, start.sigma[2]))
     heading = _first_heading(log)
     if heading is not None and (start is None or heading[1] < start.sigma[2]):
         first = places[0] - rotate(reckoned[0], heading[0])
@@ -76,9 +85,12 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     if start is None:
         wide = sigma + float(np.hypot(*reckoned[0]))
         x, y = places[0].tolist()
-        if math.hypot(x, y) <= CLEAR * wide:
+        if not wander.sigma and math.hypot(x, y) <= CLEAR * wide:
             return EXACT_ORIGIN
         return Start((x, y, 0.0), (wide, wide, ANY_HEADING))
+    if wander.sigma:
+        # Fixes that wander are of a map, not of odom.
+        return start
     off = np.abs(start.pose) / np.array(start.sigma)
     return EXACT_ORIGIN if (off <= CLEAR).all() else start
 

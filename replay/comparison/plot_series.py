@@ -41,6 +41,8 @@ def series_of(comparison: Comparison) -> Results:
     if log.truth is not None and truth is not None:
         true_poses = interpolate_poses(truth, np.clip(stamps, truth.stamps[0], truth.stamps[-1]))
         known = _bridged(truth.stamps, stamps)
+        if not log.truth.headings:
+            true_poses[:, 2] = np.nan
         series["truth"] = _pose_columns(np.where(known[:, None], true_poses, np.nan))
         series["truth"] |= _true_indices(log.truth, stamps)
     driven = first.trajectory.pose_series if truth is None else truth

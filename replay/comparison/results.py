@@ -95,7 +95,7 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
-            "notes": [*log.notes, *_holes(log), *_doubts(comparison)],
+            "notes": [*log.notes, *_holes(log), *_doubts(comparison), *_wander(comparison)],
             "start_ns": log.start,
         },
         "truth": _truth_summary(comparison, scored),
@@ -156,6 +156,16 @@ def _doubts(comparison: Comparison) -> list[str]:
     ]
 
 
+def _wander(comparison: Comparison) -> list[str]:
+    """Report the estimated wander of the fixes at the end of the log."""
+    found = [
+        f"{name} {one.health.wander.text}"
+        for name, one in comparison.runs.items()
+        if one.health.wander is not None and not name.endswith(SMOOTHED)
+    ]
+    return [f"wander of the fixes at the newest of them: {'; '.join(found)}"] if found else []
+
+
 def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:
     truth, alignment = comparison.log.truth, comparison.alignment
     if truth is None:
@@ -163,6 +173,7 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
     start = comparison.log.start
     return {
         "source": truth.source,
+        "headings": truth.headings,
         "distance_m": float(path_length(truth.poses)[-1]),
         "lag_s": 0.0 if alignment is None else alignment.lag,
         "lag_sigma_s": None if alignment is None else alignment.lag_sigma,

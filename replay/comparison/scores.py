@@ -73,18 +73,23 @@ def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> 
         label = f"{horizon:.0f}s"
         found[f"drift_percent_{label}_median"] = segments.percent_median
         if horizon == 30.0:
-            found["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m
-    errors = velocity_errors(estimate, truth)
+            found["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m if truth.headings else math.nan
+    # Without headings displacements have no axes.
+    known = truth.headings or truth.twists is not None
+    errors = velocity_errors(estimate, truth) if known else np.zeros((0, 3))
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
     for name, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
         found[f"rmse_{name}"] = value
-    nees = pose_nees(estimate, truth.poses, within=scored)
-    found["nees_pose_mean"] = float(nees.mean()) if len(nees) else math.nan
+    nees = pose_nees(estimate, truth.poses, within=scored, position_only=not truth.headings)
+    name = "nees_pose_mean" if truth.headings else "nees_position_mean"
+    found["nees_pose_mean"] = math.nan
+    found[name] = float(nees.mean()) if len(nees) else math.nan
     end = min(truth.poses.stamps[-1], estimate.stamps[-1])
     at = np.array([end])
     last = interpolate_poses(estimate.pose_series, at) - interpolate_poses(truth.poses, at)
     found["final_position_error_m"] = float(np.hypot(*last[0, :2]))
-    found["final_yaw_error_deg"] = float(np.degrees(wrap_angle(last[0, 2])))
+    turned = float(np.degrees(wrap_angle(last[0, 2])))
+    found["final_yaw_error_deg"] = turned if truth.headings else math.nan
     return found | _consistency(one)
 
 

@@ -134,6 +134,8 @@ def _counts(variant: str, one: Run) -> DiagnosticStatus:
             values[f"{name}: noise over that of the robot file"] = (
                 f"{noise.measured / noise.of_file:.2g}"
             )
+    if one.health.wander is not None:
+        values["wander of the fixes"] = one.health.wander.text
     seconds = (one.stamps[-1] - one.stamps[0]) * NANOSECOND
     return DiagnosticStatus(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
 

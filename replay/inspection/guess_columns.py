@@ -152,4 +152,4 @@ def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
         )
 
     x, y, yaw = ending("x"), ending("y"), ending("yaw", "heading", "theta")
-    return PoseColumns(x=x, y=y, yaw=yaw, time=time) if x and y and yaw else None
+    return PoseColumns(x=x, y=y, yaw=yaw, time=time) if x and y else None

@@ -171,7 +171,7 @@ def _truth(samples: Mapping[str, Sample], tracks: TrackTopic | None) -> TruthTop
             None,
         )
 
-    topic = first(POSE, POSE_WITH_COVARIANCE, ODOMETRY)
+    topic = first(POSE, POSE_WITH_COVARIANCE, ODOMETRY, NAVSATFIX)
     if topic is None:
         return None
     joints = first(JOINT_STATE) if tracks and tracks.left else None

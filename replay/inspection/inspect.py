@@ -13,10 +13,12 @@ from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
 from icreckon.replay.inspection.guess_topics import Sample, guess_topics
 from icreckon.replay.inspection.imu_mounting import (
@@ -119,11 +121,13 @@ def inspect(
     mounting = estimate_mounting(log) if log is not None else None
     estimates = NO_ESTIMATES
     latencies: dict[str, Latency | None] = {}
+    wander: FixWanderEstimate | str | None = None
     if log is not None:
         vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
         correlation = mounting.turning_correlation if mounting else None
         estimates = wheel_estimates(log, vertical, correlation)
         latencies = _latencies(log, vertical)
+        wander = estimate_wander(log, vertical) if log.fixes is not None else None
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
@@ -136,7 +140,10 @@ def inspect(
         topics=tuple(listed),
         mapping=mapping,
         mounting=mounting,
-        findings=tuple(_findings(log, mapping, mounting, estimates, clocks, latencies)),
+        findings=(
+            *_findings(log, mapping, mounting, estimates, clocks, latencies),
+            *_of_wander(wander),
+        ),
         dropped=log.dropped if log is not None else {},
         notes=tuple(notes),
         proposed_robot_file=robot_file_text(
@@ -148,6 +155,7 @@ def inspect(
             clocks,
             heading_offset(log) if log is not None else None,
             latencies.get("tracks"),
+            wander if isinstance(wander, FixWanderEstimate) else None,
         ),
     )
 
@@ -159,7 +167,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency | None]:
     found = {}
     if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= ABSURD:
         found["tracks"] = track_latency(log.tracks, log.imu, vertical)
-    if log.truth is not None:
+    if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         truth = log.truth.poses
         found["truth"] = heading_latency(truth.stamps, truth.poses[:, 2], log.imu, vertical)
     return found
@@ -220,6 +228,10 @@ def _findings(
         )
     if log is None:
         return
+    if log.truth is not None:
+        fault = heading_fault(log.truth) if log.truth.headings else "are missing"
+        if fault is not None:
+            yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
     for purpose, latency in latencies.items():
         if latency is None:
@@ -258,6 +270,13 @@ def _findings(
             from_twist=mapping.tracks is not None and not mapping.tracks.left,
         )
     )
+
+
+def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:
+    if isinstance(wander, FixWanderEstimate):
+        yield f"fixes: {wander.text}"
+    elif wander is not None:
+        yield f"fixes: whether their error wanders cannot be seen: {wander}"
 
 
 def _mapped_purposes(mapping: TopicMap) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
+from icreckon.replay.inspection.fix_wander import FixWanderEstimate
 from icreckon.replay.inspection.imu_mounting import Mounting
 from icreckon.replay.inspection.latency import Latency
 from icreckon.replay.inspection.wheels import WheelEstimates
@@ -38,6 +39,7 @@ def robot_file_text(
     clocks: Mapping[str, Choice],
     heading_offset: float | None,
     track_latency: Latency | None = None,
+    wander: FixWanderEstimate | None = None,
 ) -> str:
     """Format a robot file that `load_robot` and `topic_map` accept.
 
@@ -50,7 +52,9 @@ def robot_file_text(
         clocks: clock of each stream and the reason of its choice, by purpose.
         heading_offset: offset from a heading to the direction of driving [deg], or None.
         track_latency: latency of the track speeds against the gyro, or None if not observable.
+        wander: error of the fixes, or None if not observable.
     """
+    late, wandering = _latency_lines(track_latency), _wander_lines(wander)
     lines = [
         f"{FIRST_WORDS} {path.name}: check every line.",
         f"name = {_text(path.stem)}",
@@ -60,8 +64,8 @@ def robot_file_text(
         "",
         *_imu(mounting, log),
         *_tracks(mapping, estimates),
-        *_log(mapping, clocks, heading_offset, _latency_lines(track_latency)),
-        *(columns_text(mapping.columns, _latency_lines(track_latency)) if mapping.columns else []),
+        *_log(mapping, clocks, heading_offset, late, wandering),
+        *(columns_text(mapping.columns, late, wandering) if mapping.columns else []),
     ]
     return "\n".join(lines) + "\n"
 
@@ -225,6 +229,7 @@ def _log(
     clocks: Mapping[str, Choice],
     heading_offset: float | None,
     track_latency: list[str],
+    wander: list[str],
 ) -> list[str]:
     def time(purpose: str) -> list[str]:
         choice = clocks.get(purpose)
@@ -247,7 +252,8 @@ def _log(
         lines += ["[log.imu]", f"topic = {_text(mapping.imu.topic)}", *time("imu"), ""]
     if mapping.fixes:
         lines += ["[log.fixes]", f"topic = {_text(mapping.fixes.topic)}"]
-        if mapping.fixes.position_sigma is not None:
+        lines += wander
+        if mapping.fixes.position_sigma is not None and not wander:
             lines.append(f"position_sigma = {mapping.fixes.position_sigma}    {FILL_IN} (m)")
         lines += [*time("fixes"), ""]
     if mapping.heading:
@@ -274,8 +280,22 @@ def _log(
     return lines[:-1]
 
 
-def columns_text(columns: ColumnMap, track_latency: Sequence[str] = ()) -> list[str]:
-    """Format a column map, with the lines of the tracks' latency."""
+def _wander_lines(wander: FixWanderEstimate | None) -> list[str]:
+    """Error of the fixes: its white part, and that which wanders."""
+    if wander is None or wander.reason:
+        return []
+    shortest, longest = wander.times
+    return [
+        f"position_sigma = {wander.white:.2g}    # m, the part that is new in each fix, against odometry",
+        f"wander_sigma = {wander.sigma:.2g}    # m, the part that changes slowly",
+        f"wander_time = {wander.time:g}    # s; {shortest:g} to {longest:g} s fit as well",
+    ]
+
+
+def columns_text(
+    columns: ColumnMap, track_latency: Sequence[str] = (), wander: Sequence[str] = ()
+) -> list[str]:
+    """Format a column map, with lines on the tracks' latency and the fixes' error."""
     lines = ["[log.columns]", f"time = {_text(columns.time)}"]
     lines.append(f"time_unit = {_text(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):
@@ -287,6 +307,10 @@ def columns_text(columns: ColumnMap, track_latency: Sequence[str] = ()) -> list[
             value = getattr(spec, name)
             if value is None or value in ((), "") or name in ("latency", "held"):
                 continue
+            if name.startswith("wander") or (
+                name == "position_sigma" and purpose == "fixes" and wander
+            ):
+                continue
             text = _texts(value) if isinstance(value, tuple) else _text(value)
             if name == "counts_per_turn":
                 text = "nan"
@@ -295,6 +319,7 @@ def columns_text(columns: ColumnMap, track_latency: Sequence[str] = ()) -> list[
             remark = {**guessed, "acceleration_unit": "# check it", **filled}.get(name)
             lines.append(f"{name} = {text}{f'    {remark}' if remark else ''}")
         lines += track_latency if purpose == "tracks" else []
+        lines += wander if purpose == "fixes" else []
     return lines
 
 

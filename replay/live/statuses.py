@@ -60,6 +60,8 @@ class LiveStatuses:
             "stuck_tracks": str(health.stuck_tracks),
             "warm_start": str(self._live.warm).lower(),
         }
+        if frame == "map" and health.wander is not None:
+            details["wander_of_fixes_m"] = health.wander.text
         return estimate_status(name, estimator.pose_covariance, estimator.twist, details)
 
     def _map(self) -> DiagnosticStatus:

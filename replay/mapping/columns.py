@@ -9,7 +9,16 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from icreckon.estimator.base.checks import Bound, Latency, OnRobot, Positive, check_bounds
+from icreckon.estimator.base.checks import (
+    Bound,
+    Latency,
+    OnRobot,
+    Positive,
+    WanderSigma,
+    WanderTime,
+    check_bounds,
+    require_wander,
+)
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
 
@@ -116,9 +125,12 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         longitude: column [deg].
         altitude: column [m], or None.
         sigma: column of the standard deviation of each coordinate [m], or None.
-        position_sigma: standard deviation of each coordinate for all rows [m], without `sigma`.
+        position_sigma: standard deviation of each coordinate for all rows [m], without `sigma`; with
+            `wander_sigma` in its place, too.
         heading_sigma: standard deviation of yaw [rad]; without it, fixes have no heading.
         least_sigma: lower bound of the standard deviations of the rows [m].
+        wander_sigma: standard deviation of the part of the error that wanders [m]; of fixes only.
+        wander_time: its correlation time [s].
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
         position: the antenna or other measured point in base_link, forward and left [m]; of fixes only.
         source: name of the reference system of the truth, for reports.
@@ -136,6 +148,8 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position_sigma: Positive | None = None
     heading_sigma: Positive | None = None
     least_sigma: Positive | None = None
+    wander_sigma: WanderSigma = 0.0
+    wander_time: WanderTime = 0.0
     origin: tuple[float, float, float] | None = None
     position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
     source: str = ""
@@ -144,6 +158,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
         check_place((self.x, self.y), (self.latitude, self.longitude), "columns")
         check_origin(self.origin)
 
@@ -185,7 +200,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         tracks: columns of the track speeds.
         imu: columns of the IMU.
         fixes: columns of the fixes.
-        truth: columns of the truth; x, y and yaw.
+        truth: columns of the truth; without yaw it shows positions alone.
         heading: columns of a heading without a position.
     """
 
@@ -198,7 +213,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     heading: HeadingColumns | None = None
 
     def __post_init__(self) -> None:
-        if self.truth is not None and not (self.truth.x and self.truth.yaw):
-            raise ValueError("truth must name the columns x, y and yaw")
         if self.truth is not None and any(self.truth.position):
             raise ValueError("truth takes no position: the truth's point is estimated")
+        if self.truth is not None and self.truth.wander_sigma:
+            raise ValueError("truth takes no wander_sigma: fixes do")

@@ -10,7 +10,16 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-from icreckon.estimator.base.checks import Bound, Latency, OnRobot, Positive, check_bounds
+from icreckon.estimator.base.checks import (
+    Bound,
+    Latency,
+    OnRobot,
+    Positive,
+    WanderSigma,
+    WanderTime,
+    check_bounds,
+    require_wander,
+)
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
@@ -117,11 +126,14 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         longitude: field [deg].
         altitude: field [m], or None.
         sigma: field of the standard deviation of each coordinate [m], or None.
-        position_sigma: standard deviation of each coordinate if a message has no covariance [m].
+        position_sigma: standard deviation of each coordinate if a message has no covariance [m]; with
+            `wander_sigma` that of all fixes, since messages state their whole error.
         heading_sigma: standard deviation of yaw if a message has no covariance [rad]; if left out, such
             a message has no heading.
         least_sigma: lower bound of the messages' standard deviations [m]: errors of GPS are
             correlated over time, but a filter assumes independent fixes.
+        wander_sigma: standard deviation of the part of the error that wanders [m], see `FixWander`.
+        wander_time: its correlation time [s].
         frames: for tf, the frame of the fixes and that of the robot, ["map", "base_link"].
         origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
             if left out.
@@ -141,6 +153,8 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position_sigma: Positive | None = None
     heading_sigma: Positive | None = None
     least_sigma: Positive | None = None
+    wander_sigma: WanderSigma = 0.0
+    wander_time: WanderTime = 0.0
     frames: tuple[str, str] | None = None
     origin: tuple[float, float, float] | None = None
     position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
@@ -149,6 +163,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
         _check_frames(self.frames)
         check_origin(self.origin)
         plane, globe = (self.x, self.y), (self.latitude, self.longitude)
@@ -183,12 +198,15 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         topic: the pose; geometry_msgs/PoseStamped or PoseWithCovarianceStamped,
-            nav_msgs/Odometry (which gives the twist too), or tf with `frames`.
+            nav_msgs/Odometry (which gives the twist too), or tf with `frames`; or sensor_msgs/NavSatFix,
+            which has no headings.
         twist: the body velocity (geometry_msgs/TwistStamped), or None.
         tracks: the true track speeds (JointState, joints as in `[log.tracks]`), or None.
         source: name of the reference system ("lidar map"), for reports; the topic if left out.
         source_topic: a topic with that name (std_msgs/String), or None.
         frames: for tf, the frame of the truth and that of the robot.
+        origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; that of the fixes if
+            left out, if they have one, otherwise the first position.
         time: clock of the stamps.
         latency: latency of the stamps, subtracted from them [s].
     """
@@ -199,11 +217,13 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     source: str = ""
     source_topic: str | None = None
     frames: tuple[str, str] | None = None
+    origin: tuple[float, float, float] | None = None
     time: Clock = "auto"
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         _check_frames(self.frames)
+        check_origin(self.origin)
         check_bounds(self)
 
 

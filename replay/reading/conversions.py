@@ -126,6 +126,8 @@ def track_values(
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:
     """Fill in missing variances of fixes in place, and raise too small ones.
 
+    Messages state the whole error. If a part of it wanders, `position_sigma` is the rest.
+
     Args:
         variances: (n, 2) of each coordinate [m²] and of yaw [rad²]; NaN for unknown.
         mapped: topic or columns of the fixes.
@@ -135,6 +137,8 @@ def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray
     """
     unknown = np.isnan(variances[:, 0])
     if mapped.position_sigma is not None:
+        if mapped.wander_sigma:
+            variances[variances[:, 0] > 0.0, 0] = mapped.position_sigma**2
         variances[unknown, 0] = mapped.position_sigma**2
         if mapped.heading_sigma is not None:
             variances[unknown, 1] = mapped.heading_sigma**2

@@ -283,8 +283,7 @@ def _poses(
         by_field = Stream(purpose, mapped.topic, source, mapped.time, {}, definitions=definitions)
         by_field.any_reader = FieldRowReader(names, partial(_pose_row, mapped, names))
         return by_field
-    geodetic = GEODETIC_READERS if isinstance(mapped, FixTopic) else {}
-    readers = POSE_READERS | geodetic
+    readers = POSE_READERS | GEODETIC_READERS
     return Stream(purpose, mapped.topic, source, mapped.time, readers, definitions=definitions)
 
 

@@ -23,7 +23,9 @@ from icreckon.estimator.log.series import (
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.geodesy import east_north, on_globe
+from icreckon.replay.mapping.columns import PoseColumns
+from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
+from icreckon.replay.mapping.topics import TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.conversions import (
@@ -72,6 +74,8 @@ class _Assembly:
     notes: list[str] = field(default_factory=list)
     _arrays_of: dict[str, tuple[Stamps, Floats]] = field(default_factory=dict)
     _overlaid: list[tuple[int, int]] = field(default_factory=list)
+    # Origin of the fixes, if they are geodetic.
+    _origin: Origin | None = None
 
     def log(self, name: str) -> Log:
         streams = self.gathered.streams
@@ -256,7 +260,11 @@ class _Assembly:
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None
     ) -> tuple[Stamps, Floats, Floats]:
-        """Convert a geodetic stream to stamps, poses and variances; note the origin used."""
+        """Convert a geodetic stream to stamps, poses and variances; note the origin used.
+
+        A truth without an origin of its own has that of the fixes, so that both share a frame.
+        """
+        origin = self._origin if origin is None else origin
         stamps, rows = self._arrays(stream, 4)
         possible = on_globe(rows) | ~np.isfinite(rows[:, :2]).all(axis=1)
         stream.lose("not a place on the globe", int((~possible).sum()))
@@ -266,10 +274,11 @@ class _Assembly:
             latitude, longitude, altitude = rows[finite][0, :3].tolist()
             origin = (latitude, longitude, altitude if math.isfinite(altitude) else 0.0)
             self.notes.append(
-                f"{stream.purpose} are in metres east and north of the first one, "
+                f"positions of the {stream.purpose} are in metres east and north of the first one, "
                 f"[{origin[0]:.8f}, {origin[1]:.8f}, {origin[2]:.2f}]; "
                 f"`origin` in the robot file sets another"
             )
+        self._origin = origin
         poses = np.full((len(stamps), 3), NAN)
         if origin is not None:
             poses[finite, :2] = east_north(rows[finite, :3], origin)
@@ -300,9 +309,15 @@ class _Assembly:
         stream = streams.get("truth")
         if stream is None:
             return None
-        stamps, rows = self._arrays(stream, 11)
-        poses, twists = planar_poses(rows), rows[:, 8:]
-        keep = self._screened(stream, stamps, poses)
+        spec = self._truth_spec(stream)
+        if stream.msgtype == NAVSATFIX:
+            stamps, poses, _ = self._geodetic(stream, spec.origin if spec is not None else None)
+            twists = np.full_like(poses, NAN)
+        else:
+            stamps, rows = self._arrays(stream, 11)
+            poses, twists = planar_poses(rows), rows[:, 8:]
+        headings = bool(np.isfinite(poses[:, 2]).any())
+        keep = self._screened(stream, stamps, poses if headings else poses[:, :2])
         if not keep.any():
             return None
         own_twist = bool(np.isfinite(twists[keep]).all())
@@ -317,13 +332,13 @@ class _Assembly:
                 else None
             ),
             tracks=self._tracks(streams.get("truth tracks")),
-            source=self.gathered.truth_source or self._truth_name(stream),
+            source=self.gathered.truth_source or (spec.source if spec else "") or stream.topic,
+            headings=headings,
         )
 
-    def _truth_name(self, stream: Stream) -> str:
+    def _truth_spec(self, stream: Stream) -> PoseColumns | TruthTopic | None:
         mapping = self.gathered.mapping
-        spec = mapping.columns.truth if stream.from_table and mapping.columns else mapping.truth
-        return (spec.source if spec is not None else "") or stream.topic
+        return mapping.columns.truth if stream.from_table and mapping.columns else mapping.truth
 
     def _twists(self, stream: Stream) -> TwistSeries | None:
         stamps, rows = self._arrays(stream, 3)

@@ -1,4 +1,4 @@
-"""Position fixes of a true motion: noise, outliers, latency, outages.
+"""Position fixes of a true motion: noise, wander, outliers, latency, outages.
 
 Every parameter has its own random numbers, so that changing one changes no other error.
 """
@@ -12,6 +12,7 @@ from numpy.random import Generator
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.series import FixSeries
 from icreckon.simulation.base.sampling import to_stamps
+from icreckon.simulation.truth.true_motion import gauss_markov
 
 # A fix without error still states a sigma of a millimetre (a milliradian): a log allows no variance
 # of zero.
@@ -28,6 +29,9 @@ class FixErrors(msgspec.Struct, frozen=True, kw_only=True):
         outlier_sigma: standard deviation of the additional error of an outlier, in each coordinate
             [m]. The log states the variance of an ordinary fix for it.
         latency: age of the pose that a fix measures, at its arrival and stamp [s].
+        wander_sigma: standard deviation of the error that wanders, in each coordinate: a first-order
+            Gauss-Markov process, in addition to `sigma` [m].
+        wander_time: its correlation time [s].
     """
 
     sigma: float = 0.05
@@ -35,6 +39,8 @@ class FixErrors(msgspec.Struct, frozen=True, kw_only=True):
     outlier_share: float = 0.0
     outlier_sigma: float = 2.0
     latency: float = 0.0
+    wander_sigma: float = 0.0
+    wander_time: float = 60.0
 
 
 def shown_times(times: Floats, errors: FixErrors) -> Floats:
@@ -61,12 +67,16 @@ def with_fix_errors(
         outages: start and end [s] of each span without fixes, both included.
         rng: draws the errors, those of fixes lost in an outage included.
     """
-    choices, sizes = rng.spawn(2)
+    choices, sizes, wanders = rng.spawn(3)
     sigmas = np.array([errors.sigma, errors.sigma, errors.heading_sigma or 0.0])
     poses = poses + sigmas * rng.standard_normal(poses.shape)
     outlying = choices.random(len(times)) < errors.outlier_share
     excess = errors.outlier_sigma * sizes.standard_normal((len(times), 2))
     poses[:, :2] += np.where(outlying[:, None], excess, 0.0)
+    if errors.wander_sigma > 0.0 and len(times):
+        step = float(times[1] - times[0]) if len(times) > 1 else 1.0
+        unit = gauss_markov(len(times), step, errors.wander_time, wanders)
+        poses[:, :2] += errors.wander_sigma * unit[:, :2]
     if errors.heading_sigma is None:
         poses[:, 2] = np.nan
     stated = np.maximum(sigmas[1:], SMALLEST_FIX_SIGMA) ** 2

@@ -32,7 +32,7 @@ INERTIAL_SCALED = (
     "scale_sigma",
     "misalignment_sigma",
 )
-FIX_SCALED = ("sigma", "heading_sigma")
+FIX_SCALED = ("sigma", "heading_sigma", "wander_sigma")
 
 
 class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -93,10 +93,14 @@ class FixSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     outlier_share: NotNegative | None = None
     outlier_sigma: NotNegative | None = None
     latency: NotNegative | None = None
+    wander_sigma: NotNegative | None = None
+    wander_time: NotNegative | None = None
     factor: NotNegative | None = None
 
     def __post_init__(self) -> None:
         settle_types(self)
+        if self.wander_time == 0.0:
+            raise SimulationError("wander_time must be a positive number of seconds, found 0")
         if self.outlier_share is not None and self.outlier_share > 1.0:
             raise SimulationError(f"outlier_share must be at most 1, found {self.outlier_share!r}")
 

@@ -16,10 +16,11 @@ from icreckon.estimator.base.config import convert
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.estimator.filter.initial_state import assumptions
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, merged
+from icreckon.simulation.sensors.specs import fix_errors, noise_preset
 from icreckon.simulation.study.plan import LatinHypercube, Study, nest
 
 # Roots of dotted keys outside the scenario.
@@ -214,6 +215,19 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
+def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
+    """Settings with the wander of the scenario's fixes, if they name none.
+
+    As their variance, it is given to the filter; that of a robot file is about its logs.
+    """
+    errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
+    wanders = errors.wander_sigma > 0.0
+    if settings.wander is not None or not (wanders or FixWander.of(robot).sigma):
+        return settings
+    wander = FixWander(errors.wander_sigma, errors.wander_time) if wanders else FixWander()
+    return msgspec.structs.replace(settings, wander=wander)
+
+
 def _cell(
     study: Study, robot: Robot, index: int, values: dict[str, Value], changes: dict[str, Any]
 ) -> Cell:
@@ -231,14 +245,17 @@ def _cell(
         scenario = _with_outage(scenario, outage)
     alike = _changed_robot(robot, parts[ROBOT], ROBOT)
     modelled = _changed_robot(alike, parts[FILTER], FILTER)
+    robots = [
+        _changed_robot(modelled, spec.robot, f"robot of {spec.label}") for spec in study.filters()
+    ]
     filters = tuple(
         Filter(
             spec.label,
             spec.variant,
-            _changed_robot(modelled, spec.robot, f"robot of {spec.label}"),
-            spec.made_settings(),
+            its_robot,
+            _aware_of_wander(spec.made_settings(), its_robot, scenario),
         )
-        for spec in study.filters()
+        for spec, its_robot in zip(study.filters(), robots, strict=True)
     )
     for one in filters:
         assumptions(one.robot, find_variant(one.variant), one.settings)

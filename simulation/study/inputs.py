@@ -236,6 +236,8 @@ def _sensors(scenario: Scenario, robot: Robot) -> Inputs:
         figures = msgspec.to_builtins(fix_errors(scenario.fixes, preset))
         if not figures["outlier_share"]:
             del figures["outlier_sigma"]
+        if not figures["wander_sigma"]:
+            del figures["wander_sigma"], figures["wander_time"]
         fixes = [scenario.fix_rate, scenario.outages, figures]
     return {
         "encoders": [scenario.track_rate, encoders],

@@ -33,6 +33,11 @@ SCORES = (
     ("error at end, m", "final_position_error_m", 1.0),
     ("error at end, deg", "final_yaw_error_deg", 1.0),
 )
+# Of a truth without headings.
+POSITION_SCORES = (
+    ("position NEES, ideal 2", "nees_position_mean", 1.0),
+    ("error at end, m", "final_position_error_m", 1.0),
+)
 DIFFERENCES = (
     ("distance, m", "distance_m", 1.0),
     ("end x, m", "end_x_m", 1.0),
@@ -153,9 +158,10 @@ def _scored(results: Results) -> list[Section]:
                 cells.append(Cell(number(one.get(place)), "best" if is_best else "", beneath))
             rows.append((name, cells))
         tables.append(Table(title, head, rows))
+    of_truth = SCORES if results["truth"].get("headings", True) else POSITION_SCORES
     return [
         Section("Drift per horizon", scored_text(results), tables),
-        Section("Other scores", "", [_score_table(results, SCORES)]),
+        Section("Other scores", "", [_score_table(results, of_truth)]),
     ]
 
 

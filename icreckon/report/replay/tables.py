@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Group
@@ -23,6 +24,12 @@ SCORE_COLUMNS = (
     ("RMSE w\nmrad/s", "rmse_w_rad_s", 1),
     ("NEES pose\nideal 3", "nees_pose_mean", 1),
 )
+# Of a truth without headings.
+POSITION_COLUMNS = (
+    *SCORE_COLUMNS[:3],
+    ("error at end\nm", "final_position_error_m", 2),
+    ("NEES position\nideal 2", "nees_position_mean", 1),
+)
 DIFFERENCE_COLUMNS = (
     ("distance\nm", "distance_m", 1),
     ("end x\nm", "end_x_m", 2),
@@ -39,7 +46,9 @@ THOUSANDTHS = ("rmse_",)
 def results_table(results: Results) -> Group:
     """Scores of all variants, with footnotes on the log."""
     truth = results["truth"]
-    columns = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
+    columns: Sequence[tuple[str, str, int]] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
+    if truth and not truth.get("headings", True):
+        columns = POSITION_COLUMNS
     table = Table(title=_title(results), title_justify="left")
     table.add_column("variant", no_wrap=True)
     for heading, _, _ in columns:
@@ -72,7 +81,8 @@ def _footnotes(results: Results) -> list[str]:
         lines.append(f"No ground truth: apart means from {results['reference_variant']}.")
     else:
         parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
-        lines.append(f"Drift and yaw drift: without fixes, {parts or 'nowhere long enough'}.")
+        drifts = "Drift and yaw drift" if truth.get("headings", True) else "Drift"
+        lines.append(f"{drifts}: without fixes, {parts or 'nowhere long enough'}.")
         if truth["lag_s"] or any(truth["lever_arm_m"]):
             x, y = truth["lever_arm_m"]
             sigma = truth.get("lag_sigma_s")

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
 from icreckon.replay.comparison.truth_alignment import align_truth
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 SECONDS, RATE = 200.0, 20.0
 
@@ -59,3 +65,14 @@ def test_a_lag_that_does_not_show_is_taken_as_zero_with_a_word() -> None:
     assert found.lag == 0.0
     assert found.lag_sigma is None
     assert "cannot be seen" in found.notes[0]
+
+
+def test_fixes_from_a_truth_without_headings_have_none(robot: Robot) -> None:
+    log = simulate(Scenario(duration=20.0, fix_rate=0.0), robot)
+    assert log.truth is not None
+    bare = replace(log, truth=replace(log.truth, headings=False))
+    for one, headed in ((log, True), (bare, False)):
+        fixes = with_fixes_within(one, parse_part("0:50%")).fixes
+        assert fixes is not None
+        assert np.isfinite(fixes.poses[:, 2]).all() == headed
+    assert np.isfinite(log.truth.poses.poses).all()

@@ -153,6 +153,25 @@ def test_odom_does_not_jump_where_map_does(robot: Robot, messages: list[Arrived]
     assert np.hypot(*np.diff(in_map, axis=0)[:, :2].T).max() > 0.015
 
 
+def test_fixes_that_wander_start_the_map_with_little_weight(
+    robot: Robot, messages: list[Arrived]
+) -> None:
+    fixes = {**robot.log["fixes"], "wander_sigma": 1.2, "wander_time": 60.0}
+    wandering = msgspec.structs.replace(robot, log={**robot.log, "fixes": fixes})
+    live = LiveOdometry(wandering, VARIANT, settings=SETTINGS)
+    estimates = list(through(live, messages))
+    assert live.map is not None
+    estimator = live.map.estimator
+    assert estimator is not None
+    # The first fix is the place of the map, and no less wrong than its wander.
+    assert estimator.health.wander is not None
+    assert estimator.pose_covariance[0, 0] > 0.7 * 1.2**2
+    assert estimates[-1].map_pose is not None
+    found = {one.name: one for one in LiveStatuses(live).report()}
+    assert "+-" in found["icreckon: pose in map"].values["wander_of_fixes_m"]
+    assert "wander_of_fixes_m" not in found["icreckon: pose in odom"].values
+
+
 def test_the_rate_is_limited(robot: Robot, messages: list[Arrived]) -> None:
     estimates = live_run(robot, messages, highest_rate=10.0, use_fixes=False)
     assert len(estimates) == pytest.approx(10.0 * SECONDS, abs=2)

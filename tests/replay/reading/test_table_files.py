@@ -258,7 +258,11 @@ def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
         ({"tracks": SPEEDS | {"wrap": 9.0}}, "wrap is for what adds up"),
         ({"imu": {"angular_velocity": ["x", "y"]}}, "three columns"),
         ({"fixes": {"x": "x", "latitude": "y"}}, "or else latitude and longitude"),
-        ({"truth": {"latitude": "a", "longitude": "b"}}, "truth must name"),
+        ({"truth": {"latitude": "a", "yaw": "b"}}, "or else latitude and longitude"),
+        (
+            {"truth": {"x": "a", "y": "b", "wander_sigma": 1.0, "wander_time": 9.0}},
+            "no wander_sigma",
+        ),
     ],
 )
 def test_a_wrong_column_map(columns: dict[str, object], part: str) -> None:

@@ -14,7 +14,7 @@ from icreckon.simulation.sensors.encoders import (
     STANDING,
     EncoderErrors,
 )
-from icreckon.simulation.sensors.fixes import FixErrors
+from icreckon.simulation.sensors.fixes import FixErrors, with_fix_errors
 from icreckon.simulation.sensors.imu import InertialErrors, specific_forces
 from icreckon.simulation.sensors.specs import (
     NOISE_PRESETS,
@@ -579,3 +579,24 @@ def test_outliers_have_their_share_and_size_and_do_not_say_so():
     more = msgspec.structs.replace(errors, outlier_share=0.3)
     again = read_fixes(motion, times, more, (), rng(5)).poses
     assert np.array_equal(again[outlying], series.poses[outlying])
+
+
+def test_fixes_that_wander():
+    times = np.arange(0.0, 40_000.0, 1.0)
+    poses = np.zeros((len(times), 3))
+
+    def errors(**figures):
+        return with_fix_errors(poses, times, FixErrors(**figures), (), np.random.default_rng(5))
+
+    plain = errors(sigma=0.3)
+    found = errors(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
+    # The white noise is the same, and the log states it alone.
+    wander = (found.poses - plain.poses)[:, :2]
+    np.testing.assert_array_equal(found.variances, plain.variances)
+    assert wander.std(axis=0) == pytest.approx(1.2, rel=0.1)
+    for lag in (10, 60):
+        correlation = np.mean(wander[lag:] * wander[:-lag], axis=0) / wander.var(axis=0)
+        assert correlation == pytest.approx(np.exp(-lag / 60.0), abs=0.08)
+    assert abs(np.corrcoef(wander.T)[0, 1]) < 0.15
+    with pytest.raises(SimulationError, match="wander_time must be"):
+        FixSpec(wander_sigma=1.0, wander_time=0.0)

@@ -9,6 +9,7 @@ import pytest
 
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import FixWander
 from icreckon.report.study.folder import PAGE
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import choose_engine
@@ -16,6 +17,7 @@ from icreckon.simulation.running.run_study import RESULTS_PARQUET, RUNS_PARQUET
 from icreckon.simulation.running.store import MANIFEST, RESULTS
 from icreckon.simulation.running.streaming_engine import block, study_log
 from icreckon.simulation.scenario import Scenario, change_scenario
+from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import (
@@ -332,3 +334,23 @@ def test_the_docs_tell_every_file_column_statistic_and_study():
     for column in COLUMNS:
         stem = column.removesuffix("_low").removesuffix("_high")
         assert f"`{stem}`" in page, column
+
+
+def test_filters_are_given_the_wander_of_the_fixes_unless_they_name_another():
+    gps = Scenario(duration=10.0, fix_rate=1.0, fixes=FixSpec(wander_sigma=1.2, wander_time=60.0))
+    white = FilterSpec(variant="gyro", label="white", settings={"wander": {}})
+    plan = expanded(scenario=gps, variants=("gyro", white))
+    aware, unaware = plan.cells[0].filters
+    assert aware.settings.wander == FixWander(1.2, 60.0)
+    assert unaware.settings.wander == FixWander()
+    # Side by side there is no wander: the study is streamed.
+    assert choose_engine(plan).name == "streaming"
+    assert choose_engine(expanded(scenario=gps, variants=(white,))).name == "batch"
+    # That of a robot file is about its logs.
+    of_file = {"fixes": {"topic": "/fix", "wander_sigma": 3.0, "wander_time": 9.0}}
+    robot = {"log": of_file}
+    plan = expanded(variants=(FilterSpec(variant="gyro", robot=robot), "differential"))
+    assert plan.cells[0].filters[0].settings.wander == FixWander()
+    assert plan.cells[0].filters[1].settings.wander is None
+    found = block(expanded(scenario=gps, variants=("gyro",)).cells[0], [aware], 0, 1)
+    assert found["gyro"].reasons == ("",)

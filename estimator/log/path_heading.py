@@ -1,0 +1,161 @@
+"""Headings of a truth: check that they are some, or find them from its path.
+
+A position in a map shows no heading. But over some metres the path by tracks and gyro has the right
+shape. The turn that lays it over the positions around a stamp, plus its own yaw there, is the heading.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.scores import interpolate, interpolate_poses
+from icreckon.estimator.log.series import PoseSeries, Truth
+
+STEP = 0.5
+"""Distance between the places whose course is compared with the heading [m]."""
+FEWEST_STEPS = 10
+"""Least number of such steps that show something."""
+LEAST_AGREEMENT = 0.4
+"""Least length of the mean vector of course less heading: 1 if they always agree, 0 for chance [-]."""
+SLOW = 0.05
+"""Speed below which a true twist has no direction [m/s]."""
+TURNED = 0.5
+"""Turning by the true twists at which a heading is to change [rad]."""
+SAME = 1e-9
+"""Headings that differ by less are the same [rad]."""
+REACH = 5.0
+"""Distance along the path, to each side, over which it is laid over the positions [m]."""
+ALIKE = 1.0
+"""Distance along the path over which errors of the positions are alike [m]."""
+LEAST_EXTENT = 1.0
+"""Least extent of that part of the path, root mean square, at which its turn is used [m]."""
+LARGEST_SIGMA = 0.3
+"""Largest standard error at which it is [rad]."""
+
+
+class PathHeadings(NamedTuple):
+    """Headings from a path.
+
+    Attributes:
+        poses: positions with headings.
+        sigma: median of the headings' standard errors [rad].
+        start_sigma: that of the first heading [rad].
+        noise: distance of the positions from the path over a few metres, per axis [m].
+    """
+
+    poses: PoseSeries
+    sigma: float
+    start_sigma: float
+    noise: float
+
+
+def heading_fault(truth: Truth) -> str | None:
+    """Check the headings of a truth by the course of its path.
+
+    Args:
+        truth: a truth with headings.
+
+    Returns:
+        The reason not to use them, None if they follow the path.
+    """
+    poses = truth.poses
+    ends = _steps(poses.poses[:, :2])
+    if len(ends) < 3:
+        return None
+    yaw = np.unwrap(poses.poses[:, 2])
+    steps = np.diff(poses.poses[ends, :2], axis=0)
+    way = float(np.hypot(*steps.T).sum())
+    if np.ptp(yaw) < SAME and _may_turn(truth):
+        return f"are all the same although it moves by {way:.0f} m"
+    if len(steps) < FEWEST_STEPS:
+        return None
+    middle = poses.stamps[(ends[1:] + ends[:-1]) // 2]
+    off = (
+        np.arctan2(steps[:, 1], steps[:, 0]) - interpolate(poses.stamps, yaw[:, None], middle)[:, 0]
+    )
+    # A robot may drive backwards.
+    turns = 2.0
+    if truth.twists is not None:
+        v_x, v_y, _ = interpolate(truth.twists.stamps, truth.twists.twists, middle).T
+        if (np.hypot(v_x, v_y) > SLOW).all():
+            off, turns = off - np.arctan2(v_y, v_x), 1.0
+    if abs(np.mean(np.exp(1j * turns * off))) < LEAST_AGREEMENT:
+        return f"do not follow its path of {way:.0f} m"
+    return None
+
+
+def _may_turn(truth: Truth) -> bool:
+    """Return False if the true twists say that the robot has kept its heading."""
+    if truth.twists is None:
+        return True
+    steps = np.diff(truth.twists.stamps) * NANOSECOND
+    return bool(np.ptp(np.cumsum(steps * truth.twists.twists[1:, 2])) > TURNED)
+
+
+def _steps(places: Floats) -> Floats:
+    """Indices of places (n, 2) that are at least `STEP` from the one before."""
+    found, last = [0], places[0]
+    for index, place in enumerate(places):
+        if np.hypot(*(place - last)) >= STEP:
+            found.append(index)
+            last = place
+    return np.array(found)
+
+
+def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | None:
+    """Find the headings of positions by a path of the same robot.
+
+    Where the robot has hardly moved they are those of the path, turned as before and after.
+
+    Args:
+        places: positions; their yaw is not used.
+        path: the path by dead reckoning, in any frame, over the same time.
+
+    Returns:
+        The headings, within the time of the path; None if the robot moves too little to see any.
+    """
+    inside = (places.stamps >= path.stamps[0]) & (places.stamps <= path.stamps[-1])
+    stamps = places.stamps[inside]
+    if len(stamps) < FEWEST_STEPS:
+        return None
+    z = places.poses[inside, 0] + 1j * places.poses[inside, 1]
+    x, y, yaw = interpolate_poses(path, stamps).T
+    r = x + 1j * y
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
+    first = np.searchsorted(way, way - REACH)
+    last = np.searchsorted(way, way + REACH, side="right")
+
+    def total(values: Floats) -> Floats:
+        sums = np.concatenate([[0.0], np.cumsum(values)])
+        return np.asarray(sums[last] - sums[first])
+
+    # About the place itself, so that sums of squares of large coordinates do not cancel.
+    count = last - first
+    centre_r, centre_z = r.mean(), z.mean()
+    r, z = r - centre_r, z - centre_z
+    mean_r, mean_z = total(r) / count, total(z) / count
+    cross = total(np.conj(r) * z) - count * np.conj(mean_r) * mean_z
+    of_r = np.maximum(total(np.abs(r) ** 2) - count * np.abs(mean_r) ** 2, 0.0)
+    of_z = np.maximum(total(np.abs(z) ** 2) - count * np.abs(mean_z) ** 2, 0.0)
+    variance = np.maximum(of_r + of_z - 2.0 * np.abs(cross), 0.0) / np.maximum(2 * count - 3, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Errors are alike over some way: a lever arm, slip, multipath.
+        span = way[np.minimum(last, len(way)) - 1] - way[first]
+        sigma = np.sqrt(variance * count / of_r / np.maximum(span / ALIKE, 2.0))
+        good = (of_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
+    if not good.any():
+        return None
+    turn = np.unwrap(np.angle(cross[good]))
+    at = np.flatnonzero(good)
+    everywhere = np.arange(len(stamps))
+    sigmas = np.interp(everywhere, at, sigma[good])
+    headed = np.column_stack([places.poses[inside, :2], yaw + np.interp(everywhere, at, turn)])
+    return PathHeadings(
+        PoseSeries(stamps, headed),
+        float(np.median(sigmas)),
+        float(sigmas[0]),
+        float(np.sqrt(np.median(variance[good]))),
+    )

@@ -1,0 +1,372 @@
+"""Position fixes whose error wanders: two more states, exact between fixes, in every engine."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.filter.reacquisition import beside_wander
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import BodyVelocity, HeadingFix, PoseFix, PositionFix
+from icreckon.estimator.log.scores import pose_nees
+from icreckon.estimator.log.series import FixSeries
+from icreckon.estimator.robot.robot_file import Imu, load_robot
+from icreckon.estimator.robot.settings import FixWander, Settings
+from icreckon.estimator.sensors.measurement_models import Position
+from icreckon.estimator.sensors.predictions import point_on_robot, pose_now, with_wander
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.smoother import smooth
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+WANDER = FixWander(1.2, 60.0)
+GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
+SECOND = 1_000_000_000
+START = {"start": (1.0, -2.0, 0.4), "start_sigma": (0.5, 0.5, 0.1)}
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """A drive with plain GPS, and some of every other kind of fix, between the steps too."""
+    made = simulate(Scenario(duration=20.0, seed=4, fix_rate=2.0, fixes=GPS), ALPHA)
+    assert made.truth is not None
+    others = []
+    begin, end = made.start + 2 * SECOND + 3_000_000, made.start + 19 * SECOND
+    for k, stamp in enumerate(range(begin, end, 3 * SECOND)):
+        at = int(np.searchsorted(made.truth.poses.stamps, stamp))
+        x, y, yaw = made.truth.poses.poses[at].tolist()
+        spread = ((4.0, 0.5, 0.0), (0.5, 4.0, 0.0), (0.0, 0.0, 0.1))
+        others += [
+            HeadingFix(stamp, yaw, 0.05),
+            BodyVelocity(stamp + 1, 0.3, 0.0, 0.25),
+            PoseFix(stamp + SECOND + 2 * k, x, y, yaw, spread),
+        ]
+    return replace(made, truth=None, others=tuple(others))
+
+
+def settings(wander: FixWander | None = WANDER, engine: str = "compiled") -> Settings:
+    return Settings(wander=wander, engine=engine)  # type: ignore[arg-type]
+
+
+def fed(log: Log, given: Settings, variant: str = "inertia-online", marks: bool = False):
+    estimator = PoseEstimator(ALPHA, variant, settings=given, **START)
+    for number, measurement in enumerate(log.measurements()):
+        estimator.feed(measurement)
+        if marks and number in (200, 900):
+            estimator.mark()
+    return estimator
+
+
+def known(estimator: PoseEstimator) -> tuple[object, ...]:
+    found, health = estimator.filter_checkpoint(), estimator.health
+    arrays = found.state.tobytes(), found.covariance.tobytes()
+    return estimator.stamp, health.sensors, health.wander, *arrays
+
+
+def assert_close(found: PoseEstimator, expected: PoseEstimator, rounding: float) -> None:
+    """State and covariance agree, in standard deviations."""
+    a, b = found.filter_checkpoint(), expected.filter_checkpoint()
+    sigma = np.sqrt(np.maximum(b.covariance.diagonal(), 1e-20))
+    assert np.abs((a.state - b.state) / sigma).max() < rounding
+    assert np.abs((a.covariance - b.covariance) / np.outer(sigma, sigma)).max() < rounding
+
+
+# --- the states -------------------------------------------------------------------------------------
+
+
+def test_jacobian_of_a_fix_by_pose_and_wander() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        x = rng.normal(size=s.WANDER.stop)
+        fix = PositionFix(0, 1.0, 2.0, 0.3, *rng.normal(size=2).tolist())
+
+        def innovation(at: np.ndarray, fix: PositionFix = fix) -> np.ndarray:
+            return Position().linearise(fix, with_wander(pose_now(at), at)).z
+
+        _, H, _ = Position().linearise(fix, with_wander(pose_now(x), x))
+        steps = 1e-6 * np.eye(len(x))
+        by_state = [(innovation(x + step) - innovation(x - step)) / 2e-6 for step in steps]
+        assert -np.transpose(by_state) == pytest.approx(H, abs=1e-8)
+        there = point_on_robot(pose_now(x), fix.forward, fix.left).values[:2] + x[s.WANDER]
+        assert innovation(x) == pytest.approx(np.array([1.0, 2.0]) - there)
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_wander_that_is_forgotten_at_once_is_white_noise(log: Log, engine: str) -> None:
+    """An independent check of propagation, cross-covariance and gate: the filter without wander."""
+    log = replace(log, others=())
+    assert log.fixes is not None
+    more = log.fixes.variances + np.array([WANDER.sigma**2, 0.0])
+    white = replace(log, fixes=replace(log.fixes, variances=more))
+    found = fed(log, settings(FixWander(WANDER.sigma, 1e-6), engine))
+    expected = fed(white, settings(None, engine))
+    sigma = np.sqrt(expected.covariance.diagonal()) + 1e-12
+    assert np.abs((found.state - expected.state) / sigma).max() < 1e-7
+    scale = np.outer(sigma, sigma)
+    assert np.abs((found.covariance - expected.covariance) / scale).max() < 1e-7
+    a, b = (one.health.sensors["position"] for one in (found, expected))
+    assert (a.used, a.rejected) == (b.used, b.rejected)
+    assert a.nis_sum == pytest.approx(b.nis_sum, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "variant", ["constant-online", "inertia-online", "friction-online", "gyro"]
+)
+def test_compiled_is_plain(log: Log, variant: str) -> None:
+    plain, compiled = (
+        fed(log, settings(engine=engine), variant) for engine in ("plain", "compiled")
+    )
+    assert_close(compiled, plain, 1e-8)
+    assert compiled.health.wander == pytest.approx(plain.health.wander, rel=1e-8)
+    assert compiled.health.wander.sigma < WANDER.sigma
+
+
+def test_consider_states_and_marks_beside_the_wander(log: Log) -> None:
+    given = msgspec.structs.replace(settings(), considered=("gyro_scale", "eta0"))
+    plain = msgspec.structs.replace(given, engine="plain")
+    found, expected = fed(log, given, marks=True), fed(log, plain, marks=True)
+    assert_close(found, expected, 1e-8)
+    assert_close(fed(log, given), found, 1e-8)
+    first, second = found.marks
+    for end in (None, second):
+        motion, other = (one.relative_motion(first, end) for one in (found, expected))
+        assert motion.pose == pytest.approx(other.pose, rel=1e-8)
+        assert motion.covariance == pytest.approx(other.covariance, rel=1e-6, abs=1e-12)
+        assert np.linalg.eigvalsh(motion.covariance).min() > 0.0
+
+
+def test_without_wander_nothing_is_added(log: Log) -> None:
+    found, expected = fed(log, settings(FixWander())), fed(log, settings(None))
+    assert known(found) == known(expected)
+    assert found.filter_checkpoint().state.shape == (s.SIZE,)
+    assert found.health.wander is None
+
+
+def test_another_frame_and_the_mirror_image_change_nothing(log: Log) -> None:
+    """The wander lies along the axes of the frame of the fixes, and is the same along both."""
+    log = replace(log, others=())
+    fixes, tracks, imu = log.fixes, log.tracks, log.imu
+    assert fixes is not None
+    assert imu is not None
+    plain = Settings(wander=WANDER, engine="plain")
+
+    def estimated(log: Log, start: tuple[float, float, float]) -> PoseEstimator:
+        # A robot without sides.
+        robot = msgspec.structs.replace(
+            ALPHA,
+            tracks=msgspec.structs.replace(ALPHA.tracks, difference=0.0),
+            vehicle=msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(0.0, 0.0, 0.3)),
+            imu=Imu(),
+            constant_icr=None,
+            indices=msgspec.structs.replace(ALPHA.indices, epsilon0=0.0),
+        )
+        estimator = PoseEstimator(
+            robot, "constant-online", settings=plain, start=start, start_sigma=(0.5, 0.5, 0.1)
+        )
+        for measurement in log.measurements():
+            estimator.feed(measurement)
+        return estimator
+
+    one = estimated(log, (1.0, -2.0, 0.4))
+    angle = 1.1
+    turned = fixes.poses.copy()
+    turned[:, :2] = rotate(fixes.poses[:, :2], np.full(len(turned), angle))
+    start = rotate(np.array([[1.0, -2.0]]), np.array([angle]))[0].tolist()
+    other = estimated(
+        replace(log, fixes=replace(fixes, poses=turned)), (start[0], start[1], 0.4 + angle)
+    )
+    by_angle = np.array([angle])
+    assert rotate(one.pose[None, :2], by_angle)[0] == pytest.approx(other.pose[:2], abs=1e-8)
+    at = np.array([[one.health.wander.x, one.health.wander.y]])
+    there = other.health.wander
+    assert rotate(at, by_angle)[0] == pytest.approx([there.x, there.y], abs=1e-8)
+
+    mirrored = replace(
+        log,
+        tracks=replace(tracks, speeds=tracks.speeds[:, ::-1]),
+        imu=replace(
+            imu,
+            angular_velocity=imu.angular_velocity * (-1.0, 1.0, -1.0),
+            linear_acceleration=imu.linear_acceleration * (1.0, -1.0, 1.0),
+        ),
+        fixes=replace(fixes, poses=fixes.poses * (1.0, -1.0, -1.0)),
+    )
+    image = estimated(mirrored, (1.0, 2.0, -0.4))
+    assert image.pose == pytest.approx(one.pose * (1.0, -1.0, -1.0), abs=1e-8)
+    assert image.health.wander.y == pytest.approx(-one.health.wander.y, abs=1e-8)
+
+
+# --- late, saved, copied, smoothed, side by side ----------------------------------------------------
+
+
+def test_late_fixes_are_used_as_if_in_time(log: Log) -> None:
+    late = []
+    for measurement in log.measurements():
+        delay = 400_000_000 if isinstance(measurement, PositionFix | PoseFix) else 0
+        late.append((measurement.stamp + delay, len(late), measurement))
+    estimator = PoseEstimator(ALPHA, "inertia-online", settings=settings(), **START)
+    for _, _, measurement in sorted(late, key=lambda row: row[:2]):
+        estimator.feed(measurement)
+    in_time = fed(log, settings())
+    assert estimator.health.sensors["position"].late > 20
+    a, b = estimator.filter_checkpoint(), in_time.filter_checkpoint()
+    np.testing.assert_array_equal(a.state, b.state)
+    np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
+@pytest.mark.parametrize("engine", ["plain", "compiled"])
+def test_saved_and_copied_estimators_continue_to_the_last_bit(
+    log: Log, tmp_path, engine: str
+) -> None:
+    measurements = list(log.measurements())
+    begun = PoseEstimator(ALPHA, "inertia-online", settings=settings(engine=engine), **START)
+    for measurement in measurements[:1500]:
+        begun.feed(measurement)
+    begun.mark()
+    begun.save(tmp_path / "saved.json")
+    # The wander is part of the settings that are saved, not of the robot file.
+    others = [
+        PoseEstimator.restore(tmp_path / "saved.json", ALPHA),
+        begun.copy(),
+        pickle.loads(pickle.dumps(begun)),  # noqa: S301 - our own
+        copy.deepcopy(begun),
+    ]
+    for measurement in measurements[1500:]:
+        for estimator in (begun, *others):
+            estimator.feed(measurement)
+    for other in others:
+        assert known(other) == known(begun)
+    warm = PoseEstimator.warm_start(tmp_path / "saved.json", ALPHA, off=10.0)
+    assert warm.health.wander == (0.0, 0.0, pytest.approx(WANDER.sigma))
+
+
+def test_smoothing_the_wander(log: Log) -> None:
+    both = smooth(log, ALPHA, "constant-online", settings=settings(), **START)
+    forward = run(log, ALPHA, "constant-online", settings=settings(), **START)
+    assert both.filtered.states == pytest.approx(forward.states, abs=1e-8)
+    assert (both.smoothed.state_sigmas[:, :2] <= both.filtered.state_sigmas[:, :2] * 1.001).all()
+    # Wander that is forgotten at once is white noise, to the smoother too.
+    log = replace(log, others=())
+    more = log.fixes.variances + np.array([WANDER.sigma**2, 0.0])
+    white = replace(log, fixes=replace(log.fixes, variances=more))
+    short = settings(FixWander(WANDER.sigma, 1e-6))
+    found = smooth(log, ALPHA, "constant-online", settings=short, **START).smoothed
+    expected = smooth(white, ALPHA, "constant-online", settings=settings(None), **START).smoothed
+    scale = expected.state_sigmas + 1e-9
+    assert np.abs((found.states - expected.states) / scale).max() < 1e-6
+    assert np.abs((found.state_sigmas - expected.state_sigmas) / scale).max() < 1e-6
+
+
+def test_arrays_are_fed_one_by_one_and_lanes_say_so(log: Log) -> None:
+    alone = replace(log, fixes=None, others=())
+    one, other = (PoseEstimator(ALPHA, settings=settings()) for _ in range(2))
+    feed_arrays(one, alone.tracks, alone.imu)
+    for measurement in alone.measurements():
+        other.feed(measurement)
+    assert_close(one, other, 1e-9)
+    with pytest.raises(BatchError, match="wander_sigma"):
+        run_side_by_side(alone, ALPHA, ["inertia-online"], settings=settings())
+
+
+def test_a_lost_heading_is_found_by_fixes_that_wander() -> None:
+    made = simulate(Scenario(duration=90.0, seed=4, fix_rate=2.0, fixes=GPS), ALPHA)
+    fixes, truth = made.fixes, made.truth
+    assert fixes is not None
+    assert truth is not None
+    turned = fixes.poses.copy()
+    # From the middle on the frame is another, as if the robot had been carried and turned.
+    half, angle = len(turned) // 2, 2.0
+    later = np.full(len(turned) - half, angle)
+    turned[half:, :2] = rotate(turned[half:, :2], later) + np.array([60.0, 30.0])
+    log = replace(made, fixes=replace(fixes, poses=turned), truth=None)
+    for engine in ("plain", "compiled"):
+        found = run(log, ALPHA, "constant-online", settings=settings(engine=engine))
+        yaw = truth.poses.poses[-1, 2] + angle - found.trajectory.poses[-1, 2]
+        assert found.health.sensors["position"].reacquired >= 1
+        assert abs(math.remainder(yaw, 2.0 * math.pi)) < 0.3
+    joint = beside_wander(np.diag([0.1, 0.1, 0.01]), 1.2)
+    assert np.linalg.eigvalsh(joint).min() >= -1e-12
+    # The next fix is predicted as well as those of the relocation.
+    H = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
+    assert H @ joint @ H == pytest.approx(0.1)
+
+
+# --- consistency ------------------------------------------------------------------------------------
+
+
+def nees(given: Settings, sigma: float, runs: int = 8) -> float:
+    """Mean NEES of the pose over runs of two minutes with plain GPS, from 30 s on."""
+    found = []
+    for index in range(runs):
+        scenario = Scenario(duration=120.0, seed=21, fix_rate=1.0, fixes=GPS, truth="kinematic")
+        log = simulate(scenario, ALPHA, run_index=index)
+        assert log.fixes is not None
+        assert log.truth is not None
+        variances = np.full_like(log.fixes.variances, sigma**2)
+        given_log = replace(log, fixes=FixSeries(log.fixes.stamps, log.fixes.poses, variances))
+        result = run(given_log, ALPHA, "constant-online", settings=given)
+        errors = pose_nees(result.trajectory, log.truth.poses)
+        found.append(errors[len(errors) // 4 :].mean())
+    return float(np.mean(found))
+
+
+def test_wander_as_it_is_makes_the_filter_as_sure_as_it_may_be() -> None:
+    runs = 8
+    white, wander = nees(settings(None), 0.3, runs), nees(settings(), 0.3, runs)
+    # Errors are correlated over the wander's time: about one and a half samples of three in each run.
+    upper = chi2.ppf(0.999, 3 * 1.5 * runs) / (1.5 * runs)
+    assert wander < upper
+    assert wander > 1.0
+    assert white > 20.0
+
+
+# --- settings ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("sigma", "time", "message"),
+    [
+        (-1.0, 60.0, "FixWander.sigma must be from 0 to 1000 m, found -1"),
+        (math.nan, 60.0, "FixWander.sigma must be .* found nan"),
+        (1.2, -60.0, "FixWander.time must be from 0 to 1e6 s, found -60"),
+        (1.2, math.inf, "FixWander.time"),
+        (1.2, 0.0, "FixWander.sigma = 1.2 needs FixWander.time"),
+        (0.0, 60.0, "FixWander.time = 60.0 needs FixWander.sigma"),
+        ("1.2", 60.0, "FixWander.sigma must be"),
+    ],
+)
+def test_values_that_are_no_wander(sigma: float, time: float, message: str) -> None:
+    with pytest.raises(EstimatorError, match=message):
+        FixWander(sigma, time)
+
+
+def test_wander_of_the_robot_file_and_of_the_settings() -> None:
+    table = {"topic": "/fix", "wander_sigma": 1.5, "wander_time": 45.0}
+    of_bags = msgspec.structs.replace(ALPHA, log={"fixes": table})
+    of_tables = msgspec.structs.replace(ALPHA, log={"columns": {"fixes": table}})
+    for robot in (of_bags, of_tables):
+        assert FixWander.of(robot) == FixWander(1.5, 45.0)
+        assert PoseEstimator(robot, "gyro").health.wander == (0.0, 0.0, 1.5)
+        assert PoseEstimator(robot, "gyro", settings=settings()).health.wander[2] == 1.2
+        assert PoseEstimator(robot, "gyro", settings=settings(FixWander())).health.wander is None
+    assert FixWander.of(ALPHA) == FixWander()
+    wrong = msgspec.structs.replace(ALPHA, log={"fixes": table | {"wander_time": -1.0}})
+    with pytest.raises(EstimatorError, match="from 0 to 1e6 s"):
+        PoseEstimator(wrong)
+    with pytest.raises(EstimatorError, match=r"Settings\.wander must be FixWander"):
+        Settings(wander=1.2)  # type: ignore[arg-type]

@@ -1,0 +1,263 @@
+"""A truth without headings from end to end: NavSatFix in a bag, a table without yaw, dead headings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymap3d import enu2geodetic
+
+from bag_messages import T, header, imu, joints, pose_stamped, write_bag
+from command_line import fails, icreckon
+from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+ORIGIN = (52.0, 13.0, 40.0)
+TURNED = 0.8
+VARIANT = "constant-online"
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    scenario = Scenario(
+        duration=90.0, seed=5, trajectory="aggressive", fix_rate=0.0, truth="kinematic"
+    )
+    return simulate(scenario, ALPHA)
+
+
+def navsatfix(stamp: int, east: float, north: float):
+    latitude, longitude, altitude = enu2geodetic(east, north, 0.0, *ORIGIN)
+    return T["sensor_msgs/msg/NavSatFix"](
+        header(stamp, "gps"),
+        T["sensor_msgs/msg/NavSatStatus"](0, 1),
+        float(latitude),
+        float(longitude),
+        float(altitude),
+        np.diag([1e-4, 1e-4, 1e-4]).ravel(),
+        2,
+    )
+
+
+def east_north(log: Log) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and positions of an antenna on the robot in a turned frame, 10 Hz, 1 cm of noise."""
+    assert log.truth is not None
+    stamps, poses = log.truth.poses.stamps, log.truth.poses.poses
+    places = poses[:, :2] + rotate(np.tile([0.2, 0.0], (len(poses), 1)), poses[:, 2])
+    places = rotate(places, np.full(len(places), TURNED)) + np.array([30.0, 12.0])
+    places += 0.01 * np.random.default_rng(1).standard_normal(places.shape)
+    every = max(1, round(1e8 / np.median(np.diff(stamps))))
+    return stamps[::every], places[::every]
+
+
+def sensors(log: Log) -> list[tuple[str, object]]:
+    radius = ALPHA.vehicle.sprocket_radius
+    names = ("left_track_joint", "right_track_joint")
+    messages: list[tuple[str, object]] = [
+        ("/joint_states", joints(stamp, rates, names))
+        for stamp, rates in zip(
+            log.tracks.stamps.tolist(), (log.tracks.speeds / radius).tolist(), strict=True
+        )
+    ]
+    assert log.imu is not None
+    rows = zip(
+        log.imu.stamps.tolist(),
+        log.imu.angular_velocity.tolist(),
+        log.imu.linear_acceleration.tolist(),
+        strict=True,
+    )
+    messages += [("/imu/data_raw", imu(stamp, rate, force)) for stamp, rate, force in rows]
+    return messages
+
+
+@pytest.fixture(scope="module")
+def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    stamps, places = east_north(log)
+    truth = [
+        ("/truth/gps", navsatfix(stamp, *place))
+        for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
+    ]
+    return write_bag(tmp_path_factory.mktemp("truth") / "bag", [*sensors(log), *truth])
+
+
+def robot_file(folder: Path, truth: str) -> Path:
+    text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
+    path = folder / "robot.toml"
+    path.write_text(text[: text.index("[log.fixes]")] + truth, encoding="utf-8")
+    return path
+
+
+NAVSAT = '[log.truth]\ntopic = "/truth/gps"\norigin = [52.0, 13.0, 40.0]\n'
+
+
+def test_navsatfix_is_read_as_positions_alone(log: Log, bag: Path, tmp_path: Path) -> None:
+    read = read_log(bag, load_robot(robot_file(tmp_path, NAVSAT)))
+    assert read.truth is not None
+    assert not read.truth.headings
+    assert np.isnan(read.truth.poses.poses[:, 2]).all()
+    np.testing.assert_allclose(read.truth.poses.poses[:, :2], east_north(log)[1], atol=1e-4)
+    # By its own first position where there is no origin.
+    first = read_log(bag, load_robot(robot_file(tmp_path, NAVSAT[: NAVSAT.index("origin")])))
+    assert first.truth is not None
+    np.testing.assert_allclose(first.truth.poses.poses[0, :2], 0.0, atol=1e-6)
+    assert any("positions of the truth are in metres" in note for note in first.notes)
+
+
+def test_replay_scores_positions_and_says_so(log: Log, bag: Path, tmp_path: Path) -> None:
+    words = ("--robot", robot_file(tmp_path, NAVSAT), "--variants", VARIANT)
+    done = icreckon("replay", bag, *words, "--out", tmp_path / "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "the truth has no headings: scored are positions" in " ".join(done.stdout.split())
+    assert "NEES position" in done.stdout
+    assert "RMSE" not in done.stdout
+    results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    scores = results["variants"][VARIANT]
+    assert results["truth"]["headings"] is False
+    for name in ("yaw_drift_deg_per_m", "final_yaw_error_deg", "nees_pose_mean", "rmse_v_y_m_s"):
+        assert scores[name] is None
+    assert set(results["series"]["variants"][VARIANT]["yaw_error_rad"]) == {None}
+    assert scores["nees_position_mean"] is not None
+    assert scores["lever_arm_m"][0] == pytest.approx(0.2, abs=0.06)
+    assert (tmp_path / "out" / "page.html").exists()
+
+    # As with the true poses, but for the frame: the alignment has found it.
+    own = write_bag(
+        tmp_path / "own",
+        [
+            *sensors(log),
+            *(
+                (
+                    "/pose",
+                    pose_stamped(stamp, x=x, y=y, q=(0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))),
+                )
+                for stamp, (x, y, yaw) in zip(
+                    log.truth.poses.stamps.tolist(), log.truth.poses.poses.tolist(), strict=True
+                )
+            ),
+        ],
+    )
+    path = robot_file(tmp_path, '[log.truth]\ntopic = "/pose"\n')
+    done = icreckon("replay", own, "--robot", path, "--variants", VARIANT, "--json", cwd=tmp_path)
+    headed = json.loads(done.stdout)["variants"][VARIANT]
+    assert headed["nees_pose_mean"] is not None
+    for horizon in ("10s", "30s"):
+        key = f"drift_percent_{horizon}_mean"
+        assert scores[key] == pytest.approx(headed[key], rel=0.35, abs=0.15)
+
+
+@pytest.mark.parametrize("kind", ["identity", "random"])
+def test_dead_headings_are_not_scored(log: Log, tmp_path: Path, kind: str) -> None:
+    """Many drivers fill the quaternion with the identity, or leave what was in memory."""
+    stamps, places = east_north(log)
+    rng = np.random.default_rng(2)
+    half = rng.uniform(-1.5, 1.5, len(stamps)) if kind == "random" else np.zeros(len(stamps))
+    truth = [
+        ("/pose", pose_stamped(stamp, x=x, y=y, q=(0.0, 0.0, np.sin(angle), np.cos(angle))))
+        for stamp, (x, y), angle in zip(
+            stamps.tolist(), places.tolist(), half.tolist(), strict=True
+        )
+    ]
+    bag = write_bag(tmp_path / "bag", [*sensors(log), *truth])
+    words = ("--robot", robot_file(tmp_path, '[log.truth]\ntopic = "/pose"\n'))
+    done = icreckon("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    scores, notes = results["variants"][VARIANT], " ".join(results["log"]["notes"])
+    assert ("all the same" if kind == "identity" else "do not follow its path") in notes
+    assert "scored are positions" in notes
+    assert scores["yaw_drift_deg_per_m"] is None
+    assert scores["drift_percent_30s_mean"] < 5.0
+    done = icreckon("inspect", bag, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    expected = "fixes" if "/pose" not in done.stdout else "/pose"
+    assert expected in done.stdout
+
+
+def test_a_table_without_yaw(log: Log, tmp_path: Path) -> None:
+    stamps, places = east_north(log)
+    lines = ["t,left,right,gx,gy,gz,ax,ay,az,truth_x,truth_y"]
+    lines += [
+        f"{stamp},{left!r},{right!r},,,,,,,,"
+        for stamp, (left, right) in zip(
+            log.tracks.stamps.tolist(), log.tracks.speeds.tolist(), strict=True
+        )
+    ]
+    lines += [
+        f"{stamp},,,{','.join(map(repr, [*rate, *force]))},,"
+        for stamp, rate, force in zip(
+            log.imu.stamps.tolist(),
+            log.imu.angular_velocity.tolist(),
+            log.imu.linear_acceleration.tolist(),
+            strict=True,
+        )
+    ]
+    lines += [
+        f"{stamp},,,,,,,,,{x!r},{y!r}"
+        for stamp, (x, y) in zip(stamps.tolist(), places.tolist(), strict=True)
+    ]
+    table = tmp_path / "run.csv"
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    columns = (
+        '[log.columns]\ntime = "t"\ntime_unit = "ns"\n'
+        '[log.columns.tracks]\nleft = ["left"]\nright = ["right"]\n'
+        '[log.columns.imu]\nangular_velocity = ["gx", "gy", "gz"]\n'
+        'linear_acceleration = ["ax", "ay", "az"]\n'
+        '[log.columns.truth]\nx = "truth_x"\ny = "truth_y"\n'
+    )
+    words = ("--robot", robot_file(tmp_path, columns), "--variants", VARIANT, "--json")
+    done = icreckon("replay", table, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert any("scored are positions" in note for note in results["log"]["notes"])
+    assert results["variants"][VARIANT]["drift_percent_30s_mean"] < 5.0
+    done = icreckon("inspect", table, cwd=tmp_path)
+    assert "truth: headings are missing" in done.stdout
+    assert '\n[log.columns.truth]\nx = "truth_x"\ny = "truth_y"\n' in done.stdout
+
+
+def test_inspect_takes_navsatfix_for_the_truth_by_its_name(bag: Path, tmp_path: Path) -> None:
+    done = icreckon("inspect", bag, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "truth: headings are missing: a replay scores positions alone" in done.stdout
+    assert '[log.truth]\ntopic = "/truth/gps"' in done.stdout
+
+
+def test_calibrate_from_positions(bag: Path, tmp_path: Path) -> None:
+    words = ("--robot", robot_file(tmp_path, NAVSAT), "--models", "constant", "--json")
+    done = icreckon("calibrate", bag, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert any("the headings of the truth are missing" in note for note in results["notes"])
+    radius = results["parameters"]["sprocket_radius"]
+    assert abs(radius["value"] - radius["before"]) < 4.0 * radius["sigma"]
+    assert radius["sigma"] < 0.02 * radius["before"]
+    assert abs(results["logs"][0]["truth_lag_s"]) < 0.05
+
+
+def test_a_robot_that_stands_has_a_truth_that_is_not_used(tmp_path: Path) -> None:
+    # Its first three seconds are a standstill.
+    still = simulate(Scenario(duration=3.5, fix_rate=0.0), ALPHA)
+    stamps, places = east_north(still)
+    truth = [
+        ("/truth/gps", navsatfix(stamp, *place))
+        for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
+    ]
+    bag = write_bag(tmp_path / "bag", [*sensors(still), *truth])
+    words = ("--robot", robot_file(tmp_path, NAVSAT))
+    done = icreckon("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert results["truth"] is None
+    assert any("too little to find them from its path" in note for note in results["log"]["notes"])
+    assert "moves too little to find them" in fails("calibrate", bag, *words, cwd=tmp_path)
+
+
+def test_bad_origins(bag: Path, tmp_path: Path) -> None:
+    path = robot_file(tmp_path, NAVSAT.replace("52.0", "152.0"))
+    assert "origin must be latitude" in fails("replay", bag, "--robot", path, cwd=tmp_path)

@@ -1,0 +1,123 @@
+"""Plain GPS from end to end: a bag, a robot file that says how its fixes wander, and the commands."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from command_line import fails, icreckon
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.initial_pose import start_from_fixes
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
+TOPIC = 'topic = "/fix/pose"\n'
+WANDER = "wander_sigma = 1.2\nwander_time = 60.0\n"
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    scenario = Scenario(duration=120.0, seed=3, fix_rate=1.0, fixes=GPS, truth="kinematic")
+    return simulate(scenario, ALPHA)
+
+
+@pytest.fixture(scope="module")
+def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_log(log, tmp_path_factory.mktemp("wander") / "bag", "mcap", ALPHA)
+
+
+def robot_file(folder: Path, keys: str, name: str = "robot.toml") -> Path:
+    text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
+    path = folder / name
+    assert text.count(TOPIC) == 1
+    path.write_text(text.replace(TOPIC, TOPIC + keys), encoding="utf-8")
+    return path
+
+
+def test_replay_with_a_robot_file_that_has_wander(bag: Path, tmp_path: Path) -> None:
+    nees = {}
+    for name, keys in (("white", ""), ("wander", WANDER)):
+        words = ("--robot", robot_file(tmp_path, keys), "--variants", "constant-online", "--json")
+        done = icreckon("replay", bag, *words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        results = json.loads(done.stdout)
+        trajectory = results["series"]["variants"]["constant-online"]
+        assert max(trajectory["position_sigma_m"]) < 3.0
+        nees[name] = (
+            results["variants"]["constant-online"]["final_position_error_m"]
+            / (trajectory["position_sigma_m"][-1])
+        )
+        notes = [note for note in results["log"]["notes"] if "wander of the fixes" in note]
+        assert bool(notes) == (name == "wander")
+    assert nees["wander"] < 3.0 < nees["white"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("wander_sigma = -1.2\nwander_time = 60.0", "wander_sigma must be from 0 to 1000 m"),
+        (
+            "wander_sigma = nan\nwander_time = 60.0",
+            "wander_sigma must be from 0 to 1000 m, found nan",
+        ),
+        ("wander_sigma = 1.2", "wander_sigma = 1.2 needs wander_time"),
+        ("wander_time = 60.0", "wander_time = 60.0 needs wander_sigma"),
+        ('wander_sigma = "1.2"\nwander_time = 60.0', "wander_sigma"),
+        ("wander_sgima = 1.2", "wander_sigma"),
+    ],
+)
+def test_bad_values_in_a_robot_file(bag: Path, tmp_path: Path, keys: str, message: str) -> None:
+    path = robot_file(tmp_path, keys + "\n")
+    problem = fails("replay", bag, "--robot", path, "--variants", "gyro", cwd=tmp_path)
+    assert message in problem
+    assert "robot.toml" in problem or "auriga-alpha" in problem or str(path) in problem
+
+
+def test_the_batch_engine_says_that_it_cannot(bag: Path, tmp_path: Path) -> None:
+    words = ("--robot", robot_file(tmp_path, WANDER), "--variants", "gyro", "--engine", "batch")
+    assert "wander_sigma" in fails("replay", bag, *words, cwd=tmp_path)
+
+
+def test_white_part_of_messages_with_a_covariance(log: Log, tmp_path: Path) -> None:
+    assert log.fixes is not None
+    claimed = replace(
+        log, fixes=replace(log.fixes, variances=np.full_like(log.fixes.variances, 1.5))
+    )
+    bag = write_log(claimed, tmp_path / "bag", "mcap", ALPHA)
+    for keys, sigma in (("", 1.5**0.5), ("position_sigma = 0.3\n", 1.5**0.5)):
+        read = read_log(bag, load_robot(robot_file(tmp_path, keys)))
+        assert read.fixes.variances[:, 0] == pytest.approx(sigma**2)
+    for keys, sigma in ((WANDER, 1.5**0.5), (WANDER + "position_sigma = 0.3\n", 0.3)):
+        read = read_log(bag, load_robot(robot_file(tmp_path, keys)))
+        assert read.fixes.variances[:, 0] == pytest.approx(sigma**2)
+
+
+def test_a_start_at_fixes_that_wander_counts_for_little(log: Log) -> None:
+    """Without a truth the run starts at the fixes, and the filter uses them once more."""
+    assert log.truth is not None
+    robot = msgspec.structs.replace(
+        ALPHA, log={"fixes": {"topic": "/fix/pose", "wander_sigma": 1.2, "wander_time": 60.0}}
+    )
+    unknown = replace(log, truth=None)
+    start = start_from_fixes(unknown, robot, "constant-online", None)
+    assert start.sigma[0] > 3.0 * 1.2
+    assert abs(start.pose[2] - log.truth.poses.poses[0, 2]) < 3.0 * start.sigma[2]
+    found = compare(unknown, robot, ["constant-online"], settings=Settings()).runs[
+        "constant-online"
+    ]
+    error = found.trajectory.poses[-1, :2] - log.truth.poses.poses[-1, :2]
+    covariance = found.trajectory.pose_covariances[-1, :2, :2]
+    assert error @ np.linalg.solve(covariance, error) < 12.0

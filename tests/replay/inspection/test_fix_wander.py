@@ -1,0 +1,101 @@
+"""Wander of the fixes as `inspect` finds it: against odometry, or not at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
+from icreckon.replay.inspection.inspect import inspect
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
+
+
+def driven(fixes: FixSpec, seed: int = 1, duration: float = 600.0) -> Log:
+    scenario = Scenario(duration=duration, seed=seed, fix_rate=1.0, fixes=fixes, truth="kinematic")
+    return simulate(scenario, ALPHA)
+
+
+def found_in(log: Log) -> FixWanderEstimate | str:
+    assert log.imu is not None
+    return estimate_wander(log, SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_wander_is_found(seed: int) -> None:
+    found = found_in(driven(GPS, seed))
+    assert isinstance(found, FixWanderEstimate)
+    assert not found.reason
+    # Ten minutes are some ten times the correlation time.
+    assert 0.5 * 1.2 < found.sigma < 2.0 * 1.2
+    assert found.times[0] <= 60.0
+    assert 0.15 < found.white < 0.45
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.3])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float, seed: int) -> None:
+    found = found_in(driven(FixSpec(sigma=sigma), seed))
+    assert isinstance(found, FixWanderEstimate)
+    assert found.reason
+    assert "no wander is proposed" in found.text
+
+
+def test_any_units_frame_bias_and_outliers_change_little() -> None:
+    log = driven(GPS)
+    fixes, imu = log.fixes, log.imu
+    assert fixes is not None
+    assert imu is not None
+    expected = found_in(log)
+    assert isinstance(expected, FixWanderEstimate)
+    at = (fixes.poses[:, 0] + 1j * fixes.poses[:, 1]) * np.exp(2j) + 100.0
+    poses = np.column_stack([at.real, at.imag, fixes.poses[:, 2]])
+    poses[::40, 0] += 50.0
+    other = replace(
+        log,
+        fixes=replace(fixes, poses=poses),
+        tracks=replace(log.tracks, speeds=7.0 * log.tracks.speeds),
+    )
+    vertical = SensorModels(ALPHA).yaw_rates(imu.angular_velocity) + 2e-4
+    found = estimate_wander(other, vertical)
+    assert isinstance(found, FixWanderEstimate)
+    assert found.sigma == pytest.approx(expected.sigma, rel=0.4)
+    assert found.white == pytest.approx(expected.white, rel=0.2)
+    assert not found.reason
+
+
+def test_what_cannot_be_seen_is_said() -> None:
+    log = driven(GPS, duration=100.0)
+    assert "found 0" in str(found_in(log))
+    assert "no fixes" in str(found_in(replace(log, fixes=None)))
+    assert "no gyro" in str(estimate_wander(log, None))
+
+
+def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path, robot: Robot) -> None:
+    bag = write_log(driven(GPS), tmp_path / "gps", "mcap", robot)
+    found = inspect(bag)
+    assert any("fixes: their error wanders" in finding for finding in found.findings)
+    text = found.proposed_robot_file
+    assert "\nwander_sigma = " in text
+    assert "\nwander_time = " in text
+    assert text.count("position_sigma") == 1
+    path = tmp_path / "robot.toml"
+    filled = text.replace("mass = nan", "mass = 200.0").replace("gauge = nan", "gauge = 0.6")
+    path.write_text(filled.replace("radius = nan", "radius = 0.1"), encoding="utf-8")
+    proposed = load_robot(path).log["fixes"]
+    assert 0.6 < proposed["wander_sigma"] < 2.4
+
+    white = inspect(write_log(driven(FixSpec(sigma=0.3)), tmp_path / "white", "mcap", robot))
+    assert any("no wander is proposed" in finding for finding in white.findings)
+    assert "wander_sigma" not in white.proposed_robot_file
