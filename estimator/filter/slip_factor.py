@@ -1,4 +1,4 @@
-"""Factor on the slip: position fixes show when the ground makes the robot slip more than assumed.
+"""Factor on the slip: fixes show when the robot slips more than assumed.
 
 The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
 larger than assumed, or the parameters are those of other ground, those of successive fixes point to the

@@ -136,7 +136,9 @@ def learn_width(spin: SpinRecord, dt: float) -> None:
 def side_that_changed(
     mismatch: float, change_left: float, change_right: float, limit: float
 ) -> int:
-    """Find the track whose speed jumped when a mismatch began: `LEFT`, `RIGHT` or `UNKNOWN`.
+    """Find the track whose speed jumped when a mismatch began.
+
+    It is `LEFT`, `RIGHT`, or `UNKNOWN` if none did.
 
     Args:
         mismatch: difference of the track speeds that no slip explains, right less left [m/s].
@@ -231,9 +233,9 @@ def watch_spin(
 def assumed_speeds(
     spin: SpinRecord, stamp: int, left: float, right: float, fastest: float
 ) -> tuple[float, float]:
-    """Speeds of both tracks [m/s]; that of one that spins is the one of the gyro's turning.
+    """Speeds of both tracks, as the gyro shows them while one spins [m/s].
 
-    As long as it is not certain that a track spins, or which one, each gives half of the turning: their
+    The one that spins gives all of the turning that the gyro does not confirm. As long as it is not certain that a track spins, or which one, each gives half of the turning: their
     mean stays.
 
     Args:
