@@ -1,4 +1,4 @@
-"""Spinning tracks: one track slides on the ground, so the tracks do not turn the robot as they should.
+"""Spinning tracks: one slides on the ground, so they turn the robot less than both.
 
 A track that loses its grip speeds up, or is carried along by the other, and the gyro does not confirm the
 turning of both. Slip in bends is a share of the turning; such a track is beyond any share. If the speed
@@ -28,8 +28,9 @@ ENOUGH, MEMORY = 3.0, 20.0
 LONGEST = 0.1
 # Mismatch of the track speeds beyond that which counts: this much, or this share of the fastest speed.
 LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
-# Way of the mismatch after which a track spins [m], and time without it after which it grips again [s].
-LEAST_WAY, OVER = 0.1, 0.2
+# Ways of the mismatch after which a track may spin, and does [m]; time without it after which it grips
+# again [s]. What is shorter is a sample of the gyro that is older than that of the tracks.
+LIKELY_WAY, LEAST_WAY, OVER = 0.04, 0.1, 0.2
 # Greatest change of a robot's yaw rate; beyond it the gyro fails [rad/s²].
 MOST_ACCELERATION = 30.0
 # A mismatch below this share of the one that counts is none, once a track spins.
@@ -165,9 +166,9 @@ def certain_side(spin: SpinRecord) -> int:
     return spin.side if spin.found else UNKNOWN
 
 
-def least_mismatch(fastest: float) -> float:
-    """Least mismatch that counts, of a robot with this highest speed of a track [m/s]."""
-    return max(LEAST_MISMATCH, OF_FASTEST * fastest)
+def is_likely(spin: SpinRecord) -> bool:
+    """Return True if a track is found spinning or is likely to be."""
+    return spin.found != 0 or spin.way >= LIKELY_WAY
 
 
 def watch_spin(
@@ -201,7 +202,7 @@ def watch_spin(
     if force == force:
         spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
     mismatch = unexplained(spin, spin.left, spin.right)
-    limit = least_mismatch(fastest)
+    limit = max(LEAST_MISMATCH, OF_FASTEST * fastest)
     if abs(mismatch) <= limit:
         spin.gyro_jumped = 0
     elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
@@ -230,25 +231,21 @@ def watch_spin(
         spin.times += 1
 
 
-def assumed_speeds(
-    spin: SpinRecord, stamp: int, left: float, right: float, fastest: float
-) -> tuple[float, float]:
+def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> tuple[float, float]:
     """Speeds of both tracks, as the gyro shows them while one spins [m/s].
 
-    The one that spins gives all of the turning that the gyro does not confirm. As long as it is not certain that a track spins, or which one, each gives half of the turning: their
-    mean stays.
+    The one that spins gives all of the turning that the gyro does not confirm. As long as it is not
+    certain that a track spins, or which one, each gives half of it: their mean stays.
 
     Args:
         spin: record.
         stamp: stamp of the readings [ns].
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
-        fastest: highest speed of a track [m/s].
     """
     if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST:
         return left, right
-    jumps = abs(unexplained(spin, left, right)) > least_mismatch(fastest) and not spin.gyro_jumped
-    if spin.since == NEVER and not jumps:
+    if not is_likely(spin):
         return left, right
     excess = right - left - width_of_bends(spin) * spin.rate
     of_left = 0.5 * (1.0 - certain_side(spin))
@@ -262,6 +259,6 @@ def spin_density(spin: SpinRecord, side: int) -> float:
         spin: record.
         side: `LEFT` or `RIGHT`, the track.
     """
-    if spin.since == NEVER or certain_side(spin) == -side:
+    if not is_likely(spin) or certain_side(spin) == -side:
         return 0.0
     return CORRELATION * spin.mismatch * spin.mismatch
