@@ -19,6 +19,7 @@ from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
     GATES,
+    TREND,
     TWIST,
     Layout,
     covariance_name,
@@ -173,7 +174,7 @@ class BatchFilter:
         constants = shared_constants(
             self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
         )
-        lanes[self.rows["slip_factor"]] = 1.0
+        lanes[self.rows["slip_factor"]] = lanes[self.rows["trend_size"]] = 1.0
         memory = self._model.memory
         for k, value in enumerate(memory):
             lanes[self.rows[f"memory{k}"]] = value
@@ -205,9 +206,8 @@ class BatchFilter:
             workspace[rows[f"memory{k}"]] = value
         workspace[rows["stood"]] = checkpoint.stands
         workspace[rows["slip_factor"]] = checkpoint.slip_factor
-        trend = rows["trend_forward"], rows["trend_left"]
-        for row, value in zip(trend, checkpoint.fix_trend, strict=True):
-            workspace[row] = value
+        for name, value in zip(TREND, checkpoint.fix_trend, strict=True):
+            workspace[rows[name]] = value
         for gate in GATES:
             workspace[rows[f"{gate}_in_a_row"]] = checkpoint.rejected_in_a_row[gate]
         lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
+from icreckon.estimator.engine.layout import TREND
 from icreckon.estimator.engine.model import slip_factor_after, trend_after, turn
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
@@ -73,13 +74,14 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, tested)
     smooth = lane.input("smooth_left"), lane.input("smooth_right")
-    factor, trend = lane.row("slip_factor"), (lane.row("trend_forward"), lane.row("trend_left"))
-    trended = trend_after(trend, z, (xx, xy, yy), turn(values[s.YAW]))
+    factor = lane.row("slip_factor")
+    forward, left, size = (lane.row(name) for name in TREND)
+    trended = trend_after((forward, left, size), z, (xx, xy, yy), turn(values[s.YAW]))
     after = slip_factor_after(factor, trended, *smooth)
     taken = tested & admitted
     lane.stores["slip_factor"] = select(taken, after, factor)
-    lane.stores["trend_forward"] = select(taken, trended[0], trend[0])
-    lane.stores["trend_left"] = select(taken, trended[1], trend[1])
+    for name, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
+        lane.stores[name] = select(taken, after_it, before_it)
     lane.stores.update(predicted_x=values[s.X], predicted_y=values[s.Y])
     innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
     for part, value in innovation.items():

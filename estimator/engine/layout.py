@@ -80,7 +80,8 @@ COUNTS = (
 )
 # Values from the step before: 1 if the robot stood, the factor on the slip, the trend of the innovations
 # of position fixes, and the predicted position at the newest one.
-BEFORE = ("stood", "slip_factor", "trend_forward", "trend_left", "predicted_x", "predicted_y")
+TREND = ("trend_forward", "trend_left", "trend_size")
+BEFORE = ("stood", "slip_factor", *TREND, "predicted_x", "predicted_y")
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had

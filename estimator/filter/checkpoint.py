@@ -73,7 +73,8 @@ class FilterCheckpoint(
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
         regressors: (3, 9) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
         slip_factor: factor on the slip that position fixes have shown.
-        fix_trend: mean of the normalised innovations of position fixes, to the front and to the left.
+        fix_trend: mean of the normalised innovations of position fixes, to the front and to the left,
+            and of their squares.
         noise: record of the noise of the IMU.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
     """
@@ -94,7 +95,7 @@ class FilterCheckpoint(
     rejected_fixes: tuple[RejectedFix, ...] = ()
     stood_at: int | None = None
     slip_factor: float = 1.0
-    fix_trend: tuple[float, float] = (0.0, 0.0)
+    fix_trend: tuple[float, float, float] = (0.0, 0.0, 1.0)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     wander_stamp: int | None = None
 
@@ -111,7 +112,7 @@ class FilterCheckpoint(
         record.stood_at = NEVER if self.stood_at is None else self.stood_at
         record.step_under_way, record.stands = self.step_under_way, self.stands
         record.slip_factor = self.slip_factor
-        record.trend_forward, record.trend_left = self.fix_trend
+        record.trend_forward, record.trend_left, record.trend_size = self.fix_trend
         record.wander_stamp = NEVER if self.wander_stamp is None else self.wander_stamp
         assign(record.tracks, self.tracks)
         assign(record.imu, self.imu)

@@ -218,7 +218,7 @@ class Reckoning:
             self._rejected_fixes,
             _or_none(record.stood_at),
             float(record.slip_factor),
-            (float(record.trend_forward), float(record.trend_left)),
+            (float(record.trend_forward), float(record.trend_left), float(record.trend_size)),
             plain_copy(NoiseRecord, record.noise),
             _or_none(record.wander_stamp),
         )

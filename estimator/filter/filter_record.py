@@ -28,6 +28,7 @@ class FilterRecord(msgspec.Struct):
         slip_factor: factor on the slip that position fixes have shown.
         trend_forward: mean of the normalised innovations of position fixes, to the front of the robot.
         trend_left: to its left.
+        trend_size: mean of their squares; 1 if they are as large as expected.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
         tracks: the track speeds.
         imu: clock of the IMU.
@@ -46,6 +47,7 @@ class FilterRecord(msgspec.Struct):
     slip_factor: float = 1.0
     trend_forward: float = 0.0
     trend_left: float = 0.0
+    trend_size: float = 1.0
     wander_stamp: int = NEVER
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)

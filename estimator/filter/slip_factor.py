@@ -5,6 +5,10 @@ larger than assumed, or the parameters are those of other ground, those of succe
 same side of the robot. Their weighted mean shows that long before the size of single ones does: an error
 of 2 cm/s is less than the noise of a fix, and the mean of five fixes is not.
 
+Errors of fixes that wander point to one side, too. But their size is within what the fixes say: single
+innovations are then smaller than expected, while slip makes them larger. So a trend of small ones counts
+less.
+
 `trend_after` and `slip_factor_after` are written for plain Python and, traced, for lanes.
 """
 
@@ -18,8 +22,10 @@ from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.health import ADMITTED
 from icreckon.estimator.filter.process_noise import travel_speed
 
-# Weight of a position fix in the trend.
-TREND_WEIGHT = 0.2
+# Weight of a position fix in the trend, and in the size of the innovations.
+TREND_WEIGHT, SIZE_WEIGHT = 0.2, 0.1
+# Size of the innovations below which a trend counts less: it scatters by a quarter.
+FULL_SIZE = 0.8
 # Weight of a position fix in the factor on the slip, at speeds above this [m/s].
 FACTOR_WEIGHT, MOVING = 1.0 / 30.0, 0.1
 # Share of the variances that rounding may leave of a component that the other one determines.
@@ -32,12 +38,16 @@ LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
 
 
 def trend_after(
-    trend: tuple[Any, Any], z: tuple[Any, Any], S: tuple[Any, Any, Any], heading: tuple[Any, Any]
-) -> tuple[Any, Any]:
+    trend: tuple[Any, Any, Any],
+    z: tuple[Any, Any],
+    S: tuple[Any, Any, Any],
+    heading: tuple[Any, Any],
+) -> tuple[Any, Any, Any]:
     """Mean of the normalised innovations of position fixes, with a newer fix.
 
     Args:
-        trend: mean before it, to the front and to the left of the robot [-].
+        trend: mean before it, to the front and to the left of the robot, and size: mean NIS of a degree
+            of freedom [-].
         z: innovation in x and y [m].
         S: its covariance, xx, xy and yy [m²].
         heading: cosine and sine of the yaw.
@@ -54,10 +64,11 @@ def trend_after(
     return (
         trend[0] + TREND_WEIGHT * (ahead - trend[0]),
         trend[1] + TREND_WEIGHT * (beside - trend[1]),
+        trend[2] + SIZE_WEIGHT * (0.5 * (ahead * ahead + beside * beside) - trend[2]),
     )
 
 
-def slip_factor_after(factor: Any, trend: tuple[Any, Any], left: Any, right: Any) -> Any:
+def slip_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
     """Factor on the slip after a position fix that the gate admitted.
 
     The normalised square of the trend is 1 in the mean if the innovations are white. The factor grows
@@ -72,8 +83,13 @@ def slip_factor_after(factor: Any, trend: tuple[Any, Any], left: Any, right: Any
     """
     of_white = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
     square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * of_white)
+    size = min(1.0, trend[2] / FULL_SIZE)
     share = FACTOR_WEIGHT * min(1.0, travel_speed(left, right) / MOVING)
-    grown = factor * factor * (1.0 + share * (min(LARGEST_SQUARE, square) - EXPECTED_SQUARE))
+    grown = (
+        factor
+        * factor
+        * (1.0 + share * (min(LARGEST_SQUARE, size * size * square) - EXPECTED_SQUARE))
+    )
     return min(LARGEST_FACTOR, max(1.0, math.sqrt(grown)))
 
 
@@ -88,11 +104,11 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
     if fixes.verdict != ADMITTED:
         return
     trend = trend_after(
-        (record.trend_forward, record.trend_left),
+        (record.trend_forward, record.trend_left, record.trend_size),
         (fixes.z[0], fixes.z[1]),
         (fixes.S[0], fixes.S[1], fixes.S[3]),
         (math.cos(yaw), math.sin(yaw)),
     )
-    record.trend_forward, record.trend_left = trend
+    record.trend_forward, record.trend_left, record.trend_size = trend
     speeds = record.tracks.smooth_left, record.tracks.smooth_right
     record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)

@@ -1,4 +1,4 @@
-"""Spinning tracks: one slides on the ground, so they turn the robot less than both.
+"""Spinning tracks: one slides, and the robot turns less than they do.
 
 A track that loses its grip speeds up, or is carried along by the other, and the gyro does not confirm the
 turning of both. Slip in bends is a share of the turning; such a track is beyond any share. If the speed

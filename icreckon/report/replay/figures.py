@@ -40,9 +40,11 @@ def write_figure(path: Path, results: Results) -> None:
         right += [figure.add_subplot(grid[row, 1], sharex=right[0]) for row in (3, 4, 5)]
         if results["truth"]:
             _draw_position_errors(right[0], results)
-            _draw_yaw_errors(right[1], results)
         else:
             _draw_uncertainty(right[0], results)
+        if _has_yaw_errors(results):
+            _draw_yaw_errors(right[1], results)
+        else:
             _draw_yaw(right[1], results)
         for axes, key in zip(right[2:], ("zeta_m", "epsilon_m", "eta"), strict=True):
             _draw_index(axes, results, key)
@@ -155,6 +157,12 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     axes.set_ylim(0.0, max(1.15 * max(top, min(bound, 2.5 * top)), LEAST_POSITION_ERROR))
     axes.set_ylabel("position error [m]")
     axes.legend(loc="upper left", ncols=2, fontsize=8)
+
+
+def _has_yaw_errors(results: Results) -> bool:
+    """Return True if there is a truth with headings."""
+    drawn = (results["series"]["variants"][name] for name in _detailed(results))
+    return any(np.isfinite(_numbers(one.get("yaw_error_rad", []))).any() for one in drawn)
 
 
 def _draw_yaw_errors(axes: Axes, results: Results) -> None:

@@ -27,6 +27,7 @@ from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Patch
 
 VALUES = st.floats(-3.0, 3.0)
+NEW = (0.0, 0.0, 1.0)
 # Grass, gravel and a slippery stretch in turn, 20 s each.
 PATCHES = tuple(
     Patch(time=(20.0 * k, 20.0 * (k + 1)), friction=friction, rolling_resistance=rolling)
@@ -44,29 +45,31 @@ def test_a_trend_is_normalised_by_the_covariance(z, root, yaw) -> None:
     factor = np.array([[1.0 + abs(root[0]), 0.0], [root[1], 0.5 + abs(root[2])]])
     S = factor @ factor.T
     heading = math.cos(yaw), math.sin(yaw)
-    trend = trend_after((0.0, 0.0), z, (S[0, 0], S[0, 1], S[1, 1]), heading)
+    trend = trend_after(NEW, z, (S[0, 0], S[0, 1], S[1, 1]), heading)
     nis = np.array(z) @ np.linalg.solve(S, np.array(z))
-    assert np.hypot(*trend) == pytest.approx(TREND_WEIGHT * math.sqrt(nis), rel=1e-9)
+    assert np.hypot(*trend[:2]) == pytest.approx(TREND_WEIGHT * math.sqrt(nis), rel=1e-9)
     # In axes that are turned with the robot it is the same.
     turned, by = rotated(-yaw) @ z, rotated(-yaw) @ S @ rotated(-yaw).T
-    same = trend_after((0.0, 0.0), tuple(turned), (by[0, 0], by[0, 1], by[1, 1]), (1.0, 0.0))
+    same = trend_after(NEW, tuple(turned), (by[0, 0], by[0, 1], by[1, 1]), (1.0, 0.0))
     assert trend == pytest.approx(same, abs=1e-9)
 
 
 @given(z=st.tuples(VALUES, VALUES), before=st.tuples(VALUES, VALUES), shared=st.floats(-0.9, 0.9))
 def test_the_mirrored_robot_has_the_mirrored_trend(z, before, shared) -> None:
-    trend = trend_after(before, z, (1.0, shared, 2.0), (1.0, 0.0))
-    other = trend_after((before[0], -before[1]), (z[0], -z[1]), (1.0, -shared, 2.0), (1.0, 0.0))
-    assert other == pytest.approx((trend[0], -trend[1]))
+    trend = trend_after((*before, 1.0), z, (1.0, shared, 2.0), (1.0, 0.0))
+    other = trend_after(
+        (before[0], -before[1], 1.0), (z[0], -z[1]), (1.0, -shared, 2.0), (1.0, 0.0)
+    )
+    assert other == pytest.approx((trend[0], -trend[1], trend[2]))
 
 
 def test_components_that_determine_each_other_are_no_error() -> None:
-    assert np.isfinite(trend_after((0.0, 0.0), (1.0, 1.0), (1e12, 1e12, 1e12), (1.0, 0.0))).all()
+    assert np.isfinite(trend_after(NEW, (1.0, 1.0), (1e12, 1e12, 1e12), (1.0, 0.0))).all()
 
 
 def factor_of(innovations: np.ndarray, factor: float = 1.0) -> float:
     """Factor after normalised innovations (n, 2) of a robot that moves."""
-    trend = 0.0, 0.0
+    trend = NEW
     for z in innovations.tolist():
         trend = trend_after(trend, tuple(z), (1.0, 0.0, 1.0), (1.0, 0.0))
         factor = slip_factor_after(factor, trend, 0.5, 0.5)
@@ -81,12 +84,21 @@ def test_white_innovations_leave_the_factor_at_one() -> None:
     assert min(off) > 3.0
 
 
+def test_small_errors_to_one_side_are_the_fixes_own() -> None:
+    """Plain GPS wanders within the size that it states."""
+    rng = np.random.default_rng(1)
+    wandering = [
+        factor_of(0.3 * rng.standard_normal((300, 2)) + np.array([0.4, 0.0])) for _ in range(20)
+    ]
+    assert max(wandering) < 1.2
+
+
 def test_the_factor_is_bounded_slow_and_rests_with_the_robot() -> None:
     far = 4.0 * np.ones((1000, 2))
     assert factor_of(far) == LARGEST_FACTOR
     assert factor_of(far[:1]) < 1.0 + 0.5 * 10.0 * FACTOR_WEIGHT
     assert factor_of(np.zeros((300, 2)), factor=6.0) == 1.0
-    assert slip_factor_after(3.0, (2.0, 2.0), 0.0, 0.0) == pytest.approx(3.0)
+    assert slip_factor_after(3.0, (2.0, 2.0, 1.0), 0.0, 0.0) == pytest.approx(3.0)
 
 
 def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:
