@@ -16,6 +16,7 @@ from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.spinning_tracks import (
     SpinRecord,
     assumed_speeds,
+    forget_mismatch,
     watch_spin,
 )
 from icreckon.estimator.sensors.stuck_tracks import (
@@ -169,10 +170,11 @@ def take_rate(
     if held.stamp == NEVER or stamp - held.stamp > settings.hold_ns or rate != rate:
         return
     # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
-    if not held.spin.found and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
-        held.spin.since, held.spin.stamp = NEVER, stamp
-        return
     spin = held.spin
+    if not spin.found and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
+        forget_mismatch(spin)
+        spin.stamp = stamp
+        return
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
     watch_spin(spin, stamp, rate, force, left, right, settings.fastest)
 

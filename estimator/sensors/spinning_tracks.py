@@ -171,6 +171,12 @@ def is_likely(spin: SpinRecord) -> bool:
     return spin.found != 0 or spin.way >= LIKELY_WAY
 
 
+def forget_mismatch(spin: SpinRecord) -> None:
+    """Reset the record of a mismatch: no track spins."""
+    spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, UNKNOWN, 0
+    spin.mismatch = spin.way = 0.0
+
+
 def watch_spin(
     spin: SpinRecord,
     stamp: int,
@@ -222,8 +228,7 @@ def watch_spin(
         spin.mismatch, spin.newest = mismatch, stamp
         spin.way += abs(mismatch) * dt
     elif spin.since != NEVER and (not spin.found or (stamp - spin.newest) * NANOSECOND > OVER):
-        spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, UNKNOWN, 0
-        spin.mismatch = spin.way = 0.0
+        forget_mismatch(spin)
     if not spin.found:
         learn_width(spin, dt)
     if spin.since != NEVER and spin.way >= LEAST_WAY and not spin.found:

@@ -20,12 +20,15 @@ from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_rate, take_tracks
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.spinning_tracks import (
     LEFT,
     RIGHT,
     UNKNOWN,
     SpinRecord,
     assumed_speeds,
+    is_likely,
     side_that_changed,
     side_with_less_load,
     spin_density,
@@ -34,6 +37,7 @@ from icreckon.estimator.sensors.spinning_tracks import (
     watch_spin,
     width_of_bends,
 )
+from icreckon.estimator.sensors.stuck_tracks import may_stick
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
@@ -192,6 +196,22 @@ def test_the_mean_of_both_stays_until_it_is_certain() -> None:
     assert bend.since > 0
     assert assumed_speeds(bend, bend.stamp + STEP, 0.7, 0.4) == (0.7, 0.4)
     assert spin_density(bend, LEFT) == 0.0
+
+
+def test_a_track_that_may_stick_is_no_track_that_may_spin(robot: Robot) -> None:
+    """What was seen of a mismatch before is forgotten, and does not act on bends to come."""
+    chosen, tracks = input_settings(robot, Settings()), TrackRecord()
+    for k in range(400):
+        take_tracks(tracks, k * STEP, 0.4 + 1e-3 * (k % 7), 0.4 - 1e-3 * (k % 5), chosen)
+    tracks.spin = watched(1.2, 0.4, 0.0, 0.08)
+    assert is_likely(tracks.spin)
+    k, begin = 400, tracks.spin.stamp // STEP
+    while not may_stick(tracks.repeating_left):
+        take_tracks(tracks, (begin + k) * STEP, 1.2, 0.4 - 1e-3 * (k % 5), chosen)
+        k += 1
+    take_rate(tracks, (begin + k) * STEP, 0.0, math.nan, chosen)
+    assert not is_likely(tracks.spin)
+    assert spin_density(tracks.spin, LEFT) == 0.0
 
 
 def test_a_gyro_that_jumps_is_no_track_that_spins() -> None:
