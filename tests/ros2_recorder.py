@@ -2,7 +2,8 @@
 
     python ros2_recorder.py BAG TOPIC:TYPE TOPIC:TYPE ...
 
-Times of recording are those of arrival. A file BAG.ready appears when it listens.
+Times of recording are those of arrival. A file BAG.ready appears when it listens, and a file BAG.hears
+with the first message: a publisher that announced all its topics before has found this recorder.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ def main() -> None:
     node = rclpy.create_node("recorder")
 
     def take(topic: str, raw: bytes) -> None:
+        if not arrived:
+            bag.with_suffix(".hears").touch()
         arrived.append((topic, time.time_ns(), raw))
 
     for topic, kind in wanted:

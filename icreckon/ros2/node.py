@@ -148,7 +148,6 @@ class OdometryNode:
     def _make_publishers(self) -> None:
         options, has_map = self.options, self.live.map is not None
         self._odometry = self._publisher("odom", 100, ODOMETRY)
-        self._diagnostics = self._publisher("/diagnostics", 10, DIAGNOSTICS, STATUS, KEY_VALUE)
         self._map_pose = (
             self._publisher("pose_in_map", 10, POSE_WITH_COVARIANCE) if has_map else None
         )
@@ -158,6 +157,7 @@ class OdometryNode:
         self._markers = None
         if options.icr_markers:
             self._markers = self._publisher("icrs", 10, MARKERS, MARKER, POINT)
+        self._diagnostics = self._publisher("/diagnostics", 10, DIAGNOSTICS, STATUS, KEY_VALUE)
 
     def _publisher(self, topic: str, depth: int, msgtype: str, *parts: str) -> Any:
         """Make a publisher; keep the classes of its messages for `_new`."""

@@ -33,10 +33,12 @@ INPUTS = ("/joint_states", "/imu/data_raw", "/fix/pose")
 OUTPUTS = {
     "/odom": "nav_msgs/msg/Odometry",
     "/tf": "tf2_msgs/msg/TFMessage",
-    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/pose_in_map": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "/icrs": "visualization_msgs/msg/MarkerArray",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
+"""Recorded topics. Subscriptions are announced in this order, and only the last one has messages before
+the robot drives."""
 INPUT_TYPES = {
     "/joint_states": "sensor_msgs/msg/JointState",
     "/imu/data_raw": "sensor_msgs/msg/Imu",
@@ -143,6 +145,13 @@ def until(condition: Callable[[], bool], process: Process) -> None:
         time.sleep(0.05)
 
 
+def until_ready(running: Process, record: Process, path: Path) -> None:
+    """Wait until the node is ready and has found the recorder: nothing that it publishes is lost."""
+    until(lambda: "ready:" in running.text(), running)
+    until(path.with_suffix(".hears").exists, record)
+    time.sleep(0.5)
+
+
 def recorded(path: Path) -> dict[str, list[Any]]:
     messages: dict[str, list[Any]] = {}
     with AnyReader([path]) as reader:
@@ -177,8 +186,7 @@ def live(
         recorder(ros, folder / "out", OUTPUTS | INPUT_TYPES) as record,
         node(ros, folder / "node.log", **options) as running,
     ):
-        until((folder / "out.ready").exists, record)
-        until(lambda: "ready:" in running.text(), running)
+        until_ready(running, record, folder / "out")
         play(ros, bag, "--subscribers", 2)
         time.sleep(3.0)
         assert running.stop() == 0, running.text()
@@ -301,8 +309,7 @@ def test_starts_warm_and_again_after_a_kill(
         recorder(ros, tmp_path / "out", OUTPUTS) as record,
         node(ros, tmp_path / "again.log", **options) as running,
     ):
-        until((tmp_path / "out.ready").exists, record)
-        until(lambda: "ready:" in running.text(), running)
+        until_ready(running, record, tmp_path / "out")
         assert "warm start" in running.text()
         play(ros, bag, rate=8.0)
         # SIGTERM, as systemd and docker send.
