@@ -10,7 +10,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, UNKNOWN, SpinRecord
+from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, UNKNOWN, SpinRecord, is_found
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
@@ -207,7 +207,7 @@ def slip_health(spin: SpinRecord, factor: float, ahead: int = 0) -> SlipHealth:
         factor: factor on the slip, see `filter.slip_factor`.
         ahead: time that the record's clock is behind [ns].
     """
-    if not spin.found:
+    if not is_found(spin):
         return SlipHealth(times=spin.times, factor=factor)
     side = SIDES[spin.side]
     return SlipHealth(side, spin.since + ahead, abs(spin.mismatch), spin.times, factor)

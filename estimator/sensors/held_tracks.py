@@ -17,6 +17,7 @@ from icreckon.estimator.sensors.spinning_tracks import (
     SpinRecord,
     assumed_speeds,
     forget_mismatch,
+    is_found,
     watch_spin,
 )
 from icreckon.estimator.sensors.stuck_tracks import (
@@ -171,7 +172,7 @@ def take_rate(
         return
     # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
     spin = held.spin
-    if not spin.found and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
+    if not is_found(spin) and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
         forget_mismatch(spin)
         spin.stamp = stamp
         return

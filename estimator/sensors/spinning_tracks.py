@@ -31,8 +31,9 @@ LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
 # Ways of the mismatch after which a track may spin, and does [m]; time without it after which it grips
 # again [s]. What is shorter is a sample of the gyro that is older than that of the tracks.
 LIKELY_WAY, LEAST_WAY, OVER = 0.04, 0.1, 0.2
-# Greatest change of a robot's yaw rate; beyond it the gyro fails [rad/s²].
-MOST_ACCELERATION = 30.0
+# Greatest change of a robot's yaw rate [rad/s²]; beyond it the gyro fails, if its jump is this share of
+# the mismatch that counts.
+MOST_ACCELERATION, OF_JUMP = 30.0, 0.5
 # A mismatch below this share of the one that counts is none, once a track spins.
 GONE = 0.5
 # Time over which the force to the left is averaged [s], and the least that tells of loads [m/s²].
@@ -55,7 +56,6 @@ class SpinRecord(msgspec.Struct):
         newest: stamp of the newest mismatch [ns], or NEVER.
         way: way of the mismatch since it began [m].
         gyro_jumped: 1 while there is a mismatch that began with a jump of the gyro: no track spins then.
-        found: 1 while a track is found spinning.
         times: number of times that one was found.
         stamp: stamp of the newest sample of the gyro [ns], or NEVER.
         turned: turning so far, with forgetting [rad].
@@ -74,7 +74,6 @@ class SpinRecord(msgspec.Struct):
     newest: int = NEVER
     way: float = 0.0
     gyro_jumped: int = 0
-    found: int = 0
     times: int = 0
     stamp: int = NEVER
     turned: float = 0.0
@@ -161,19 +160,24 @@ def side_with_less_load(force: float) -> int:
     return LEFT if force > 0.0 else RIGHT
 
 
+def is_found(spin: SpinRecord) -> bool:
+    """Return True while a track is found spinning."""
+    return spin.way >= LEAST_WAY
+
+
 def certain_side(spin: SpinRecord) -> int:
     """Track that is found spinning: `LEFT`, `RIGHT` or `UNKNOWN`."""
-    return spin.side if spin.found else UNKNOWN
+    return spin.side if is_found(spin) else UNKNOWN
 
 
 def is_likely(spin: SpinRecord) -> bool:
     """Return True if a track is found spinning or is likely to be."""
-    return spin.found != 0 or spin.way >= LIKELY_WAY
+    return spin.way >= LIKELY_WAY
 
 
 def forget_mismatch(spin: SpinRecord) -> None:
     """Reset the record of a mismatch: no track spins."""
-    spin.since, spin.newest, spin.side, spin.found = NEVER, NEVER, UNKNOWN, 0
+    spin.since, spin.newest, spin.side = NEVER, NEVER, UNKNOWN
     spin.mismatch = spin.way = 0.0
 
 
@@ -212,12 +216,12 @@ def watch_spin(
     if abs(mismatch) <= limit:
         spin.gyro_jumped = 0
     elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
-        spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > GONE * limit)
+        spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > OF_JUMP * limit)
     # Tracks at rest do not spin; the robot is pushed or carried.
     turns = max(abs(spin.left), abs(spin.right)) > limit
-    counts = (
-        turns and not spin.gyro_jumped and abs(mismatch) > (GONE * limit if spin.found else limit)
-    )
+    was_found = is_found(spin)
+    least = GONE * limit if was_found else limit
+    counts = turns and not spin.gyro_jumped and abs(mismatch) > least
     same = spin.since == NEVER or mismatch * spin.mismatch > 0.0
     if counts and same:
         if spin.since == NEVER:
@@ -227,12 +231,11 @@ def watch_spin(
             spin.side = side_with_less_load(spin.force)
         spin.mismatch, spin.newest = mismatch, stamp
         spin.way += abs(mismatch) * dt
-    elif spin.since != NEVER and (not spin.found or (stamp - spin.newest) * NANOSECOND > OVER):
+    elif spin.since != NEVER and (not was_found or (stamp - spin.newest) * NANOSECOND > OVER):
         forget_mismatch(spin)
-    if not spin.found:
+    if not (was_found and is_found(spin)) and not spin.gyro_jumped:
         learn_width(spin, dt)
-    if spin.since != NEVER and spin.way >= LEAST_WAY and not spin.found:
-        spin.found = 1
+    if is_found(spin) and not was_found:
         spin.times += 1
 
 
@@ -253,8 +256,8 @@ def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> t
     if not is_likely(spin):
         return left, right
     excess = right - left - width_of_bends(spin) * spin.rate
-    of_left = 0.5 * (1.0 - certain_side(spin))
-    return left + of_left * excess, right - (1.0 - of_left) * excess
+    from_left = 0.5 * (1.0 - certain_side(spin))
+    return left + from_left * excess, right - (1.0 - from_left) * excess
 
 
 def spin_density(spin: SpinRecord, side: int) -> float:

@@ -28,6 +28,7 @@ from icreckon.estimator.sensors.spinning_tracks import (
     UNKNOWN,
     SpinRecord,
     assumed_speeds,
+    is_found,
     is_likely,
     side_that_changed,
     side_with_less_load,
@@ -64,7 +65,7 @@ def after_bends(width: float = WIDTH, seconds: float = 20.0, spread: float = 0.2
         turning = width * (1.0 + spread * (-1) ** k) * rate
         spin.left, spin.right = 0.4 - 0.5 * turning, 0.4 + 0.5 * turning
         watch_spin(spin, k * STEP, rate, math.nan, 0.0, 0.0, FASTEST)
-        assert not spin.found
+        assert not is_found(spin)
     spin.left = spin.right = 0.4
     watch_spin(spin, (k + 1) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST)
     return spin
@@ -126,11 +127,11 @@ def watched(
 
 def test_the_track_that_changed_spins() -> None:
     left, right = watched(1.2, 0.4, 0.0, 0.3), watched(0.4, 1.2, 0.0, 0.3)
-    assert (left.found, left.side, left.times) == (1, LEFT, 1)
-    assert (right.found, right.side) == (1, RIGHT)
+    assert (is_found(left), left.side, left.times) == (True, LEFT, 1)
+    assert (is_found(right), right.side) == (True, RIGHT)
     # A sensor that fails is the one that changed, too.
     failed = watched(0.0, 0.4, 0.0, 0.3)
-    assert (failed.found, failed.side) == (1, LEFT)
+    assert (is_found(failed), failed.side) == (True, LEFT)
     # The load does not matter where a track jumped.
     assert watched(1.2, 0.4, 0.0, 0.3, force=-2.0).side == LEFT
 
@@ -144,7 +145,7 @@ def test_a_track_that_did_not_jump_spins_if_it_has_less_load(
 ) -> None:
     """Its weight presses the robot on the lower track: it leans to where the force does not point."""
     found = watched(*speeds, 0.0, 0.5, force=force, was=speeds)
-    assert (found.found, found.side) == (1, side)
+    assert (is_found(found), found.side) == (True, side)
 
 
 def test_the_side_may_be_found_later() -> None:
@@ -187,7 +188,7 @@ def test_the_tracks_turn_as_the_gyro_does_while_one_spins() -> None:
 
 def test_the_mean_of_both_stays_until_it_is_certain() -> None:
     spin = watched(1.2, 0.4, 0.0, 0.08)
-    assert not spin.found
+    assert not is_found(spin)
     later = spin.stamp + STEP
     assert assumed_speeds(spin, later, 1.2, 0.4) == pytest.approx((0.8, 0.8), abs=0.01)
     assert spin_density(spin, LEFT) == spin_density(spin, RIGHT) > 0.15
@@ -219,10 +220,12 @@ def test_a_gyro_that_jumps_is_no_track_that_spins() -> None:
     begin = spin.stamp // STEP + 1
     for k in range(begin, begin + 100):
         watch_spin(spin, k * STEP, 2.0, math.nan, 0.0, 0.0, FASTEST)
-        assert (spin.found, spin.gyro_jumped) == (0, 1)
+        assert (is_found(spin), spin.gyro_jumped) == (False, 1)
     assert assumed_speeds(spin, spin.stamp, 0.4, 0.4) == (0.4, 0.4)
     watch_spin(spin, (begin + 100) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST)
     assert not spin.gyro_jumped
+    # Its readings are no bends of the robot.
+    assert width_of_bends(spin) == width_of_bends(after_bends())
 
 
 def test_the_error_is_that_of_the_track_that_spins() -> None:
