@@ -52,7 +52,7 @@ from icreckon.estimator.friction.loads import PAIR_COLUMNS
 from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import FixWander, Settings, with_wander_of
+from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
@@ -112,7 +112,7 @@ class BatchFilter:
     ) -> None:
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
-        if with_wander_of(robot, settings).wander not in (None, FixWander()):
+        if wander_of(robot, settings).sigma:
             raise BatchError(
                 "filters side by side do not estimate the wander of fixes (wander_sigma); use run"
             )

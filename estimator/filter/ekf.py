@@ -149,8 +149,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             variance: variance that it gains along each axis [m²].
         """
         self.x[s.WANDER] *= decay
-        self.P[s.WANDER] *= decay
-        self.P[:, s.WANDER] *= decay
+        fade_wander(self.P, decay)
         self.P[[s.WANDER_X, s.WANDER_Y], [s.WANDER_X, s.WANDER_Y]] += variance
         if self.clones is not None:
             self.clones = self.clones.faded(s.WANDER, decay)
@@ -430,6 +429,17 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
                 break
         if self.observer is not None and self.x is not before:
             self.observer.projected(self.x - before)
+
+
+def fade_wander(P: Floats, decay: float) -> None:
+    """Multiply the wander of position fixes in a covariance or information matrix, in place.
+
+    Args:
+        P: (n, n) matrix with the states of the wander.
+        decay: factor on the wander.
+    """
+    P[s.WANDER] *= decay
+    P[:, s.WANDER] *= decay
 
 
 def slip_diagonal(size: int) -> slice:

@@ -44,7 +44,7 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.motion.propagation import step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import FixWander, Settings, with_wander_of
+from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import (
     TrackRecord,
@@ -132,7 +132,7 @@ class Reckoning:
         self.ekf.x[s.POSE] = start
         self.ekf.P = np.diag(sigmas**2)
         self.ekf.considered = considered_states(variant, settings)
-        self._wander = with_wander_of(robot, settings).wander or FixWander()
+        self._wander = wander_of(robot, settings)
         if self._wander.sigma:
             self.ekf.add_wander(self._wander.sigma)
 

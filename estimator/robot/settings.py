@@ -191,13 +191,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-def with_wander_of(robot: Robot, settings: Settings) -> Settings:
-    """Settings with the wander of the robot file, if they leave it out.
+def wander_of(robot: Robot, settings: Settings) -> FixWander:
+    """Wander of the fixes that a filter estimates: that of its settings, or else of the robot file.
 
     Raises:
         EstimatorError: a value in the robot file is not valid.
     """
-    wander = FixWander.of(robot) if settings.wander is None else settings.wander
-    if settings.wander is not None or not wander.sigma:
-        return settings
-    return msgspec.structs.replace(settings, wander=wander)
+    return FixWander.of(robot) if settings.wander is None else settings.wander

@@ -20,7 +20,7 @@ from icreckon.estimator.log.input_checks import RANKS, STREAMS, Admission, as_pl
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.robot.robot_file import Robot, require_robot
-from icreckon.estimator.robot.settings import Settings, with_wander_of
+from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
     find_variant,
     parameter_names,
@@ -126,7 +126,7 @@ class PoseEstimator:
         )
         self.robot = robot
         self.variant = find_variant(variant)
-        self.settings = with_wander_of(robot, settings if settings is not None else Settings())
+        self.settings = settings if settings is not None else Settings()
         self._reckoning = Reckoning(
             robot, self.variant, self.settings, start, start_sigma, engine_of(self.settings.engine)
         )

@@ -43,7 +43,13 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.ekf import IDENTITY, IcrEkf, replaced_states, slip_diagonal
+from icreckon.estimator.filter.ekf import (
+    IDENTITY,
+    IcrEkf,
+    fade_wander,
+    replaced_states,
+    slip_diagonal,
+)
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -221,8 +227,7 @@ class _Tape:
         """Record the wander of the fixes over some time, see `Observer`."""
         self._delta[s.WANDER] *= decay
         P = self._optimal_P
-        P[s.WANDER] *= decay
-        P[:, s.WANDER] *= decay
+        fade_wander(P, decay)
         P[[s.WANDER_X, s.WANDER_Y], [s.WANDER_X, s.WANDER_Y]] += variance
         self._tape.append(_Wander(decay))
 
@@ -325,8 +330,7 @@ def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, 
         case _Wander(decay):
             adjoint, information = adjoint.copy(), information.copy()
             adjoint[s.WANDER] *= decay
-            information[s.WANDER] *= decay
-            information[:, s.WANDER] *= decay
+            fade_wander(information, decay)
             return adjoint, information
         case _Step(pose_rows, decay, back):
             size = len(adjoint)

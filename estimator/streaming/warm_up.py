@@ -22,7 +22,7 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.streaming.engines import engine_of
 
@@ -48,7 +48,7 @@ def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settin
         return
     from icreckon.estimator.engine.model import traced_model
 
-    wanders = settings.wander is not None and settings.wander.sigma > 0.0
+    wanders = wander_of(robot, settings).sigma > 0.0
     shape = (type(model), traced_model(model), settings.considered, wanders)
     if shape in READY:
         return

@@ -16,7 +16,7 @@ from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import FixWander, Settings, with_wander_of
+from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
 
@@ -59,8 +59,8 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):
         return EXACT_ORIGIN
     white = math.sqrt(float(np.median(fixes.variances[:, 0])))
-    settings = with_wander_of(robot, settings or Settings())
-    wander = settings.wander or FixWander()
+    settings = settings or Settings()
+    wander = wander_of(robot, settings)
     # Errors that wander do not average out along the path.
     until = _has_gone(log, max(BEGINNING, SIGMAS * math.hypot(white, wander.sigma)))
     alone = replace_setting(settings, wander=FixWander())

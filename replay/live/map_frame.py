@@ -9,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
-from icreckon.estimator.robot.settings import FixWander
+from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
 
@@ -60,7 +60,7 @@ class MapFrame:
         heading, lever_arm = self._heading, np.array([fix.forward, fix.left])
         if heading is not None and abs(fix.stamp - heading.stamp) * NANOSECOND > SOON:
             heading = None
-        wander = odom.settings.wander or FixWander()
+        wander = wander_of(odom.robot, odom.settings)
         pose, sigma = odom.pose, wander.at_start(math.sqrt(fix.variance))
         if not geodetic and not wander.sigma:
             expected = pose[:2] + rotate(lever_arm, pose[2])

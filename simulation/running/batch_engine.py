@@ -24,7 +24,7 @@ from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import FixWander
+from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.streaming.lost import loss_kinds, reason_of
 from icreckon.simulation.base.random_streams import random_streams
@@ -64,7 +64,7 @@ def why_not(plan: Plan) -> str | None:
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
             return f"in cell {cell.index}, encoders with dropouts are faster than the IMU"
         for one in cell.filters:
-            if one.settings.wander not in (None, FixWander()):
+            if wander_of(one.robot, one.settings).sigma:
                 return f"in cell {cell.index}, filters estimate the wander of the fixes"
             slowest = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
             if 1.0 / slowest > 0.5 * one.settings.longest_gap:
