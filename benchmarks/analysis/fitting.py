@@ -100,7 +100,7 @@ def fit_inertia(robot: Robot, motion: KnownMotion) -> Robot:
     Raises:
         EstimatorError: too little turns, or the best fit is no skid-steer vehicle.
     """
-    from scipy.optimize import least_squares  # type: ignore[import-untyped]
+    from scipy.optimize import least_squares
 
     known = motion.turning()
     # The gains are fitted as what they contribute at a typical force of inertia.

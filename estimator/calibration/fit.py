@@ -273,7 +273,7 @@ def _solve(matrix: Floats, vector: Floats) -> Floats:
 
 def few_blocks(blocks: Floats | float) -> Floats:
     """Factor from 1.96 standard errors to a 95 % interval of few blocks (Student's t)."""
-    from scipy.special import stdtrit  # type: ignore[import-untyped]
+    from scipy.special import stdtrit
 
     return np.asarray(stdtrit(np.maximum(np.asarray(blocks) - 1.0, 2.0), 0.975) / 1.96)
 

@@ -181,7 +181,7 @@ def information(
         Information (blocks, p, p) and score (blocks, p). Correlated rows of two blocks count half to
         either.
     """
-    from scipy.linalg import cho_solve_banded, cholesky_banded  # type: ignore[import-untyped]
+    from scipy.linalg import cho_solve_banded, cholesky_banded
 
     blocks, size = int(block.max()) + 1, jacobian.shape[-1]
     fisher, score = np.zeros((blocks, size, size)), np.zeros((blocks, size))
@@ -232,7 +232,7 @@ def cost(noise: Noise, residuals: Floats) -> float:
 def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     """Maximum-likelihood components of Gaussian residuals (r,), from an initial value."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
-    from scipy.optimize import minimize  # type: ignore[import-untyped]
+    from scipy.optimize import minimize
 
     floor = np.zeros_like(channel.bands[0])
     floor[0] = SMALLEST**2

@@ -59,16 +59,15 @@ def with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
 
 def _path(log: Log, imu: ImuSeries, robot: Robot) -> PoseSeries:
     """Path at the stamps of the IMU: heading by the gyro, speed by the tracks."""
-    steps = np.diff(imu.stamps) * NANOSECOND
+    from scipy.integrate import cumulative_trapezoid
+
+    seconds = (imu.stamps - imu.stamps[0]) * NANOSECOND
     rate = SensorModels(robot).yaw_rates(imu.angular_velocity)
-    yaw = _summed(steps, rate)
+    yaw = cumulative_trapezoid(rate, seconds, initial=0.0)
     speed = np.interp(imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
-    places = [_summed(steps, speed * turned) for turned in (np.cos(yaw), np.sin(yaw))]
-    return PoseSeries(imu.stamps, np.column_stack([*places, yaw]))
-
-
-def _summed(steps: Floats, values: Floats) -> Floats:
-    return np.concatenate([[0.0], np.cumsum(steps * 0.5 * (values[1:] + values[:-1]))])
+    velocity = speed[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    places = cumulative_trapezoid(velocity, seconds, axis=0, initial=0.0)
+    return PoseSeries(imu.stamps, np.column_stack([places, yaw]))
 
 
 def _lag(places: PoseSeries, path: PoseSeries) -> float:

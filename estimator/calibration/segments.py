@@ -249,6 +249,8 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     Raises:
         EstimatorError: there is no truth, no IMU, or too little of a stream.
     """
+    from scipy.integrate import cumulative_trapezoid
+
     if log.truth is None or len(log.truth.poses.stamps) < 2:
         raise EstimatorError(
             f"log {log.name!r} holds no pose truth, so nothing to calibrate from; name its topic in "
@@ -270,7 +272,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     # As the filter takes them: each speed holds until the next. Latency is found against the same.
     steps = np.diff(track_times)[:, None] * log.tracks.speeds[:-1]
     ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    turned = _integral(imu_times, _vertical(log.imu, robot)[:, None])[:, 0]
+    turned = cumulative_trapezoid(_vertical(log.imu, robot), imu_times, initial=0.0)
     truth_times = _seconds(poses.stamps, log.start)
     lag, bias = _first_lag(truth_times, truth[:, 2], imu_times, turned, log.name)
     return Motion(
@@ -474,6 +476,8 @@ def _vertical(imu: ImuSeries, robot: Robot) -> Floats:
 
 def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
     """Integral (i, 2) of the levelled specific force [m/s]; None for too few readings."""
+    from scipy.integrate import cumulative_trapezoid
+
     read = imu.linear_acceleration
     if read is None:
         return None
@@ -482,12 +486,7 @@ def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
         return None
     levelled = read[there] @ robot.imu_rotation[:2].T
     whole = np.stack([np.interp(times, times[there], axis) for axis in levelled.T], axis=-1)
-    return _integral(times, whole)
-
-
-def _integral(times: Floats, values: Floats) -> Floats:
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
-    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+    return np.asarray(cumulative_trapezoid(whole, times, axis=0, initial=0.0))
 
 
 def _first_lag(

@@ -55,7 +55,7 @@ def slow_turns(contact: Contact) -> IndexValues:
 @lru_cache(maxsize=32)
 def _with_slow_turns(contact: Contact, zeta: float, epsilon: float, eta: float) -> Contact:
     """Contact with length and centre of mass such that slow turns have these indices."""
-    from scipy.optimize import least_squares  # type: ignore[import-untyped]
+    from scipy.optimize import least_squares
 
     geometry, body = contact.geometry, contact.body
     half_gauge, half_length = 0.5 * geometry.gauge, geometry.positions[-1]

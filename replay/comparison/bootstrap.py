@@ -94,7 +94,7 @@ class PairedDrift:
 
 def expanded_tail(blocks: float) -> float:
     """Expanded tail probability at each end, for a number of independent blocks."""
-    from scipy.special import ndtr, stdtrit  # type: ignore[import-untyped]
+    from scipy.special import ndtr, stdtrit
 
     quantile = math.sqrt(blocks / (blocks - 1.0)) * stdtrit(blocks - 1.0, 1.0 - TAIL)
     return float(ndtr(-quantile))

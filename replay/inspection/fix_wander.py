@@ -145,19 +145,20 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
 
 def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     """Cut the fixes into windows, with the path by odometry."""
+    from scipy.integrate import cumulative_trapezoid
+
     fixes = log.fixes
     if fixes is None or len(stamps) < 2:
         return []
     origin = stamps[0]
     seconds = (stamps - origin) * NANOSECOND
-    steps = np.diff(seconds)
-    yaw = np.concatenate([[0.0], np.cumsum(steps * 0.5 * (vertical[1:] + vertical[:-1]))])
+    yaw = cumulative_trapezoid(vertical, seconds, initial=0.0)
     speed = np.interp(stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
     velocity = speed * np.exp(1j * yaw)
-    path = np.concatenate([[0.0], np.cumsum(steps * 0.5 * (velocity[1:] + velocity[:-1]))])
+    path = cumulative_trapezoid(velocity, seconds, initial=0.0)
     # Change of the path by a bias of the gyro.
     bent = velocity * 1j * seconds
-    by_bias = np.concatenate([[0.0], np.cumsum(steps * 0.5 * (bent[1:] + bent[:-1]))])
+    by_bias = cumulative_trapezoid(bent, seconds, initial=0.0)
 
     inside = (fixes.stamps >= max(origin, log.tracks.stamps[0])) & (
         fixes.stamps <= min(stamps[-1], log.tracks.stamps[-1])

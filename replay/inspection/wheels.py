@@ -87,15 +87,19 @@ def _distance_ratio(
     log: Log, vertical: Floats, stamps: Stamps, places: Floats, window: float
 ) -> tuple[float | None, float | None]:
     """Median ratio of chord to track distance over windows [s], and its error."""
+    from scipy.integrate import cumulative_trapezoid
+
     assert log.imu is not None  # noqa: S101 - checked by the caller
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = np.arange(start, end, round(window / NANOSECOND))
     if len(edges) < FEWEST_WINDOWS + 1:
         return None, None
     mean = log.tracks.speeds.mean(axis=1)
-    distance = np.interp(edges, log.tracks.stamps, _integral(log.tracks.stamps, mean))
+    seconds = (log.tracks.stamps - log.start) * NANOSECOND
+    distance = np.interp(edges, log.tracks.stamps, cumulative_trapezoid(mean, seconds, initial=0.0))
+    seconds = (log.imu.stamps - log.start) * NANOSECOND
     turned, yaw = (
-        np.interp(edges, log.imu.stamps, _integral(log.imu.stamps, rate))
+        np.interp(edges, log.imu.stamps, cumulative_trapezoid(rate, seconds, initial=0.0))
         for rate in (np.abs(vertical), vertical)
     )
     at = np.column_stack([np.interp(edges, stamps, column) for column in places.T])
@@ -112,11 +116,6 @@ def _distance_ratio(
         blocks = np.array_split(np.arange(len(ratios)), BLOCKS)
         sigma = jackknife_sigma(np.array([np.median(np.delete(ratios, one)) for one in blocks]))
     return float(np.median(ratios)), sigma
-
-
-def _integral(stamps: Stamps, values: Floats) -> Floats:
-    steps = np.diff(stamps) * NANOSECOND
-    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * steps)])
 
 
 def standstills(log: Log) -> list[tuple[float, float]]:

@@ -183,7 +183,7 @@ class TransformStream(Stream):
 
 def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[Poses, Any]:
     """Interpolate the poses of a link at stamps; also return the mask of valid ones."""
-    from scipy.spatial.transform import Rotation, Slerp  # type: ignore[import-untyped]
+    from scipy.spatial.transform import Rotation, Slerp
 
     within = (wanted >= stamps[0]) & (wanted <= stamps[-1])
     after = np.clip(np.searchsorted(stamps, wanted), 0, len(stamps) - 1)

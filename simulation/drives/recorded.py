@@ -47,7 +47,7 @@ class Recorded:
 
     @cached_property
     def _curve(self) -> Any:
-        from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]
+        from scipy.interpolate import PchipInterpolator
 
         # A slope too flat for its reciprocal is level.
         with np.errstate(over="ignore"):

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, get_args
 import msgspec
 import numpy as np
 from numpy.random import Generator, default_rng
-from scipy.optimize import least_squares  # type: ignore[import-untyped]
+from scipy.optimize import least_squares
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import IcreckonError

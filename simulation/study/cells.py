@@ -199,7 +199,7 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
         latin: number of points, and ranges.
         seed: seed of the study, which determines the points.
     """
-    from scipy.stats import qmc  # type: ignore[import-untyped]
+    from scipy.stats import qmc
 
     ranges = latin.ranges
     sampler = qmc.LatinHypercube(len(ranges), seed=np.random.default_rng([seed, len(ranges)]))

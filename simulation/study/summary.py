@@ -133,6 +133,6 @@ def _half_width(residuals: Floats, motions: Ints) -> float:
 @cache
 def _student(degrees: int) -> float:
     """Half-width of the 95 % interval of Student's t."""
-    from scipy.stats import t  # type: ignore[import-untyped]
+    from scipy.stats import t
 
     return float(t.ppf(0.5 + 0.5 * CONFIDENCE, degrees))

@@ -157,7 +157,7 @@ def _draw_cells(
 
 def _draw_consistency(axes: Axes, results: Results) -> None:
     """Draw the mean NEES by cell, with the band of a consistent filter."""
-    from scipy.stats import chi2  # type: ignore[import-untyped]
+    from scipy.stats import chi2
 
     cells, variants = results["cells"], results["variants"]
     runs = results["runs"]
