@@ -14,8 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from _logs import ASPHALT, GRASS
 from _study import table
-from accuracy import ASPHALT, GRASS, HALVED
+from accuracy import HALVED
 
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
@@ -40,10 +41,7 @@ def without_headings(log: Log) -> Log:
     """The log with a truth of positions alone."""
     if log.truth is None:
         raise ValueError(f"{log.name} has no truth")
-    poses = log.truth.poses.poses.copy()
-    poses[:, 2] = np.nan
-    truth = replace(log.truth, poses=replace(log.truth.poses, poses=poses), twists=None)
-    return replace(log, truth=replace(truth, headings=False))
+    return replace(log, truth=log.truth.positions_alone())
 
 
 def drift_row(log: Log, robot: Robot) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -113,6 +113,13 @@ class Truth:
     tracks: TrackSpeedSeries | None = None
     source: str = "unknown"
     headings: bool = True
+
+    def positions_alone(self) -> Truth:
+        """Truth without headings, and without what would show them."""
+        poses = self.poses.poses.copy()
+        poses[:, 2] = np.nan
+        known = replace(self.poses, poses=poses)
+        return replace(self, poses=known, twists=None, tracks=None, headings=False)
 
 
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:

@@ -10,8 +10,6 @@ from itertools import zip_longest
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, ClassVar, TypeVar
 
-import numpy as np
-
 from icreckon.estimator.base.errors import IcreckonError, nearest_hint
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -144,12 +142,8 @@ def _without_false_headings(log: Log) -> Log:
     fault = heading_fault(truth) if truth is not None and truth.headings else None
     if truth is None or fault is None:
         return log
-    poses = truth.poses.poses.copy()
-    poses[:, 2] = np.nan
-    bare = replace(
-        truth, poses=replace(truth.poses, poses=poses), twists=None, tracks=None, headings=False
-    )
-    return replace(log, truth=bare, notes=(*log.notes, f"headings of the truth {fault}: not used"))
+    note = f"headings of the truth {fault}: not used"
+    return replace(log, truth=truth.positions_alone(), notes=(*log.notes, note))
 
 
 def _aligned(

@@ -14,7 +14,7 @@ from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.colours import OTHER_COLOUR, TRUTH_COLOUR
 from icreckon.replay.base.colours import colour_of as _colour
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.page_text import failures
+from icreckon.report.replay.page_text import failures, has_yaw_errors
 
 # Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
 SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
@@ -42,7 +42,7 @@ def write_figure(path: Path, results: Results) -> None:
             _draw_position_errors(right[0], results)
         else:
             _draw_uncertainty(right[0], results)
-        if _has_yaw_errors(results):
+        if has_yaw_errors(results):
             _draw_yaw_errors(right[1], results)
         else:
             _draw_yaw(right[1], results)
@@ -157,12 +157,6 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     axes.set_ylim(0.0, max(1.15 * max(top, min(bound, 2.5 * top)), LEAST_POSITION_ERROR))
     axes.set_ylabel("position error [m]")
     axes.legend(loc="upper left", ncols=2, fontsize=8)
-
-
-def _has_yaw_errors(results: Results) -> bool:
-    """Return True if there is a truth with headings."""
-    drawn = (results["series"]["variants"][name] for name in _detailed(results))
-    return any(np.isfinite(_numbers(one.get("yaw_error_rad", []))).any() for one in drawn)
 
 
 def _draw_yaw_errors(axes: Axes, results: Results) -> None:

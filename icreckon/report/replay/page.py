@@ -13,6 +13,7 @@ from icreckon.report.replay.page_charts import page_data, switches
 from icreckon.report.replay.page_text import (
     failures,
     filtered,
+    has_yaw_errors,
     headline,
     horizon_text,
     notes,
@@ -158,7 +159,7 @@ def _scored(results: Results) -> list[Section]:
                 cells.append(Cell(number(one.get(place)), "best" if is_best else "", beneath))
             rows.append((name, cells))
         tables.append(Table(title, head, rows))
-    of_truth = SCORES if results["truth"].get("headings", True) else POSITION_SCORES
+    of_truth = SCORES if has_yaw_errors(results) else POSITION_SCORES
     return [
         Section("Drift per horizon", scored_text(results), tables),
         Section("Other scores", "", [_score_table(results, of_truth)]),

@@ -19,6 +19,7 @@ from icreckon.replay.base.colours import OTHER_COLOUR, TRUTH_COLOUR, colour_of
 from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.results import Results
 from icreckon.replay.export.tables import icr_series
+from icreckon.report.replay.page_text import has_yaw_errors
 
 TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, beside the best and the baseline.
@@ -106,10 +107,11 @@ def _paths(results: Results) -> Chart:
 
 
 def _errors(results: Results) -> list[Chart]:
-    """Errors over the distance, against the truth or else the reference variant."""
+    """Errors over the distance: against the truth as far as it is known, or else the reference."""
     if results["truth"]:
-        position, yaw = "position_error_m", "yaw_error_rad"
-        title, yaw_title = "Position error", "Yaw error"
+        position, title = "position_error_m", "Position error"
+        headings = has_yaw_errors(results)
+        yaw, yaw_title = ("yaw_error_rad", "Yaw error") if headings else ("yaw_rad", "Yaw")
     else:
         position = yaw = ""
         title = f"Distance from {results['reference_variant']}"
@@ -132,8 +134,10 @@ def _errors(results: Results) -> list[Chart]:
     for name, one in results["series"]["variants"].items():
         values = _times(one[yaw], 180.0 / math.pi) if yaw else _yaw_apart(results, name)
         lines.append({"series": name, "x": "distance", "y": values})
-        high = _times(one["yaw_sigma_rad"], 3.0 * 180.0 / math.pi)
-        bands.append({"series": name, "x": "distance", "low": _times(high, -1.0), "high": high})
+        bound = 3.0 * np.degrees(_floats(one["yaw_sigma_rad"]))
+        middle = _floats(values) if yaw == "yaw_rad" else 0.0
+        low, high = _listed(middle - bound), _listed(middle + bound)
+        bands.append({"series": name, "x": "distance", "low": low, "high": high})
     chart = {"title": yaw_title, "y_label": "yaw [deg]", "least": 0.01}
     charts.append(common | chart | {"lines": lines, "bands": bands, "note": note})
     return charts

@@ -94,6 +94,12 @@ def _apart(results: Results) -> str:
     )
 
 
+def has_yaw_errors(results: Results) -> bool:
+    """Return True if there is a ground truth, and it has headings."""
+    truth = results["truth"]
+    return truth is not None and truth.get("headings", True)
+
+
 def failures(results: Results) -> list[str]:
     """Variants without a result, each with its reason."""
     return [

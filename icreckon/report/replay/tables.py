@@ -11,7 +11,7 @@ from rich.text import Text
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.page_text import failures
+from icreckon.report.replay.page_text import failures, has_yaw_errors
 
 # Heading, key, digits.
 SCORE_COLUMNS = (
@@ -47,7 +47,7 @@ def results_table(results: Results) -> Group:
     """Scores of all variants, with footnotes on the log."""
     truth = results["truth"]
     columns: Sequence[tuple[str, str, int]] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
-    if truth and not truth.get("headings", True):
+    if truth and not has_yaw_errors(results):
         columns = POSITION_COLUMNS
     table = Table(title=_title(results), title_justify="left")
     table.add_column("variant", no_wrap=True)
@@ -81,7 +81,7 @@ def _footnotes(results: Results) -> list[str]:
         lines.append(f"No ground truth: apart means from {results['reference_variant']}.")
     else:
         parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
-        drifts = "Drift and yaw drift" if truth.get("headings", True) else "Drift"
+        drifts = "Drift and yaw drift" if has_yaw_errors(results) else "Drift"
         lines.append(f"{drifts}: without fixes, {parts or 'nowhere long enough'}.")
         if truth["lag_s"] or any(truth["lever_arm_m"]):
             x, y = truth["lever_arm_m"]

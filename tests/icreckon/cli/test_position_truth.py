@@ -124,7 +124,10 @@ def test_replay_scores_positions_and_says_so(log: Log, bag: Path, tmp_path: Path
     assert set(results["series"]["variants"][VARIANT]["yaw_error_rad"]) == {None}
     assert scores["nees_position_mean"] is not None
     assert scores["lever_arm_m"][0] == pytest.approx(0.2, abs=0.06)
-    assert (tmp_path / "out" / "page.html").exists()
+    page = (tmp_path / "out" / "page.html").read_text(encoding="utf-8")
+    assert '"Position error"' in page
+    assert '"Yaw"' in page
+    assert '"Yaw error"' not in page
 
     # As with the true poses, but for the frame: the alignment has found it.
     own = write_bag(
