@@ -1,4 +1,4 @@
-"""A track that spins free: error, own uncertainty, and how soon it is noticed; false alarms on real logs.
+"""Tracks that spin free: error, own uncertainty, and how soon it is noticed; false alarms on real logs.
 
     python benchmarks/spinning_track.py [LOGS] [--runs N]
 
@@ -8,10 +8,14 @@ fault to 1 s after its end, root mean square over the runs, beside the filter's 
 the same motion (`relative_motion`), and with the same drive without the fault. `delay` is the longest
 time from the start of the fault until `health.slip` names the track.
 
+In the second table both tracks spin, as at a wall: both read more than they drive the ground. `found` is
+the share of drives in which `health.slip.forward` shows it; the error of the others is in their own
+columns, as no sensor shows it.
+
 On the demo's rolling ground the tall robot stands on its lower track alone at times, and the upper one
-slides. The second table has the error of v_x while a track is found spinning, of the mean of the track
+slides. The third table has the error of v_x while a track is found spinning, of the mean of the track
 speeds and of `gyro`, root mean square. LOGS is the folder of the sample logs: each time that a track is
-found spinning in them is counted.
+found spinning in them is counted, and each slide.
 """
 
 from __future__ import annotations
@@ -41,6 +45,10 @@ SECOND = 1_000_000_000
 BEGINS, LASTS, AFTER = 30 * SECOND, 3 * SECOND, SECOND
 EXCESS = 0.8
 """Speed of the free track beyond the ground's [m/s]."""
+BOTH_SPIN = ((0.5, 3), (0.8, 3), (1.0, 3), (1.0, 10), (1.5, 3))
+"""Speed of both free tracks beyond the ground's [m/s], and how long they spin [s]."""
+RAMP = 0.2
+"""Time in which both tracks speed up [s]."""
 VARIANTS = ("gyro", "differential", "constant-online", "inertia-online", "friction-online")
 
 
@@ -54,38 +62,51 @@ class Sliding(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Error of the motion over the fault and its own standard deviation [m]; delay [s] or NaN."""
+    """Error of the motion over the fault and its own standard deviation [m]; delay [s] or NaN.
+
+    The delay is that until one track is found spinning, or the robot sliding.
+    """
 
     error: float
     sigma: float
     delay: float
 
 
-def drive(robot: Robot, seed: int) -> Log:
+def drive(robot: Robot, seed: int, duration: float = 36.0) -> Log:
     """A drive without the fault."""
-    return simulate(Scenario(duration=36.0, seed=seed, trajectory="random", fix_rate=0.0), robot)
+    return simulate(
+        Scenario(duration=duration, seed=seed, trajectory="random", fix_rate=0.0), robot
+    )
 
 
-def with_free_track(log: Log, excess: float = EXCESS) -> Log:
-    """The log whose left track spins."""
+def with_free_track(
+    log: Log, excess: float = EXCESS, *, lasts: int = LASTS, both: bool = False
+) -> Log:
+    """The log whose left track spins at once, or both, which speed up and slow down in `RAMP`."""
     stamps, speeds = log.tracks.stamps, log.tracks.speeds.copy()
-    free = (stamps >= log.start + BEGINS) & (stamps < log.start + BEGINS + LASTS)
-    speeds[free, 0] += excess
+    times, end = (stamps - log.start - BEGINS) / SECOND, lasts / SECOND
+    if both:
+        share = np.interp(times, [0.0, RAMP, end, end + RAMP], [0.0, 1.0, 1.0, 0.0])
+        speeds += excess * share[:, None]
+    else:
+        speeds[(times >= 0.0) & (times < end), 0] += excess
     return replace(log, tracks=TrackSpeedSeries(stamps, speeds))
 
 
-def motion_over_fault(log: Log, robot: Robot, variant: str) -> Motion:
+def motion_over_fault(log: Log, robot: Robot, variant: str, lasts: int = LASTS) -> Motion:
     """Run a variant up to a second after the fault."""
     estimator, delay = PoseEstimator(robot, variant), float("nan")
-    begin, end = log.start + BEGINS, log.start + BEGINS + LASTS + AFTER
+    begin, end = log.start + BEGINS, log.start + BEGINS + lasts + AFTER
     for measurement in log.measurements():
         if measurement.stamp > end:
             break
         estimator.feed(measurement)
         if estimator.stamp == begin and begin not in estimator.marks:
             estimator.mark(begin)
-        if measurement.stamp > begin and delay != delay and estimator.health.slip.track:
-            delay = (measurement.stamp - begin) / SECOND
+        if measurement.stamp > begin and delay != delay:
+            slip = estimator.health.slip
+            if slip.track is not None or slip.forward is not None:
+                delay = (measurement.stamp - begin) / SECOND
     found = estimator.relative_motion(begin)
     if log.truth is None:
         raise ValueError("a simulated log has a truth")
@@ -112,6 +133,27 @@ def rolling_ground(robot: Robot, index: int) -> Sliding:
             of_tracks.append(mean - true)
             of_filter.append(float(estimator.twist[0]) - true)
     return Sliding(estimator.health.slip.times, log.duration, of_tracks, of_filter)
+
+
+def print_both(robot: Robot, runs: int) -> None:
+    """Print the table of both tracks."""
+    drives = [drive(robot, seed, 43.0) for seed in range(runs)]
+    print(
+        "both spin | found | longest delay [s] | error [m] | own sigma [m] | error, own sigma [m]"
+    )
+    for excess, seconds in BOTH_SPIN:
+        lasts = seconds * SECOND
+        moved = []
+        for log in drives:
+            faulty = with_free_track(log, excess, lasts=lasts, both=True)
+            moved.append(motion_over_fault(faulty, robot, "inertia-online", lasts))
+        seen = [one for one in moved if one.delay == one.delay and one.delay < seconds]
+        hidden = [one for one in moved if one not in seen]
+        cells = [f"{rms([one.error for one in part]):.2f} | {rms([one.sigma for one in part]):.2f}"
+                 if part else "- | -" for part in (seen, hidden)]  # fmt: skip
+        delay = f"{max(one.delay for one in seen):.2f}" if seen else "-"
+        share = f"{len(seen)} of {len(moved)}"
+        print(f"{excess} m/s, {seconds} s | {share} | {delay} | {' | '.join(cells)}")
 
 
 def rms(values: list[float]) -> float:
@@ -141,6 +183,7 @@ def main() -> None:
             f"{rms([one.error for one in faulty]):.2f} | {max(one.error for one in faulty):.2f} | "
             f"{rms([one.sigma for one in faulty]):.2f} | {noticed}"
         )
+    print_both(robot, given.runs)
     slid = [rolling_ground(robot, index) for index in range(given.runs)]
     minutes = sum(one.duration for one in slid) / 60.0
     of_tracks = [error for one in slid for error in one.of_tracks]
@@ -151,14 +194,15 @@ def main() -> None:
     )
     if given.logs is None:
         return
-    hours = found = 0.0
+    hours, found, slides = 0.0, 0, 0
     for name, robot_name in logs_without("jackal", "wetexplorer").items():
         of_log = load_robot(robot_name)
         log = read_log(given.logs / name, of_log)
-        times = run_side_by_side(log, of_log, ["gyro"])["gyro"].health.slip.times
-        print(f"{name}: {times} times in {log.duration:.0f} s")
-        hours, found = hours + log.duration / 3600.0, found + times
-    print(f"real logs: {found:.0f} times in {hours:.2f} h")
+        slip = run_side_by_side(log, of_log, ["gyro"])["gyro"].health.slip
+        print(f"{name}: {slip.times} times in {log.duration:.0f} s, {slip.slides} slides")
+        hours += log.duration / 3600.0
+        found, slides = found + slip.times, slides + slip.slides
+    print(f"real logs: {found} times in {hours:.2f} h, {slides} slides")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     Steps,
 )
-from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_rate, take_tracks
+from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_motion, take_tracks
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
     imu_noise,
@@ -243,8 +243,8 @@ def fill_lane(
         has_sample = steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE
         if has_sample:
             sample = steps.samples[k]
-            force_y = measured.forces[lane, sample, 1]
-            take_rate(held, end, measured.rates[lane, sample], force_y, settings)
+            rate, force = measured.rates[lane, sample], measured.forces[lane, sample]
+            take_motion(held, end, rate, force[0], force[1], settings)
         found = step_inputs(held, start, end, settings)
         for row in range(TRACK_ROWS):
             inputs[k, row, lane] = found[row]
@@ -258,9 +258,7 @@ def fill_lane(
             left, right = assumed_speeds(held.spin, stamp, one, other)
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
         if has_sample:
-            rate = measured.rates[lane, steps.samples[k]]
             inputs[k, ROW_RATE, lane] = rate
-            force = measured.forces[lane, steps.samples[k]]
             inputs[k, ROW_FORCE_X, lane], inputs[k, ROW_FORCE_Y, lane] = force[0], force[1]
             measure_noise(noise, end, rate, force[0], force[1], settings.hold)
             spread = measured_noise(noise.gyro)

@@ -9,7 +9,7 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.filter.filter_record import may_be_pushed, take_track_speeds
-from icreckon.estimator.sensors.held_tracks import take_rate
+from icreckon.estimator.sensors.held_tracks import take_motion
 from icreckon.estimator.sensors.imu_clock import take_stamp
 from icreckon.estimator.sensors.imu_noise import imu_noise, measure_noise, measured_noise
 from icreckon.estimator.sensors.standstill import is_full, quiet_mean, tracks_rest
@@ -60,7 +60,7 @@ def sample_inputs(
     record = records[0]
     if is_full(record.still, stamps):
         return False
-    take_rate(record.tracks, stamp, rate, force_y, record.settings)
+    take_motion(record.tracks, stamp, rate, force_x, force_y, record.settings)
     fill_tracks(record, inputs, stamp)
     settings = record.settings
     take_stamp(record.imu, stamp, settings.hold)

@@ -432,10 +432,10 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
 
 def fade_wander(P: Floats, decay: float) -> None:
-    """Multiply the wander of position fixes in a covariance or information matrix, in place.
+    """Multiply the wander of position fixes in a matrix, in place.
 
     Args:
-        P: (n, n) matrix with the states of the wander.
+        P: (n, n) covariance or information matrix with the states of the wander.
         decay: factor on the wander.
     """
     P[s.WANDER] *= decay

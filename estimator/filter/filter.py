@@ -51,7 +51,7 @@ from icreckon.estimator.sensors.held_tracks import (
     is_hole,
     mean_speeds,
     speeds_at,
-    take_rate,
+    take_motion,
 )
 from icreckon.estimator.sensors.imu_clock import (
     ClockRecord,
@@ -175,7 +175,7 @@ class Reckoning:
         """Copy of the counts of the measurements, with measured noise and slip."""
         health, record = self._judged_counts(), self._record
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
-        health.slip = slip_health(self._tracks.spin, float(record.slip_factor))
+        health.slip = slip_health(self._tracks, float(record.slip_factor))
         health.wander = wander_health(self.ekf.x, self.ekf.P)
         return health
 
@@ -374,7 +374,7 @@ class Reckoning:
             return used
         take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
-        take_rate(record.tracks, m.stamp, rate, along[1], record.settings)
+        take_motion(record.tracks, m.stamp, rate, *along, record.settings)
         measure_noise(record.noise, m.stamp, rate, *along, hold)
         noise = imu_noise(record.noise, tracks_rest(record.still), record.settings)
         spread = measured_noise(record.noise.gyro)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, UNKNOWN, SpinRecord, is_found
+from icreckon.estimator.sensors.sliding_robot import SlideRecord, slides
+from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
@@ -179,6 +181,19 @@ def noise_health(
     return found
 
 
+class Slide(NamedTuple):
+    """Slide of the whole robot along one of its axes.
+
+    Attributes:
+        since: stamp at which it began [ns].
+        speed: velocity of the robot less that of its tracks [m/s]; forward, it is negative if both tracks
+            spin up, and positive if they stop and the robot does not.
+    """
+
+    since: int
+    speed: float
+
+
 @dataclass(frozen=True)
 class SlipHealth:
     """Slip beyond what bends explain.
@@ -189,6 +204,9 @@ class SlipHealth:
         since: stamp from which on it does [ns], or None.
         mismatch: difference of the track speeds that the gyro does not confirm [m/s].
         times: number of times that a track was found spinning.
+        forward: slide of both tracks, forward or back, as far as the accelerometer shows it; or None.
+        sideways: slide to the left or the right, likewise.
+        slides: number of slides that were found.
         factor: slip that position fixes have shown, over that which the robot file gives; at least 1.
     """
 
@@ -196,21 +214,36 @@ class SlipHealth:
     since: int | None = None
     mismatch: float = 0.0
     times: int = 0
+    forward: Slide | None = None
+    sideways: Slide | None = None
+    slides: int = 0
     factor: float = 1.0
 
 
-def slip_health(spin: SpinRecord, factor: float, ahead: int = 0) -> SlipHealth:
-    """Slip of a record of spinning tracks.
+def slip_health(held: TrackRecord, factor: float, ahead: int = 0) -> SlipHealth:
+    """Slip that the record of the track speeds shows.
 
     Args:
-        spin: the record.
+        held: the record.
         factor: factor on the slip, see `filter.slip_factor`.
         ahead: time that the record's clock is behind [ns].
     """
+    spin = held.spin
+    found = SlipHealth(
+        times=spin.times,
+        forward=_slide(held.forward, ahead),
+        sideways=_slide(held.sideways, ahead),
+        slides=held.forward.times + held.sideways.times,
+        factor=factor,
+    )
     if not is_found(spin):
-        return SlipHealth(times=spin.times, factor=factor)
-    side = SIDES[spin.side]
-    return SlipHealth(side, spin.since + ahead, abs(spin.mismatch), spin.times, factor)
+        return found
+    side, since = SIDES[spin.side], spin.since + ahead
+    return replace(found, track=side, since=since, mismatch=abs(spin.mismatch))
+
+
+def _slide(slide: SlideRecord, ahead: int) -> Slide | None:
+    return Slide(slide.since + ahead, slide.speed) if slides(slide) else None
 
 
 class WanderHealth(NamedTuple):

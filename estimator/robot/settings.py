@@ -192,7 +192,9 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def wander_of(robot: Robot, settings: Settings) -> FixWander:
-    """Wander of the fixes that a filter estimates: that of its settings, or else of the robot file.
+    """Wander of the fixes that a filter estimates.
+
+    It is that of the settings, or else of the robot file.
 
     Raises:
         EstimatorError: a value in the robot file is not valid.

@@ -13,6 +13,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, plain_copy
 from icreckon.estimator.sensors.imu_clock import Clocked
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.sliding_robot import SlideRecord, watch_slide
 from icreckon.estimator.sensors.spinning_tracks import (
     SpinRecord,
     assumed_speeds,
@@ -52,6 +53,8 @@ class TrackRecord(msgspec.Struct):
         repeating_left: repetition record of the left track.
         repeating_right: repetition record of the right track.
         spin: record of a spinning track.
+        forward: record of slides along the tracks.
+        sideways: record of slides to the side.
     """
 
     stamp: int = NEVER
@@ -65,6 +68,8 @@ class TrackRecord(msgspec.Struct):
     repeating_left: Repeating = msgspec.field(default_factory=Repeating)
     repeating_right: Repeating = msgspec.field(default_factory=Repeating)
     spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
+    forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
+    sideways: SlideRecord = msgspec.field(default_factory=SlideRecord)
 
     def shifted(self, by: int) -> TrackRecord:
         """Copy for a clock that is ahead by so much [ns]."""
@@ -75,6 +80,8 @@ class TrackRecord(msgspec.Struct):
                 track.since += by
                 track.newest += by
         twin.spin = twin.spin.shifted(by)
+        twin.forward = twin.forward.shifted(by)
+        twin.sideways = twin.sideways.shifted(by)
         return twin
 
 
@@ -156,20 +163,29 @@ def take_tracks(
     return left_found + right_found
 
 
-def take_rate(
-    held: TrackRecord, stamp: int, rate: float, force: float, settings: InputSettings
+def take_motion(
+    held: TrackRecord,
+    stamp: int,
+    rate: float,
+    force_x: float,
+    force_y: float,
+    settings: InputSettings,
 ) -> None:
-    """Add a sample of the IMU, which shows a track that spins.
+    """Add a sample of the IMU, which shows tracks that spin and a robot that slides.
 
     Args:
         held: record of the track speeds, changed in place.
         stamp: stamp of the IMU sample [ns].
         rate: yaw rate by the gyro [rad/s].
-        force: specific force to the left [m/s²], or NaN.
+        force_x: specific force forward [m/s²], or NaN.
+        force_y: specific force to the left [m/s²], or NaN.
         settings: settings of the filter.
     """
     if held.stamp == NEVER or stamp - held.stamp > settings.hold_ns or rate != rate:
         return
+    mean = 0.5 * (held.left + held.right)
+    watch_slide(held.forward, stamp, force_x, mean, 0.0)
+    watch_slide(held.sideways, stamp, force_y, 0.0, rate * mean)
     # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
     spin = held.spin
     if not is_found(spin) and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
@@ -177,7 +193,7 @@ def take_rate(
         spin.stamp = stamp
         return
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
-    watch_spin(spin, stamp, rate, force, left, right, settings.fastest)
+    watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)
 
 
 def is_hole(held: Clocked, stamp: int, hold: float) -> bool:

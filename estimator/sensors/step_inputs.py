@@ -15,6 +15,7 @@ from icreckon.estimator.sensors.held_tracks import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.sensor_models import TrackChange
+from icreckon.estimator.sensors.sliding_robot import slide_density
 from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, spin_density
 
 
@@ -30,7 +31,7 @@ class StepInputs(NamedTuple):
         mean_right: mean speed of the right track over the step [m/s].
         left_density: error density of the left track's speed [m²/s].
         right_density: error density of the right track's speed [m²/s].
-        gap_density: error density of stale speeds [m²/s].
+        gap_density: error density of the mean of both speeds, if stale or if both tracks slide [m²/s].
         acceleration_left: averaged acceleration of the left track [m/s²].
         acceleration_right: averaged acceleration of the right track [m/s²].
         window: averaging time of the acceleration [s].
@@ -83,7 +84,7 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         density
         + stuck_density(held.repeating_right, start, end, settings)
         + spin_density(held.spin, RIGHT),
-        gap_density(held, start, end, settings),
+        gap_density(held, start, end, settings) + slide_density(held.forward, start, end),
         held.acceleration_left,
         held.acceleration_right,
         max(ACCELERATION_AVERAGING, held.interval),

@@ -142,17 +142,27 @@ class LiveStatuses:
 def _slip(estimator: PoseEstimator) -> DiagnosticStatus:
     """Slip beyond what bends explain."""
     slip, name = estimator.health.slip, "icreckon: slip"
-    values = {"times": str(slip.times), "slip_factor": f"{slip.factor:.2f}"}
-    if slip.track is None:
-        return DiagnosticStatus(OK, name, "no track spins", values)
-    values |= {
-        "track": slip.track,
-        "since_ns": str(slip.since),
-        "mismatch_m_s": f"{slip.mismatch:.3f}",
+    values = {
+        "times": str(slip.times),
+        "slides": str(slip.slides),
+        "slip_factor": f"{slip.factor:.2f}",
     }
-    which = "one track" if slip.track == "unknown" else f"the {slip.track} track"
-    text = f"{which} spins, or its sensor fails: {slip.mismatch:.2f} m/s too much"
-    return DiagnosticStatus(WARN, name, text, values)
+    texts = []
+    if slip.track is not None:
+        values |= {
+            "track": slip.track,
+            "since_ns": str(slip.since),
+            "mismatch_m_s": f"{slip.mismatch:.3f}",
+        }
+        which = "one track" if slip.track == "unknown" else f"the {slip.track} track"
+        texts.append(f"{which} spins, or its sensor fails: {slip.mismatch:.2f} m/s too much")
+    for way, slide in (("forward", slip.forward), ("sideways", slip.sideways)):
+        if slide is not None:
+            values |= {f"{way}_since_ns": str(slide.since), f"{way}_m_s": f"{slide.speed:.3f}"}
+            texts.append(f"the robot slides {way}: {slide.speed:.2f} m/s beyond its tracks")
+    if not texts:
+        return DiagnosticStatus(OK, name, "no track spins", values)
+    return DiagnosticStatus(WARN, name, "; ".join(texts), values)
 
 
 def _parameters(estimator: PoseEstimator) -> DiagnosticStatus:

@@ -107,7 +107,7 @@ def _paths(results: Results) -> Chart:
 
 
 def _errors(results: Results) -> list[Chart]:
-    """Errors over the distance: against the truth as far as it is known, or else the reference."""
+    """Errors over the distance, against the truth or else the reference variant."""
     if results["truth"]:
         position, title = "position_error_m", "Position error"
         headings = has_yaw_errors(results)

@@ -36,7 +36,7 @@ from icreckon.estimator.sensors.held_tracks import (
     gap_density,
     mean_speeds,
     speeds_at,
-    take_rate,
+    take_motion,
     take_tracks,
 )
 from icreckon.estimator.sensors.imu_noise import (
@@ -269,7 +269,7 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
                 take_tracks(held, int(measured.track_stamps[taken]), left, right, chosen)
             taken += 1
         if steps.kinds[k] in (MOVE_AND_UPDATE, UPDATE):
-            take_rate(held, end, float(gyro[steps.samples[k]]), math.nan, chosen)
+            take_motion(held, end, float(gyro[steps.samples[k]]), math.nan, math.nan, chosen)
         plain = step_inputs(held, start, end, chosen)
         expected = {
             "left": speeds_at(held, start, chosen.hold_ns)[0],

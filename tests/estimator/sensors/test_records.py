@@ -4,6 +4,7 @@ import copy
 import math
 import pickle
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -25,7 +26,6 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.spinning_tracks import SpinRecord
 from icreckon.estimator.sensors.standstill import (
     QuietReadings,
     StandstillRecord,
@@ -74,10 +74,7 @@ def values(record):
     found = []
     for name in names:
         value = record[name] if isinstance(record, np.void) else getattr(record, name)
-        nested = (
-            isinstance(value, Repeating | SpinRecord)
-            or getattr(value, "dtype", np.dtype(float)).names
-        )
+        nested = isinstance(value, msgspec.Struct) or getattr(value, "dtype", np.dtype(float)).names
         found += values(value) if nested else np.ravel(value).tolist()
     return found
 

@@ -1,0 +1,138 @@
+"""Slides of the whole robot, by accelerometer against tracks.
+
+Both tracks spin up against an obstacle, or stop on ice: their speed changes and the robot's does not. A
+push, or a hit from the side: the robot's velocity changes and that of the tracks does not. An
+accelerometer shows no velocity, only its changes, and gravity on slopes looks like one. So a slide is
+found if it begins suddenly, with a speed beyond that of the robot's usual starts and stops; one that
+begins slowly is not. It ends with the opposite change, or is forgotten after some time.
+
+The functions are written for plain Python and for numba, see `estimator.base.records`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import NEVER, plain_copy
+
+# Time over which a difference of velocity is forgotten, and over which gravity is averaged [s].
+FORGETTING, GRAVITY_AVERAGING = 0.3, 2.0
+# Difference that is a slide: so much [m/s], or so many times the robot's own root mean square.
+LEAST_SPEED, SIGMAS = 0.7, 8.0
+# The robot's own root mean square before it is known [m/s], the time for which this counts, and the
+# longest over which it is averaged [s].
+RMS_AT_START, TIME_AT_START, RMS_AVERAGING = 0.2, 2.0, 20.0
+# A difference to the other side, of this share of the slide's speed, ends it. The next is not found
+# before the difference is below this share of the limit.
+BACK, OVER = 0.5, 0.5
+# Time after which a slide is forgotten [s].
+LONGEST_SLIDE = 10.0
+# Longest interval between samples of the IMU that counts as driving [s].
+LONGEST_INTERVAL = 0.1
+
+
+class SlideRecord(msgspec.Struct):
+    """Record of slides along one axis of the robot.
+
+    Attributes:
+        stamp: stamp of the newest sample of the IMU [ns], or NEVER.
+        tracks: velocity by the tracks at that sample [m/s].
+        mean: averaged difference of the accelerations, mostly gravity [m/s²].
+        difference: recent change of velocity by the accelerometer, less that by the tracks [m/s].
+        square: averaged square of the difference [m²/s²].
+        averaged: time over which it was averaged, at most `RMS_AVERAGING` [s].
+        since: stamp at which a slide began [ns], or NEVER.
+        speed: largest difference of that slide [m/s]; 0 when the change that ended it is over.
+        times: number of slides that were found.
+    """
+
+    stamp: int = NEVER
+    tracks: float = 0.0
+    mean: float = 0.0
+    difference: float = 0.0
+    square: float = RMS_AT_START * RMS_AT_START
+    averaged: float = TIME_AT_START
+    since: int = NEVER
+    speed: float = 0.0
+    times: int = 0
+
+    def shifted(self, by: int) -> SlideRecord:
+        """Copy for a clock that is ahead by so much [ns]."""
+        twin = plain_copy(SlideRecord, self)
+        if twin.stamp != NEVER:
+            twin.stamp += by
+        if twin.since != NEVER:
+            twin.since += by
+        return twin
+
+
+def slides(slide: SlideRecord) -> bool:
+    """Return True while a slide is found."""
+    return slide.since != NEVER
+
+
+def watch_slide(
+    slide: SlideRecord, stamp: int, force: float, tracks: float, turning: float
+) -> None:
+    """Add a sample of the IMU, and decide whether the robot slides along an axis.
+
+    Args:
+        slide: record, changed in place.
+        stamp: stamp of the sample [ns].
+        force: specific force along the axis [m/s²], or NaN.
+        tracks: velocity along the axis by the tracks [m/s]; 0 to the side.
+        turning: acceleration along the axis that the tracks' velocity has by the turning [m/s²].
+    """
+    dt = (stamp - slide.stamp) * NANOSECOND if slide.stamp != NEVER else 0.0
+    change = tracks - slide.tracks
+    if force != force:
+        return
+    slide.stamp, slide.tracks = stamp, tracks
+    if dt == 0.0:
+        slide.mean = force - turning
+    if not 0.0 < dt < LONGEST_INTERVAL:
+        slide.difference = 0.0
+        return
+    more = (force - turning) * dt - change
+    slide.difference += more - slide.mean * dt - min(1.0, dt / FORGETTING) * slide.difference
+    slide.mean += (more - slide.mean * dt) / GRAVITY_AVERAGING
+    limit = max(LEAST_SPEED, SIGMAS * math.sqrt(slide.square))
+    if slides(slide):
+        _go_on(slide)
+    elif slide.speed != 0.0:
+        if abs(slide.difference) < OVER * limit:
+            slide.speed = 0.0
+    elif abs(slide.difference) > limit:
+        slide.since, slide.speed = stamp, slide.difference
+        slide.times += 1
+    slide.averaged = min(RMS_AVERAGING, slide.averaged + dt)
+    square = slide.difference * slide.difference
+    slide.square += dt / slide.averaged * (square - slide.square)
+
+
+def _go_on(slide: SlideRecord) -> None:
+    """Update the speed of a slide, or end it."""
+    if abs(slide.difference) > abs(slide.speed) and slide.difference * slide.speed > 0.0:
+        slide.speed = slide.difference
+    back = slide.difference * slide.speed < -BACK * slide.speed * slide.speed
+    if back or (slide.stamp - slide.since) * NANOSECOND > LONGEST_SLIDE:
+        slide.since = NEVER
+
+
+def slide_density(slide: SlideRecord, start: int, end: int) -> float:
+    """Error density of the speed over a step of a slide [m²/s].
+
+    The distance is off by the slide's speed times its duration, at one standard deviation.
+
+    Args:
+        slide: record.
+        start: stamp of the step's start [ns].
+        end: stamp of its end [ns].
+    """
+    if not slides(slide):
+        return 0.0
+    age = max(0.0, 0.5 * (start - slide.since + end - slide.since) * NANOSECOND)
+    return 2.0 * slide.speed * slide.speed * age

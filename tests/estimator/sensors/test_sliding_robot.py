@@ -1,0 +1,189 @@
+"""Slides of the whole robot: what the accelerometer shows and the tracks do not."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spinning_track as benchmark
+from hypothesis import given
+from hypothesis import strategies as st
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.sliding_robot import (
+    LONGEST_SLIDE,
+    SlideRecord,
+    slide_density,
+    slides,
+    watch_slide,
+)
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+
+SECOND, STEP = 1_000_000_000, 10_000_000
+CALM = SlideRecord(square=1e-3, averaged=20.0)
+SPINNING = benchmark.BEGINS + 2 * SECOND
+
+
+def watched(
+    tracks: np.ndarray,
+    robot: np.ndarray | None = None,
+    *,
+    gravity: float = 0.0,
+    shaking: float = 0.0,
+    step: int = STEP,
+    start: SlideRecord = CALM,
+) -> list[SlideRecord]:
+    """Records after each sample of a drive; velocities in m/s, of the robot by default zero."""
+    true = np.zeros_like(tracks) if robot is None else robot
+    forces = np.diff(true, prepend=true[0]) / (step * NANOSECOND) + gravity
+    forces += shaking * np.random.default_rng(1).standard_normal(len(forces))
+    slide, found = start.shifted(0), []
+    for k, (force, speed) in enumerate(zip(forces, tracks, strict=True)):
+        watch_slide(slide, k * step, float(force), float(speed), 0.0)
+        found.append(slide.shifted(0))
+    return found
+
+
+def ramp(at: float, speed: float, *, over: float = 0.2, until: float = 20.0) -> np.ndarray:
+    """Speed that rises from zero at a time [s], over some time [s]."""
+    times = np.arange(0.0, until, STEP * NANOSECOND)
+    return speed * np.clip((times - at) / over, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("gravity", [0.0, 1.7, -1.7])
+@pytest.mark.parametrize("speed", [1.2, -1.2])
+def test_tracks_that_spin_up_are_a_slide(speed: float, gravity: float) -> None:
+    """The slope, which the mean takes out, is as steep as 10 degrees."""
+    found = watched(ramp(12.0, speed) - ramp(15.0, speed), gravity=gravity)
+    state = [slides(one) for one in found]
+    begin = state.index(True) * STEP * NANOSECOND
+    end = (len(state) - state[::-1].index(True)) * STEP * NANOSECOND
+    assert 12.0 < begin < 12.2
+    assert 15.0 < end < 15.3
+    assert all(state[1220:1500])
+    assert found[1400].speed == pytest.approx(-0.72 * speed, rel=0.1)
+    assert found[-1].times == 1
+
+
+@given(speed=st.floats(-3.0, 3.0), over=st.floats(0.1, 3.0), at=st.floats(1.0, 10.0))
+def test_a_robot_that_follows_its_tracks_does_not_slide(
+    speed: float, over: float, at: float
+) -> None:
+    speeds = ramp(at, speed, over=over)
+    found = watched(speeds, speeds)
+    assert found[-1].times == 0
+    assert abs(found[-1].difference) < 0.05
+
+
+def test_a_slow_slide_is_not_seen() -> None:
+    """As the documentation says: no accelerometer tells it from a slope."""
+    assert watched(ramp(5.0, 2.0, over=4.0))[-1].times == 0
+    assert watched(ramp(5.0, 0.6))[-1].times == 0
+
+
+def test_a_push_is_a_slide_to_the_other_side() -> None:
+    push = ramp(12.0, 1.0)
+    found = watched(np.zeros_like(push), push)
+    assert found[-1].times == 1
+    assert found[1250].speed > 0.7
+
+
+def test_a_shaking_robot_has_wider_limits() -> None:
+    spin = ramp(15.0, 1.0)
+    calm, shaken = watched(spin)[-1], watched(spin, shaking=5.0, start=SlideRecord())[-1]
+    assert calm.times == 1
+    assert shaken.times == 0
+    assert math.sqrt(shaken.square) > 0.15
+
+
+def test_a_slide_without_an_end_is_forgotten() -> None:
+    found = watched(ramp(2.0, 1.2))
+    assert slides(found[round((2.0 + LONGEST_SLIDE) * 100)])
+    assert not slides(found[round((2.5 + LONGEST_SLIDE) * 100)])
+
+
+@pytest.mark.parametrize("every", [2, 5])
+def test_the_rate_of_the_imu_does_not_matter(every: int) -> None:
+    spin = ramp(5.0, 1.5, over=0.3)
+    fine, coarse = watched(spin), watched(spin[::every], step=every * STEP)
+    assert coarse[-1].times == fine[-1].times == 1
+    begin = fine[-1].since, coarse[-1].since
+    assert begin[1] == pytest.approx(begin[0], abs=0.1 * SECOND)
+
+
+def test_gaps_and_missing_readings_are_no_slides() -> None:
+    slide = SlideRecord(square=1e-3)
+    watch_slide(slide, 0, 0.0, 0.0, 0.0)
+    watch_slide(slide, SECOND, 0.0, 2.0, 0.0)
+    assert not slides(slide)
+    before = slide.shifted(0)
+    watch_slide(slide, SECOND + STEP, math.nan, 0.0, 0.0)
+    assert slide == before
+    assert slide.shifted(SECOND).stamp == 2 * SECOND
+    assert SlideRecord().shifted(SECOND) == SlideRecord()
+
+
+def test_the_distance_is_uncertain_by_speed_times_duration() -> None:
+    slide = SlideRecord(since=0, speed=-0.8)
+    edges = range(0, 3 * SECOND + 1, STEP)
+    densities = [slide_density(slide, a, a + STEP) for a in edges[:-1]]
+    variance = sum(densities) * STEP * NANOSECOND
+    assert math.sqrt(variance) == pytest.approx(0.8 * 3.0, rel=1e-3)
+    assert slide_density(SlideRecord(), 0, STEP) == 0.0
+
+
+@pytest.fixture(scope="module")
+def drive(robot: Robot) -> Log:
+    log = benchmark.drive(robot, 1)
+    return benchmark.with_free_track(log, 1.2, both=True)
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+def test_the_uncertainty_covers_both_tracks_spinning(
+    variant: str, robot: Robot, drive: Log
+) -> None:
+    found = benchmark.motion_over_fault(drive, robot, variant)
+    assert found.delay < 0.3
+    assert found.error < 3.0 * found.sigma
+    assert found.sigma < 2.0 * 1.2 * 3.0
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_engines_agree_on_a_slide(variant: str, robot: Robot, drive: Log) -> None:
+    middle = drive.between(drive.start, drive.start + SPINNING)
+    compiled = run(middle, robot, variant)
+    plain = run(middle, robot, variant, settings=Settings(engine="plain"))
+    (side,) = run_side_by_side(middle, robot, [variant]).values()
+    slide = compiled.health.slip.forward
+    assert slide is not None
+    for other in (plain, side):
+        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
+        assert other.health.slip.forward == pytest.approx(slide, rel=1e-9)
+    assert compiled.health.slip.slides == 1
+    assert (slide.since - drive.start - benchmark.BEGINS) * NANOSECOND < 0.3
+
+
+def test_a_restored_estimator_knows_of_the_slide(robot: Robot, drive: Log, tmp_path: Path) -> None:
+    estimator = PoseEstimator(robot, "constant-online")
+    measurements = list(drive.measurements())
+    for measurement in measurements:
+        if measurement.stamp <= drive.start + SPINNING:
+            estimator.feed(measurement)
+    assert estimator.health.slip.forward is not None
+    estimator.save(tmp_path / "state.json")
+    restored = PoseEstimator.restore(tmp_path / "state.json", robot)
+    assert restored.health.slip == estimator.health.slip
+    for measurement in measurements:
+        if measurement.stamp > drive.start + SPINNING:
+            estimator.feed(measurement)
+            restored.feed(measurement)
+    assert np.array_equal(restored.state, estimator.state)
+    assert restored.health.slip == estimator.health.slip
+    assert restored.health.slip.forward is None
