@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from icreckon.estimator.base.lag_search import BEYOND
-from icreckon.estimator.filter.health import SensorHealth
+from icreckon.estimator.filter.health import SensorHealth, SlipHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
     ERROR,
@@ -44,7 +44,7 @@ class LiveStatuses:
             statuses.append(self._sensor(name, sensor))
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
-        statuses += [_slip(newest), self._clocks(), self._latency(newest)]
+        statuses += [slip_status(newest.health.slip), self._clocks(), self._latency(newest)]
         return statuses
 
     def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
@@ -139,9 +139,9 @@ class LiveStatuses:
         return DiagnosticStatus(WARN if wrong else OK, name, text, values)
 
 
-def _slip(estimator: PoseEstimator) -> DiagnosticStatus:
+def slip_status(slip: SlipHealth) -> DiagnosticStatus:
     """Slip beyond what bends explain."""
-    slip, name = estimator.health.slip, "icreckon: slip"
+    name = "icreckon: slip"
     values = {
         "times": str(slip.times),
         "slides": str(slip.slides),
@@ -159,7 +159,12 @@ def _slip(estimator: PoseEstimator) -> DiagnosticStatus:
     for way, slide in (("forward", slip.forward), ("sideways", slip.sideways)):
         if slide is not None:
             values |= {f"{way}_since_ns": str(slide.since), f"{way}_m_s": f"{slide.speed:.3f}"}
-            texts.append(f"the robot slides {way}: {slide.speed:.2f} m/s beyond its tracks")
+    if slip.forward is not None:
+        than = "slower" if slip.forward.speed < 0.0 else "faster"
+        texts.append(f"the robot is {abs(slip.forward.speed):.2f} m/s {than} than its tracks")
+    if slip.sideways is not None:
+        to = "left" if slip.sideways.speed > 0.0 else "right"
+        texts.append(f"the robot slides to the {to} at {abs(slip.sideways.speed):.2f} m/s")
     if not texts:
         return DiagnosticStatus(OK, name, "no track spins", values)
     return DiagnosticStatus(WARN, name, "; ".join(texts), values)

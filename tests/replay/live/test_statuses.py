@@ -1,0 +1,44 @@
+"""Statuses of /diagnostics."""
+
+from __future__ import annotations
+
+import pytest
+
+from icreckon.estimator.filter.health import Slide, SlipHealth
+from icreckon.replay.base.diagnostic_status import OK, WARN
+from icreckon.replay.live.statuses import slip_status
+
+
+@pytest.mark.parametrize(
+    ("slip", "level", "text"),
+    [
+        (SlipHealth(times=2, slides=1), OK, "no track spins"),
+        (
+            SlipHealth("left", 5, 0.8, 1),
+            WARN,
+            "the left track spins, or its sensor fails: 0.80 m/s too much",
+        ),
+        (
+            SlipHealth("unknown", 5, 0.8, 1, Slide(7, -1.2)),
+            WARN,
+            "one track spins, or its sensor fails: 0.80 m/s too much; "
+            "the robot is 1.20 m/s slower than its tracks",
+        ),
+        (
+            SlipHealth(forward=Slide(7, 0.9), slides=1),
+            WARN,
+            "the robot is 0.90 m/s faster than its tracks",
+        ),
+        (SlipHealth(sideways=Slide(7, 0.9)), WARN, "the robot slides to the left at 0.90 m/s"),
+        (SlipHealth(sideways=Slide(7, -0.9)), WARN, "the robot slides to the right at 0.90 m/s"),
+    ],
+)
+def test_slip_is_a_sentence(slip: SlipHealth, level: int, text: str) -> None:
+    status = slip_status(slip)
+    assert (status.level, status.message) == (level, text)
+    assert status.values["slides"] == str(slip.slides)
+
+
+def test_a_slide_has_its_values() -> None:
+    values = slip_status(SlipHealth(forward=Slide(7, -1.2), slides=1)).values
+    assert (values["forward_since_ns"], values["forward_m_s"]) == ("7", "-1.200")
