@@ -70,7 +70,9 @@ class Drive:
         self.steps: Steps = steps_of(
             measured.track_stamps, measured.imu_stamps, none, none, heading=False
         )
-        front = FrontEnd(measured, self.steps, input_settings(robot, Settings()))
+        front = FrontEnd(
+            measured, self.steps, input_settings(robot, Settings(), self.filters.variant)
+        )
         count = BEGIN + STEPS
         shape = (count, len(INPUTS), self.filters.width)
         self.inputs = aligned(int(np.prod(shape)), self.filters.number).reshape(shape)

@@ -131,7 +131,7 @@ class LinearisedModel:
         self.fixed_for_imu = fixed = self._ekf.fixed_for_imu
         self._gyro = Gyro(fixed)
         self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
-        self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings)
+        self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings, variant)
         take_tracks(self._tracks, 0, 0.0, 0.0, self._inputs)
         self._sensors, self._dt, self._count = sensors, dt, 0
 

@@ -134,7 +134,7 @@ class ModelSampler:
         share: float = 1.0,
     ) -> None:
         self._robot, self._variant = robot, variant
-        self._inputs = input_settings(robot, settings)
+        self._inputs = input_settings(robot, settings, variant)
         self._fixes, self._terms = fixes or Fixes(), terms or Terms()
         model, self._mean, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._slip = self._disturbances.slip

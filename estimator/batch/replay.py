@@ -116,18 +116,21 @@ def run_side_by_side(
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before))
     smoothed = began[0].checkpoint().regressors is not None
-    front_settings = input_settings(robot, of_filters)
-    front = FrontEnd(measured, steps, front_settings)
-    work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
+    chosen = [input_settings(robot, of_filters, one.variant) for one in filters]
+    by_settings = {one: FrontEnd(measured, steps, one) for one in chosen}
+    fronts = [by_settings[one] for one in chosen]
+    work_through_log(filters, begun, rows, steps, measured, fronts, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
-    for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
+    for name, one, lanes, before, front in zip(
+        variants, filters, begun, began, fronts, strict=True
+    ):
         health = before.health
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
         tracks, still, noise = front.records(0)
         factor = float(lanes.workspace[one.rows["slip_factor"], 0])
         health.slip = slip_health(tracks, factor, int(measured.track_stamps[0]))
-        health.noise = noise_health(noise, still.stopped_since != NEVER, front_settings)
+        health.noise = noise_health(noise, still.stopped_since != NEVER, chosen[0])
         found[name] = rows.pop(0).finish(name, one, lanes, health)
     return found
 
@@ -138,7 +141,7 @@ def work_through_log(
     rows: Sequence[ReplayRows],
     steps: LogSteps,
     measured: Measured,
-    front: FrontEnd,
+    fronts: Sequence[FrontEnd],
     progress: Callable[[int], None] | None = None,
     *,
     smoothed: bool = True,
@@ -151,12 +154,15 @@ def work_through_log(
         rows: their rows, written to.
         steps: the steps.
         measured: measurements of the log.
-        front: front end of the steps.
+        fronts: front end of the steps for each filter; several may have the same.
         progress: called after each part with the stamp that was reached [ns].
         smoothed: the filters have regressors from earlier steps.
     """
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
-    inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
+    inputs = {
+        id(one): (one, aligned(PART * len(INPUTS) * width).reshape(PART, -1, width))
+        for one in fronts
+    }
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, STEP_COLUMNS)) for one in filters}
     moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
@@ -164,13 +170,16 @@ def work_through_log(
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
-        of_part = inputs[: end - begin]
-        front.fill(begin, end, of_part)
+        for front, filled in inputs.values():
+            front.fill(begin, end, filled[: end - begin])
         for tau, table in tables.items():
             fill_step_constants(table, part.starts, part.ends, part.intervals, tau)
             if begin <= first_moving < end and not smoothed:
                 table[first_moving - begin, SMOOTHING] = 1.0
-        for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
+        for one, lanes, of_one, room, front in zip(
+            filters, begun, rows, rooms, fronts, strict=True
+        ):
+            of_part = inputs[id(front)][1][: end - begin]
             table = tables[one.time_constant][: end - begin]
             one.work_through(lanes, of_part, part, table, room, all_outputs=True)
             of_one.add(begin, end, part, of_part[:, :, 0], room[:, :, 0])

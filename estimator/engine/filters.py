@@ -123,7 +123,7 @@ class BatchFilter:
         motion = assumed.model
         self._model, self._state, self._sigmas = motion, assumed.state, assumed.sigmas
         self._disturbances = assumed.disturbances
-        self.robot, self.settings = robot, settings
+        self.robot, self.variant, self.settings = robot, variant, settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self.width, self.number = width or lanes_of_machine(bits), PRECISIONS[bits]
         self._walks = all_walks(self._disturbances)

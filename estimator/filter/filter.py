@@ -144,7 +144,7 @@ class Reckoning:
         fixed = self.ekf.fixed_for_imu
         self._gyro = Gyro(fixed)
         self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
-        self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
+        self._record = engine.make_record(FilterRecord(input_settings(robot, settings, variant)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
         # Position fixes since one was used.

@@ -66,6 +66,11 @@ class Variant:
     motion: Callable[[Robot], MotionModel] | None = None
     accelerometers: bool = True
 
+    @property
+    def weighs_tracks(self) -> bool:
+        """True if the motion model has the loads of the tracks."""
+        return self.model == "friction"
+
 
 VARIANTS = {
     variant.name: variant

@@ -144,7 +144,7 @@ def take_tracks(
     right_found = repeating_after(held.repeating_right, stamp, right, left, settings.hold)
     spin = held.spin
     spin.left, spin.right = left, right
-    left, right = assumed_speeds(spin, stamp, left, right)
+    left, right = assumed_speeds(spin, stamp, left, right, settings.weighs_tracks)
     hold, weight = settings.hold, 1.0
     interval = (stamp - held.stamp) * NANOSECOND
     if interval <= hold:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import Variant
 
 
 class InputSettings(NamedTuple):
@@ -23,6 +24,8 @@ class InputSettings(NamedTuple):
         quiet_gyro: largest distance of quiet yaw-rate readings from their mean [rad/s].
         gyro_noise_density: noise density of the gyro in the robot file [rad/s/√Hz].
         accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
+        weighs_tracks: the motion model has the loads of the tracks, and explains one that slides for want
+            of load.
     """
 
     hold: float
@@ -35,9 +38,10 @@ class InputSettings(NamedTuple):
     quiet_gyro: float
     gyro_noise_density: float
     accelerometer_noise_density: float
+    weighs_tracks: bool
 
 
-def input_settings(robot: Robot, settings: Settings) -> InputSettings:
+def input_settings(robot: Robot, settings: Settings, variant: Variant) -> InputSettings:
     """Settings of a robot's filter."""
     standstill = settings.standstill
     return InputSettings(
@@ -51,4 +55,5 @@ def input_settings(robot: Robot, settings: Settings) -> InputSettings:
         float(standstill.quiet_gyro),
         float(robot.imu.gyro_noise_density),
         float(robot.imu.accelerometer_noise_density),
+        variant.weighs_tracks,
     )

@@ -5,6 +5,8 @@ turning of both. Slip in bends is a share of the turning; such a track is beyond
 of one jumped when the mismatch began, it is the one that spins. If none did, it is the one with less
 load: on a slope the upper one, in a fast bend the inner one. Until it grips again its speed is the one at
 which the tracks turn as the gyro does. A track sensor that fails looks the same, and is treated the same.
+A motion model with the loads of the tracks explains a track that slides for want of load, and needs its
+true speed: for such a model only a jump counts.
 
 The functions are written for plain Python and for numba, see `estimator.base.records`.
 """
@@ -52,6 +54,7 @@ class SpinRecord(msgspec.Struct):
         force: averaged specific force to the left [m/s²]; 0 without accelerometers.
         mismatch: newest difference of the track speeds that no slip in bends explains [m/s].
         side: `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`.
+        jumped: 1 if that is the track whose speed jumped when the mismatch began.
         since: stamp at which the mismatch began [ns], or NEVER.
         newest: stamp of the newest mismatch [ns], or NEVER.
         way: way of the mismatch since it began [m].
@@ -70,6 +73,7 @@ class SpinRecord(msgspec.Struct):
     force: float = 0.0
     mismatch: float = 0.0
     side: int = UNKNOWN
+    jumped: int = 0
     since: int = NEVER
     newest: int = NEVER
     way: float = 0.0
@@ -175,9 +179,19 @@ def is_likely(spin: SpinRecord) -> bool:
     return spin.way >= LIKELY_WAY
 
 
+def is_taken_out(spin: SpinRecord, weighs_tracks: bool) -> bool:
+    """Return True if the speed of a track that may spin is replaced.
+
+    Args:
+        spin: record.
+        weighs_tracks: the motion model explains tracks that slide for want of load.
+    """
+    return is_likely(spin) and (spin.jumped != 0 or not weighs_tracks)
+
+
 def forget_mismatch(spin: SpinRecord) -> None:
     """Reset the record of a mismatch: no track spins."""
-    spin.since, spin.newest, spin.side = NEVER, NEVER, UNKNOWN
+    spin.since, spin.newest, spin.side, spin.jumped = NEVER, NEVER, UNKNOWN, 0
     spin.mismatch = spin.way = 0.0
 
 
@@ -227,6 +241,7 @@ def watch_spin(
         if spin.since == NEVER:
             spin.since, spin.way = stamp, 0.0
             spin.side = side_that_changed(mismatch, change_left, change_right, limit)
+            spin.jumped = int(spin.side != UNKNOWN)
         if spin.side == UNKNOWN:
             spin.side = side_with_less_load(spin.force)
         spin.mismatch, spin.newest = mismatch, stamp
@@ -239,7 +254,9 @@ def watch_spin(
         spin.times += 1
 
 
-def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> tuple[float, float]:
+def assumed_speeds(
+    spin: SpinRecord, stamp: int, left: float, right: float, weighs_tracks: bool
+) -> tuple[float, float]:
     """Speeds of both tracks, as the gyro shows them while one spins [m/s].
 
     The one that spins gives all of the turning that the gyro does not confirm. As long as it is not
@@ -250,23 +267,25 @@ def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> t
         stamp: stamp of the readings [ns].
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
+        weighs_tracks: see `is_taken_out`.
     """
     if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST:
         return left, right
-    if not is_likely(spin):
+    if not is_taken_out(spin, weighs_tracks):
         return left, right
     excess = right - left - width_of_bends(spin) * spin.rate
     from_left = 0.5 * (1.0 - certain_side(spin))
     return left + from_left * excess, right - (1.0 - from_left) * excess
 
 
-def spin_density(spin: SpinRecord, side: int) -> float:
+def spin_density(spin: SpinRecord, side: int, weighs_tracks: bool) -> float:
     """Error density of the speed of the track of a side [m²/s].
 
     Args:
         spin: record.
         side: `LEFT` or `RIGHT`, the track.
+        weighs_tracks: see `is_taken_out`.
     """
-    if not is_likely(spin) or certain_side(spin) == -side:
+    if not is_taken_out(spin, weighs_tracks) or certain_side(spin) == -side:
         return 0.0
     return CORRELATION * spin.mismatch * spin.mismatch

@@ -80,10 +80,10 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         mean_right,
         density
         + stuck_density(held.repeating_left, start, end, settings)
-        + spin_density(held.spin, LEFT),
+        + spin_density(held.spin, LEFT, settings.weighs_tracks),
         density
         + stuck_density(held.repeating_right, start, end, settings)
-        + spin_density(held.spin, RIGHT),
+        + spin_density(held.spin, RIGHT, settings.weighs_tracks),
         gap_density(held, start, end, settings) + slide_density(held.forward, start, end),
         held.acceleration_left,
         held.acceleration_right,

@@ -27,6 +27,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
     DEFAULT_ADAPTATION,
     VARIANTS,
+    find_variant,
     parameter_walks,
 )
 from icreckon.estimator.sensors.held_tracks import (
@@ -257,7 +258,7 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
     present[150:180] = False
     present[0] = True
     gyro = 1e-3 * rng.standard_normal(count)
-    chosen = input_settings(ROBOT, Settings())
+    chosen = input_settings(ROBOT, Settings(), find_variant("inertia-online"))
     steps, measured, inputs = all_inputs(tracks, present, gyro, track_rate, imu_rate, chosen)
 
     held = TrackRecord()
@@ -296,7 +297,7 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
     count = 400
     tracks = np.where(rng.random((count, 1)) < 0.98, 0.0, 0.2) * np.ones(2)
     gyro = size * rng.standard_normal(count) + 0.01
-    chosen = input_settings(ROBOT, Settings())
+    chosen = input_settings(ROBOT, Settings(), find_variant("inertia-online"))
     steps, measured, inputs = all_inputs(
         tracks, np.ones(count, dtype=bool), gyro, 50.0, 100.0, chosen
     )
@@ -364,7 +365,7 @@ def test_time_is_counted_in_nanoseconds_that_doubles_hold() -> None:
 
 
 def test_settings_of_the_front_end_are_the_filters_own() -> None:
-    found = input_settings(ROBOT, Settings(hold=0.4))
+    found = input_settings(ROBOT, Settings(hold=0.4), find_variant("inertia-online"))
     assert isinstance(found, InputSettings)
     assert found.hold == 0.4
     assert found.fastest == ROBOT.vehicle.max_track_speed

@@ -11,6 +11,7 @@ from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
+from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
     imu_noise,
@@ -80,7 +81,9 @@ class Detector:
 
 
 def detector_of(gyro_noise_density):
-    settings = input_settings(load_robot("auriga-alpha"), Settings())
+    settings = input_settings(
+        load_robot("auriga-alpha"), Settings(), find_variant("inertia-online")
+    )
     settings = settings._replace(gyro_noise_density=gyro_noise_density)
     return Detector(settings)
 

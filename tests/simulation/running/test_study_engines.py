@@ -14,6 +14,7 @@ from conftest import REPOSITORY
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.simulation.running import (
     batch_engine as study_batch,
@@ -138,7 +139,9 @@ def test_measurements_of_other_stamps_are_refused() -> None:
     tracks = short.tracks[:, :-5]
     with pytest.raises(BatchError, match="other stamps"):
         FrontEnd(
-            short._replace(tracks=tracks), schedule.steps, input_settings(cell.robot, Settings())
+            short._replace(tracks=tracks),
+            schedule.steps,
+            input_settings(cell.robot, Settings(), find_variant("inertia-online")),
         )
 
 
