@@ -19,6 +19,7 @@ from icreckon.estimator.sensors.spinning_tracks import (
     assumed_speeds,
     forget_mismatch,
     is_found,
+    remember_jump,
     watch_spin,
 )
 from icreckon.estimator.sensors.stuck_tracks import (
@@ -186,13 +187,14 @@ def take_motion(
     mean = 0.5 * (held.left + held.right)
     watch_slide(held.forward, stamp, force_x, mean, 0.0)
     watch_slide(held.sideways, stamp, force_y, 0.0, rate * mean)
-    # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
     spin = held.spin
+    left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
+    # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
     if not is_found(spin) and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
         forget_mismatch(spin)
+        remember_jump(spin, stamp, left, right, settings.fastest)
         spin.stamp = stamp
         return
-    left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
     watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)
 
 

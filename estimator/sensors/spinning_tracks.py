@@ -33,6 +33,8 @@ LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
 # Ways of the mismatch after which a track may spin, and does [m]; time without it after which it grips
 # again [s]. What is shorter is a sample of the gyro that is older than that of the tracks.
 LIKELY_WAY, LEAST_WAY, OVER = 0.04, 0.1, 0.2
+# Time for which the jump of a track is remembered while nothing can be decided [s].
+REMEMBERED = 1.0
 # Greatest change of a robot's yaw rate [rad/s²]; beyond it the gyro fails, if its jump is this share of
 # the mismatch that counts.
 MOST_ACCELERATION, OF_JUMP = 30.0, 0.5
@@ -55,6 +57,10 @@ class SpinRecord(msgspec.Struct):
         mismatch: newest difference of the track speeds that no slip in bends explains [m/s].
         side: `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`.
         jumped: 1 if that is the track whose speed jumped when the mismatch began.
+        jump: newest jump of one track while nothing could be decided, as a difference of the speeds
+            [m/s].
+        jump_side: `LEFT` or `RIGHT`, the track that jumped then, or `UNKNOWN`.
+        jump_stamp: stamp of that jump [ns], or NEVER.
         since: stamp at which the mismatch began [ns], or NEVER.
         newest: stamp of the newest mismatch [ns], or NEVER.
         way: way of the mismatch since it began [m].
@@ -74,6 +80,9 @@ class SpinRecord(msgspec.Struct):
     mismatch: float = 0.0
     side: int = UNKNOWN
     jumped: int = 0
+    jump: float = 0.0
+    jump_side: int = UNKNOWN
+    jump_stamp: int = NEVER
     since: int = NEVER
     newest: int = NEVER
     way: float = 0.0
@@ -93,6 +102,8 @@ class SpinRecord(msgspec.Struct):
             twin.newest += by
         if twin.stamp != NEVER:
             twin.stamp += by
+        if twin.jump_stamp != NEVER:
+            twin.jump_stamp += by
         return twin
 
 
@@ -155,6 +166,39 @@ def side_that_changed(
     if max(left, right) < limit:
         return UNKNOWN
     return LEFT if left > right else RIGHT
+
+
+def least_mismatch(fastest: float) -> float:
+    """Least mismatch that counts, for a highest speed of a track [m/s]."""
+    return max(LEAST_MISMATCH, OF_FASTEST * fastest)
+
+
+def remember_jump(
+    spin: SpinRecord, stamp: int, change_left: float, change_right: float, fastest: float
+) -> None:
+    """Remember that one track jumped, and not the other.
+
+    Args:
+        spin: record, changed in place.
+        stamp: stamp of the IMU sample [ns].
+        change_left: newest change of the left track's speed [m/s].
+        change_right: newest change of the right track's speed [m/s].
+        fastest: highest speed of a track [m/s].
+    """
+    limit = least_mismatch(fastest)
+    if max(abs(change_left), abs(change_right)) < limit:
+        return
+    if min(abs(change_left), abs(change_right)) > OF_JUMP * limit:
+        spin.jump_side = UNKNOWN
+        return
+    spin.jump_side = LEFT if abs(change_left) > abs(change_right) else RIGHT
+    spin.jump, spin.jump_stamp = change_right - change_left, stamp
+
+
+def remembers_jump(spin: SpinRecord, stamp: int, mismatch: float) -> bool:
+    """Return True if one track jumped not long ago, towards a mismatch [m/s]."""
+    recent = spin.jump_stamp != NEVER and (stamp - spin.jump_stamp) * NANOSECOND < REMEMBERED
+    return recent and spin.jump_side != UNKNOWN and spin.jump * mismatch > 0.0
 
 
 def side_with_less_load(force: float) -> int:
@@ -226,11 +270,13 @@ def watch_spin(
     if force == force:
         spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
     mismatch = unexplained(spin, spin.left, spin.right)
-    limit = max(LEAST_MISMATCH, OF_FASTEST * fastest)
+    limit = least_mismatch(fastest)
     if abs(mismatch) <= limit:
         spin.gyro_jumped = 0
     elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
         spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > OF_JUMP * limit)
+    if width_of_bends(spin) == 0.0:
+        remember_jump(spin, stamp, change_left, change_right, fastest)
     # Tracks at rest do not spin; the robot is pushed or carried.
     turns = max(abs(spin.left), abs(spin.right)) > limit
     was_found = is_found(spin)
@@ -241,6 +287,8 @@ def watch_spin(
         if spin.since == NEVER:
             spin.since, spin.way = stamp, 0.0
             spin.side = side_that_changed(mismatch, change_left, change_right, limit)
+            if spin.side == UNKNOWN and remembers_jump(spin, stamp, mismatch):
+                spin.side = spin.jump_side
             spin.jumped = int(spin.side != UNKNOWN)
         if spin.side == UNKNOWN:
             spin.side = side_with_less_load(spin.force)

@@ -32,6 +32,8 @@ from icreckon.estimator.sensors.spinning_tracks import (
     forget_mismatch,
     is_found,
     is_likely,
+    remember_jump,
+    remembers_jump,
     side_that_changed,
     side_with_less_load,
     spin_density,
@@ -199,6 +201,35 @@ def test_a_model_with_loads_explains_a_track_without_load() -> None:
     jumped = watched(1.2, 0.4, 0.0, 0.3)
     later = jumped.stamp + STEP
     assert assumed_speeds(jumped, later, 1.2, 0.4, True) == pytest.approx((0.4, 0.4), abs=0.01)
+
+
+def test_the_track_that_jumps_while_the_robot_stands_is_found_later(robot: Robot) -> None:
+    """A track at rest beside one that moves may be stuck; when it is not, the jump is over."""
+    chosen, tracks = (
+        input_settings(robot, Settings(), find_variant("inertia-online")),
+        TrackRecord(),
+    )
+    tracks.spin = after_bends()
+    begin = tracks.spin.stamp // STEP + 1
+    for k in range(begin, begin + 400):
+        speeds = (
+            (0.0, 0.0) if k < begin + 300 else (0.8, 0.0 if k < begin + 340 else 1e-3 * (k % 7))
+        )
+        take_tracks(tracks, k * STEP, *speeds, chosen)
+        take_motion(tracks, k * STEP, 0.0, math.nan, math.nan, chosen)
+    assert (is_found(tracks.spin), tracks.spin.side, tracks.spin.jumped) == (True, LEFT, 1)
+
+
+def test_a_jump_is_remembered_for_a_second() -> None:
+    spin = SpinRecord()
+    remember_jump(spin, 0, 0.8, 0.0, FASTEST)
+    assert remembers_jump(spin, STEP, -0.8)
+    assert not remembers_jump(spin, STEP, 0.8)
+    assert not remembers_jump(spin, 200 * STEP, -0.8)
+    assert spin.shifted(300 * STEP).jump_stamp == 300 * STEP
+    # Both tracks jump where the robot begins to turn on the spot.
+    remember_jump(spin, STEP, -0.8, 0.8, FASTEST)
+    assert not remembers_jump(spin, 2 * STEP, 0.8)
 
 
 @given(force=st.floats(-3.0, 3.0))
