@@ -56,6 +56,10 @@ Definitions = Annotated[
         "repeatable.",
     ),
 ]
+UnpackedLimit = Annotated[
+    float,
+    typer.Option(min=0.0, help="Largest unpacked size of a chunk or message of a bag, in GB."),
+]
 Formats = Annotated[
     str | None,
     typer.Option(
@@ -235,6 +239,7 @@ def replay(
         ),
     ] = None,
     msg: Definitions = None,
+    unpacked_limit: UnpackedLimit = 0.5,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -261,21 +266,23 @@ def replay(
     If the log has a ground truth, they are scored against it, otherwise compared with one another.
     """
     from icreckon.cli.replay import run_replay
+    from icreckon.replay.bags import unpacking as limits
 
-    run_replay(
-        paths=log,
-        message_files=msg or [],
-        robot_name=robot,
-        variants=variants,
-        fixes=fixes,
-        smooth=smooth,
-        engine=engine,
-        formats=formats,
-        out=out,
-        as_json=json,
-        overwrite=overwrite,
-        workers=workers,
-    )
+    with limits.unpacked_limit(unpacked_limit):
+        run_replay(
+            paths=log,
+            message_files=msg or [],
+            robot_name=robot,
+            variants=variants,
+            fixes=fixes,
+            smooth=smooth,
+            engine=engine,
+            formats=formats,
+            out=out,
+            as_json=json,
+            overwrite=overwrite,
+            workers=workers,
+        )
 
 
 @app.command()
@@ -285,6 +292,7 @@ def inspect(
         Path | None, typer.Option(help="Write the proposed robot file here, to be completed.")
     ] = None,
     msg: Definitions = None,
+    unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
@@ -292,8 +300,12 @@ def inspect(
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
     from icreckon.cli.inspect import run_inspect
+    from icreckon.replay.bags import unpacking as limits
 
-    run_inspect(paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite)
+    with limits.unpacked_limit(unpacked_limit):
+        run_inspect(
+            paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite
+        )
 
 
 @app.command()
@@ -332,6 +344,7 @@ def calibrate(
         float, typer.Option(help="Length of the segments that are predicted, in seconds.")
     ] = 3.0,
     msg: Definitions = None,
+    unpacked_limit: UnpackedLimit = 0.5,
     out: Out = None,
     json: Json = False,
     overwrite: Overwrite = False,
@@ -341,19 +354,21 @@ def calibrate(
     Reports which parameters the logs determine, and which model they support.
     """
     from icreckon.cli.calibrate import run_calibrate
+    from icreckon.replay.bags import unpacking as limits
 
-    run_calibrate(
-        paths=log,
-        message_files=msg or [],
-        robot_name=robot,
-        write=write,
-        lever_arm=lever_arm,
-        models=models,
-        segment=segment,
-        out=out,
-        as_json=json,
-        overwrite=overwrite,
-    )
+    with limits.unpacked_limit(unpacked_limit):
+        run_calibrate(
+            paths=log,
+            message_files=msg or [],
+            robot_name=robot,
+            write=write,
+            lever_arm=lever_arm,
+            models=models,
+            segment=segment,
+            out=out,
+            as_json=json,
+            overwrite=overwrite,
+        )
 
 
 # Former name of the command, which goes with the next version.

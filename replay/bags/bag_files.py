@@ -17,6 +17,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from icreckon.replay.bags.records import LATEST, Channel, Record
 from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
+from icreckon.replay.bags.unpacking import Ros1Reader, Ros2Reader
 from icreckon.replay.base.errors import ReplayError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -84,9 +85,12 @@ class _IndexedBag:
         try:
             for file in self.files:
                 ros1 = file.is_file() and _magic(file) == ROS1_MAGIC
-                reader = rosbag1.Reader(file) if ros1 else rosbag2.Reader(file)
+                reader = Ros1Reader(file) if ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
                 self._sources.append((reader, list(reader.connections)))
+        except ReplayError as problem:
+            self._stack.close()
+            raise ReplayError(f"{file}: {problem}") from None
         except Exception as problem:
             self._stack.close()
             raise _UnreadableError(_reason(problem)) from problem
@@ -118,6 +122,8 @@ class _IndexedBag:
                         break
                     found += 1
                     yield Record(channels[connection.id], time, data)
+            except ReplayError as problem:
+                raise ReplayError(f"{reader.path}: {problem}") from None
             except Exception as problem:
                 raise _UnreadableError(_reason(problem)) from problem
             if found != listed:
@@ -147,6 +153,8 @@ class _RecoveredBag:
                     count += 1
             except OSError as problem:
                 raise ReplayError(f"{file}: cannot be read: {problem.strerror}") from None
+            except ReplayError as problem:
+                raise ReplayError(f"{file}: {problem}") from None
             for channel in walk.channels.values():
                 self.counts.setdefault(channel, 0)
             self._walks.append(walk)
@@ -186,7 +194,8 @@ def _ways(path: Path) -> list[list[Path]]:
             _check_is_bag(file)
     except OSError as problem:
         raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
-    return [[path], files]
+    # Of a bag that is compressed as a whole and was unpacked beside, rosbags would unpack all once more.
+    return [files] if any(path.glob("*.zstd")) else [[path], files]
 
 
 def _storage_files(folder: Path) -> list[Path]:
