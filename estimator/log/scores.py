@@ -219,7 +219,7 @@ def pieces(stamps: Stamps, largest_gap: float) -> Places:
 
 
 def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDArray[Any]:
-    """Evenly spaced times from `low` to below `high`, but for those in the middle of gaps.
+    """Evenly spaced times from `low` to below `high`, except in the middle of gaps.
 
     Their number follows that of the known times, however far apart these are. Of a gap of more than
     `LONGEST_FILLED` only the times next to its ends are kept.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import wraps
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -498,6 +499,10 @@ def main() -> None:
     """Entry point; errors are one line and a non-zero exit, tracebacks by --debug."""
     debug = DEBUG in sys.argv
     sys.argv = [word for word in sys.argv if word != DEBUG]
+    for stream in (sys.stdout, sys.stderr):
+        # Of characters that the terminal lacks question marks are shown.
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         app()
     except Exception as problem:

@@ -80,7 +80,7 @@ def _undefined(store: Typestore, msgtype: str) -> str | None:
 
 
 def _parts(fields: Any) -> list[tuple[str, int]]:
-    """Message type of each field, "" for numbers and texts, and how often a message holds it."""
+    """Message type of each field, "" for numbers and texts, and its count."""
     found = []
     for _, (node, inner) in fields:
         count = 1

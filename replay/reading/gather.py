@@ -67,6 +67,9 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     paths = [Path(path)] if isinstance(path, Path | str) else [Path(one) for one in path]
     if not paths:
         raise ReplayError("no log: give at least one file")
+    for one in paths:
+        if str(one) != str(one).encode("utf-8", "replace").decode():
+            raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
     seen: set[Path] = set()
     for one in paths:
         if one.resolve() in seen:

@@ -125,7 +125,7 @@ class Table:
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
-        """Times of a column as stamps (n,) [ns], and the mask (n,) of those that are possible.
+        """Times of a column as stamps (n,) [ns], and the mask (n,) of possible ones.
 
         Raises:
             ReplayError: the column holds no times, or none that fit the unit.

@@ -142,7 +142,7 @@ class _Assembly:
         return self._arrays_of[stream.purpose]
 
     def _find_largest_part(self) -> None:
-        """Find the part of the log without gaps of days: the rest is of clocks that are not set."""
+        """Find the part without gaps of days; the rest is by clocks that are not set."""
         streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
         stamps = [self._ordered(one)[0] for one in streams if one is not None]
         if sum(map(len, stamps)):
