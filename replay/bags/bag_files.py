@@ -16,7 +16,7 @@ from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from icreckon.replay.bags.records import LATEST, Channel, Record
-from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
+from icreckon.replay.bags.recovery import MCAP_MAGIC, NO_DEFINITION, ROS1_MAGIC, RecordWalk
 from icreckon.replay.bags.unpacking import Ros1Reader, Ros2Reader
 from icreckon.replay.base.errors import ReplayError
 
@@ -88,18 +88,21 @@ class _IndexedBag:
                 reader = Ros1Reader(file) if ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
                 self._sources.append((reader, list(reader.connections)))
+            self._count()
         except ReplayError as problem:
             self._stack.close()
             raise ReplayError(f"{file}: {problem}") from None
         except Exception as problem:
             self._stack.close()
             raise _UnreadableError(_reason(problem)) from problem
+        self.notes.extend(_unread_sqlite_journals(self.files))
+        return self
+
+    def _count(self) -> None:
         for _, connections in self._sources:
             for connection in connections:
                 channel = _channel(connection)
                 self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
-        self.notes.extend(_unread_sqlite_journals(self.files))
-        return self
 
     def __exit__(
         self,
@@ -118,7 +121,7 @@ class _IndexedBag:
             listed, found = sum(connection.msgcount for connection in wanted), 0
             try:
                 for connection, time, data in reader.messages(wanted):
-                    if time >= LATEST:
+                    if not 0 <= time < LATEST:
                         break
                     found += 1
                     yield Record(channels[connection.id], time, data)
@@ -231,7 +234,16 @@ def _channel(connection: Connection) -> Channel:
     encoding = "ros1"
     if isinstance(connection.ext, ConnectionExtRosbag2):
         encoding = connection.ext.serialization_format
-    return Channel(connection.topic, connection.msgtype, connection.msgdef, encoding)
+    # SQLite holds values of any type in any column.
+    texts: tuple[object, ...] = (connection.topic, connection.msgtype, encoding)
+    for text in texts:
+        if not isinstance(text, str):
+            raise rosbag2.ReaderError(
+                f"the name or type of a topic is no text but {str(text)[:40]}"
+            )
+    data: object = connection.msgdef.data
+    definition = connection.msgdef if isinstance(data, str) else NO_DEFINITION
+    return Channel(connection.topic, connection.msgtype, definition, encoding)
 
 
 def _unread_sqlite_journals(files: list[Path]) -> list[str]:

@@ -72,10 +72,15 @@ class Table:
         self.path = path
         try:
             self._table = _read(path)
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as problem:
+            columns = self._table.column_names
+        except UnicodeDecodeError:
+            raise ReplayError(
+                f"{path}: the names of its columns are not UTF-8; `iconv -f latin1 -t utf-8` mends that"
+            ) from None
+        except (pa.ArrowException, OSError) as problem:
             reason = " ".join(str(problem).split())
             raise ReplayError(f"{path}: the table cannot be read: {reason}") from None
-        names = [name.lstrip("\ufeff").lstrip("#").strip() for name in self._table.column_names]
+        names = [name.lstrip("\ufeff").lstrip("#").strip() for name in columns]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ReplayError(f"{path}: several columns are named {', '.join(map(repr, twice))}")
