@@ -12,7 +12,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.lag_search import beside_lowest
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
-from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
@@ -75,7 +75,7 @@ def _lag(places: PoseSeries, path: PoseSeries) -> float:
     margin = float(np.abs(LAGS).max())
     low = max(places.stamps[0], path.stamps[0]) + round(margin / NANOSECOND)
     high = min(places.stamps[-1], path.stamps[-1]) - round((margin + WINDOW) / NANOSECOND)
-    starts = np.arange(low, max(low, high), round(SPACING / NANOSECOND))
+    starts = even_grid(low, high, round(SPACING / NANOSECOND), path.stamps)
     if len(starts) < 8:
         return 0.0
 

@@ -17,6 +17,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative
 from icreckon.estimator.calibration.ground_forces import GroundForces
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot
 
@@ -450,7 +451,7 @@ def _pieces(motion: Motion) -> list[tuple[float, float]]:
 
 def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> tuple[Floats, Floats]:
     """Times [s] and poses of dead reckoning by gyro and the robot's constant ICRs."""
-    times = np.arange(motion.track_times[0], motion.track_times[-1], 0.02)
+    times = even_grid(motion.track_times[0], motion.track_times[-1], 0.02, motion.track_times)
     ways = np.stack([np.interp(times, motion.track_times, way) for way in motion.track_ways.T], -1)
     rate = (np.interp(times, motion.imu_times, motion.turned) - motion.bias * times) / (
         robot.imu.gyro_scale
@@ -495,7 +496,7 @@ def _first_lag(
     """Lag [s] and gyro bias [rad/s] at which rotations of truth and gyro agree best."""
     low = max(truth_times[0], imu_times[0] + LAGS[-1])
     high = min(truth_times[-1], imu_times[-1] + LAGS[0]) - LAG_WINDOW
-    starts = np.arange(low, high, 0.25)
+    starts = even_grid(low, high, 0.25, imu_times)
     if len(starts) < 8:
         raise EstimatorError(
             f"truth and IMU of log {name!r} share only {max(0.0, high + LAG_WINDOW - low):.1f} s; "

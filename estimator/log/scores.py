@@ -7,7 +7,7 @@ after estimate and truth are aligned at the start of a segment, so they need not
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ SLOWEST_MEAN_SPEED = 0.02
 VELOCITY_WINDOW = 1.0
 # Least time between points of a path length, so that noise does not add up [s].
 PATH_STEP = 0.5
+# Longest gap that is filled with evenly spaced times [s].
+LONGEST_FILLED = 10.0
 # A covariance with a smaller eigenvalue counts as singular.
 LEAST_EIGENVALUE = 1e-12
 
@@ -109,7 +111,7 @@ def interpolate_poses(series: PoseSeries, stamps: Stamps) -> Floats:
 def path_length(series: PoseSeries) -> Floats:
     """Distance (n,) since the first pose [m], along points at least `PATH_STEP` apart."""
     seconds = (series.stamps - series.stamps[0]) * NANOSECOND
-    knots = np.append(np.arange(0.0, seconds[-1], PATH_STEP), seconds[-1])
+    knots = np.append(even_grid(0.0, seconds[-1], PATH_STEP, seconds), seconds[-1])
     x, y = (np.interp(knots, seconds, series.poses[:, axis]) for axis in (0, 1))
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     return np.asarray(np.interp(seconds, knots, lengths))
@@ -164,7 +166,7 @@ def segment_starts(stamps: Stamps) -> Places:
 
     All starts within a gap give one segment, the one after the gap.
     """
-    begins = np.arange(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND))
+    begins = even_grid(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND), stamps)
     return np.asarray(np.unique(np.searchsorted(stamps, begins)))
 
 
@@ -216,6 +218,34 @@ def pieces(stamps: Stamps, largest_gap: float) -> Places:
     return np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
 
 
+def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDArray[Any]:
+    """Evenly spaced times from `low` to below `high`, except in the middle of gaps.
+
+    Their number follows that of the known times, however far apart these are. Of a gap of more than
+    `LONGEST_FILLED` only the times next to its ends are kept.
+
+    Args:
+        low: first time, in the unit of `known`.
+        high: end of the times.
+        step: distance between them.
+        known: (n,) ascending times that show the gaps, stamps [ns] or floats [s].
+
+    Returns:
+        (m,) ascending times of the type of `known`.
+    """
+    whole = np.issubdtype(known.dtype, np.integer)
+    gaps = np.flatnonzero(np.diff(known) > LONGEST_FILLED / (NANOSECOND if whole else 1.0))
+    if not len(gaps) or high <= low:
+        return np.arange(low, max(low, high), step, dtype=known.dtype)
+    begins = np.clip(np.append(known[:1], known[gaps + 1]), low, high)
+    ends = np.clip(np.append(known[gaps], known[-1:]), low, high)
+    begins[0], ends[-1] = low, high
+    first, last = ((one - low) // step for one in (begins, ends))
+    places = [np.arange(a, b + 2) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+    times = low + step * np.unique(np.concatenate(places))
+    return np.asarray(times[times < high], dtype=known.dtype)
+
+
 def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     """Errors (n, 3) of v_x, v_y [m/s] and w [rad/s] in the axes of base_link.
 
@@ -231,7 +261,7 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     window = int(VELOCITY_WINDOW / NANOSECOND)
     low = max(truth.poses.stamps[0], estimate.stamps[0])
     high = min(truth.poses.stamps[-1], estimate.stamps[-1])
-    starts = np.arange(low, high - window, window // 2)
+    starts = even_grid(low, high - window, window // 2, truth.poses.stamps)
     # Skip windows in which the truth is missing for half of the time.
     holes = pieces(truth.poses.stamps, 0.5 * VELOCITY_WINDOW)
     first = np.searchsorted(truth.poses.stamps, starts, side="right") - 1

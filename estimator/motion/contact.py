@@ -28,18 +28,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import NotNegative, Positive, check_bounds
+from icreckon.estimator.base.checks import Bound, NotNegative, Positive, check_bounds
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist, inertial_force
 
 if TYPE_CHECKING:
     from icreckon.estimator.motion.contact_forces import Ground
+
+
+# Coefficient of friction; forces by far smaller ones have no precision.
+Friction = Annotated[float, Bound("from 0.001 to 100", 1e-3, 100.0)]
 
 
 class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -57,8 +61,8 @@ class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "track", the motion of the track around its rollers.
     """
 
-    friction: Positive = 0.9
-    longitudinal_friction: Positive | None = None
+    friction: Friction = 0.9
+    longitudinal_friction: Friction | None = None
     rolling_resistance: NotNegative = 0.0
     shear_modulus: NotNegative = 0.0
     regularising_speed: Positive = 1e-4

@@ -31,6 +31,8 @@ LARGEST_DIFFERENCE = 0.5
 TYPICAL_ROLLING = 0.05
 # Default lag of the load transfer [s].
 LOAD_LAG = 0.2
+# Most contact points of a track.
+MOST_POINTS = 1000
 
 
 class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -64,8 +66,10 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        if self.contact_points < 2:
-            raise SettingError(f"contact_points must be at least 2, found {self.contact_points!r}")
+        if not 2 <= self.contact_points <= MOST_POINTS:
+            raise SettingError(
+                f"contact_points must be from 2 to {MOST_POINTS}, found {self.contact_points!r}"
+            )
 
 
 class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

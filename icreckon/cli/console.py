@@ -6,8 +6,9 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     Progress,
@@ -16,22 +17,38 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.report.printable import printable
 
 TABLE_WIDTH = 150
 # Exit status of a command that has written incomplete results.
 FAILED = 1
 
 
+class _PlainConsole(Console):
+    """Console that shows names as they are: no markup, no control characters."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Render to segments, as `Console.render`."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else printable(text), style, control)
+
+
 def messages() -> Console:
     """Console for messages: standard error."""
-    return Console(stderr=True, highlight=False)
+    return _PlainConsole(stderr=True)
 
 
 def results() -> Console:
     """Console for results: standard output, as wide as the tables if not a terminal."""
-    console = Console(highlight=False)
+    console = _PlainConsole()
     if not console.is_terminal:
         console.width = TABLE_WIDTH
     return console
@@ -46,7 +63,7 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
         log_seconds: duration of the log [s], to show the time reached in it and the speed-up, too.
     """
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TextColumn("{task.fields[reached]}"),
@@ -113,7 +130,8 @@ def explain(problem: Exception) -> int:
     """Print an error on one line and return the exit status."""
     console = messages()
     if isinstance(problem, IcreckonError):
-        console.print(f"icreckon: {problem}", style="red", markup=False, soft_wrap=True)
+        line = " ".join(str(problem).splitlines())
+        console.print(f"icreckon: {line}", style="red", markup=False, soft_wrap=True)
         return 1
     console.print(
         f"icreckon: internal error: {type(problem).__name__}: {problem} "

@@ -16,6 +16,7 @@ from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.inspection.inspect import Inspection, inspect
 from icreckon.replay.inspection.robot_file import FIRST_WORDS, has_tracks
 from icreckon.replay.inspection.topic_survey import TopicReport
+from icreckon.report.printable import printable
 
 
 def run_inspect(
@@ -75,7 +76,7 @@ def _show(found: Inspection, *, with_file: bool) -> None:
         console.print(Text(f"Note: {note}"))
     if with_file:
         console.print(Text("\nProposed robot file (--write FILE saves it):\n"))
-        typer.echo(found.proposed_robot_file)
+        typer.echo(printable(found.proposed_robot_file))
 
 
 def _cells(topic: TopicReport) -> list[str]:

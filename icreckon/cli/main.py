@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import wraps
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,6 +56,10 @@ Definitions = Annotated[
         help="Definition of a message type that the bag lacks, as our_msgs/msg/Rate.msg; "
         "repeatable.",
     ),
+]
+UnpackedLimit = Annotated[
+    float,
+    typer.Option(min=0.0, help="Largest unpacked size of a chunk or message of a bag, in GB."),
 ]
 Formats = Annotated[
     str | None,
@@ -235,6 +240,7 @@ def replay(
         ),
     ] = None,
     msg: Definitions = None,
+    unpacked_limit: UnpackedLimit = 0.5,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -261,21 +267,23 @@ def replay(
     If the log has a ground truth, they are scored against it, otherwise compared with one another.
     """
     from icreckon.cli.replay import run_replay
+    from icreckon.replay.bags import unpacking as limits
 
-    run_replay(
-        paths=log,
-        message_files=msg or [],
-        robot_name=robot,
-        variants=variants,
-        fixes=fixes,
-        smooth=smooth,
-        engine=engine,
-        formats=formats,
-        out=out,
-        as_json=json,
-        overwrite=overwrite,
-        workers=workers,
-    )
+    with limits.unpacked_limit(unpacked_limit):
+        run_replay(
+            paths=log,
+            message_files=msg or [],
+            robot_name=robot,
+            variants=variants,
+            fixes=fixes,
+            smooth=smooth,
+            engine=engine,
+            formats=formats,
+            out=out,
+            as_json=json,
+            overwrite=overwrite,
+            workers=workers,
+        )
 
 
 @app.command()
@@ -285,6 +293,7 @@ def inspect(
         Path | None, typer.Option(help="Write the proposed robot file here, to be completed.")
     ] = None,
     msg: Definitions = None,
+    unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
@@ -292,8 +301,12 @@ def inspect(
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
     from icreckon.cli.inspect import run_inspect
+    from icreckon.replay.bags import unpacking as limits
 
-    run_inspect(paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite)
+    with limits.unpacked_limit(unpacked_limit):
+        run_inspect(
+            paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite
+        )
 
 
 @app.command()
@@ -332,6 +345,7 @@ def calibrate(
         float, typer.Option(help="Length of the segments that are predicted, in seconds.")
     ] = 3.0,
     msg: Definitions = None,
+    unpacked_limit: UnpackedLimit = 0.5,
     out: Out = None,
     json: Json = False,
     overwrite: Overwrite = False,
@@ -341,19 +355,21 @@ def calibrate(
     Reports which parameters the logs determine, and which model they support.
     """
     from icreckon.cli.calibrate import run_calibrate
+    from icreckon.replay.bags import unpacking as limits
 
-    run_calibrate(
-        paths=log,
-        message_files=msg or [],
-        robot_name=robot,
-        write=write,
-        lever_arm=lever_arm,
-        models=models,
-        segment=segment,
-        out=out,
-        as_json=json,
-        overwrite=overwrite,
-    )
+    with limits.unpacked_limit(unpacked_limit):
+        run_calibrate(
+            paths=log,
+            message_files=msg or [],
+            robot_name=robot,
+            write=write,
+            lever_arm=lever_arm,
+            models=models,
+            segment=segment,
+            out=out,
+            as_json=json,
+            overwrite=overwrite,
+        )
 
 
 # Former name of the command, which goes with the next version.
@@ -483,6 +499,10 @@ def main() -> None:
     """Entry point; errors are one line and a non-zero exit, tracebacks by --debug."""
     debug = DEBUG in sys.argv
     sys.argv = [word for word in sys.argv if word != DEBUG]
+    for stream in (sys.stdout, sys.stderr):
+        # Of characters that the terminal lacks question marks are shown.
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         app()
     except Exception as problem:

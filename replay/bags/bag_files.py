@@ -16,7 +16,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from icreckon.replay.bags.records import LATEST, Channel, Record
-from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
+from icreckon.replay.bags.recovery import MCAP_MAGIC, NO_DEFINITION, ROS1_MAGIC, RecordWalk
+from icreckon.replay.bags.unpacking import Ros1Reader, Ros2Reader
 from icreckon.replay.base.errors import ReplayError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -84,18 +85,24 @@ class _IndexedBag:
         try:
             for file in self.files:
                 ros1 = file.is_file() and _magic(file) == ROS1_MAGIC
-                reader = rosbag1.Reader(file) if ros1 else rosbag2.Reader(file)
+                reader = Ros1Reader(file) if ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
                 self._sources.append((reader, list(reader.connections)))
+            self._count()
+        except ReplayError as problem:
+            self._stack.close()
+            raise ReplayError(f"{file}: {problem}") from None
         except Exception as problem:
             self._stack.close()
             raise _UnreadableError(_reason(problem)) from problem
+        self.notes.extend(_unread_sqlite_journals(self.files))
+        return self
+
+    def _count(self) -> None:
         for _, connections in self._sources:
             for connection in connections:
                 channel = _channel(connection)
                 self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
-        self.notes.extend(_unread_sqlite_journals(self.files))
-        return self
 
     def __exit__(
         self,
@@ -114,10 +121,12 @@ class _IndexedBag:
             listed, found = sum(connection.msgcount for connection in wanted), 0
             try:
                 for connection, time, data in reader.messages(wanted):
-                    if time >= LATEST:
+                    if not 0 <= time < LATEST:
                         break
                     found += 1
                     yield Record(channels[connection.id], time, data)
+            except ReplayError as problem:
+                raise ReplayError(f"{reader.path}: {problem}") from None
             except Exception as problem:
                 raise _UnreadableError(_reason(problem)) from problem
             if found != listed:
@@ -147,6 +156,8 @@ class _RecoveredBag:
                     count += 1
             except OSError as problem:
                 raise ReplayError(f"{file}: cannot be read: {problem.strerror}") from None
+            except ReplayError as problem:
+                raise ReplayError(f"{file}: {problem}") from None
             for channel in walk.channels.values():
                 self.counts.setdefault(channel, 0)
             self._walks.append(walk)
@@ -186,7 +197,8 @@ def _ways(path: Path) -> list[list[Path]]:
             _check_is_bag(file)
     except OSError as problem:
         raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
-    return [[path], files]
+    # Of a bag that is compressed as a whole and was unpacked beside, rosbags would unpack all once more.
+    return [files] if any(path.glob("*.zstd")) else [[path], files]
 
 
 def _storage_files(folder: Path) -> list[Path]:
@@ -222,7 +234,16 @@ def _channel(connection: Connection) -> Channel:
     encoding = "ros1"
     if isinstance(connection.ext, ConnectionExtRosbag2):
         encoding = connection.ext.serialization_format
-    return Channel(connection.topic, connection.msgtype, connection.msgdef, encoding)
+    # SQLite holds values of any type in any column.
+    texts: tuple[object, ...] = (connection.topic, connection.msgtype, encoding)
+    for text in texts:
+        if not isinstance(text, str):
+            raise rosbag2.ReaderError(
+                f"the name or type of a topic is no text but {str(text)[:40]}"
+            )
+    data: object = connection.msgdef.data
+    definition = connection.msgdef if isinstance(data, str) else NO_DEFINITION
+    return Channel(connection.topic, connection.msgtype, definition, encoding)
 
 
 def _unread_sqlite_journals(files: list[Path]) -> list[str]:

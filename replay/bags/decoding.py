@@ -19,6 +19,12 @@ NANOSECONDS = 1_000_000_000
 Definitions = tuple[tuple[str, str], ...]
 """Definitions of message types that a bag may lack: (name, as `our_msgs/msg/Rate`, definition)."""
 IDL_RULE = "=" * 80 + "\n"
+LONGEST_DEFINITION = 500_000
+"""Most characters of a type's definition."""
+MOST_FIELDS, DEEPEST = 10_000, 50
+"""Most fields of a message, those of the types in it included, and most types within one another."""
+LONGEST_REASON = 200
+"""Most characters of an error of rosbags, which may hold a whole definition."""
 
 
 def stamp_of(header: Any) -> int:
@@ -45,7 +51,9 @@ def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Cal
     try:
         store = _typestore(channel.msgtype, channel.definition, definitions)
     except Exception as problem:
-        raise ReplayError(f"{where}: its definition cannot be read: {problem}") from problem
+        raise ReplayError(
+            f"{where}: its definition cannot be read: {_reason(problem)}"
+        ) from problem
     missing = _undefined(store, channel.msgtype)
     if missing is not None:
         what = "this type" if missing == channel.msgtype else f"{missing!r} in it"
@@ -59,15 +67,60 @@ def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Cal
 
 def _undefined(store: Typestore, msgtype: str) -> str | None:
     """First undefined type that a message type depends on, or None."""
-    if msgtype not in store.fielddefs:
-        return msgtype
-    fields: Any = store.fielddefs[msgtype][1]
-    for _, (node, inner) in fields:
-        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            node, inner = inner[0]
-        if node == Nodetype.NAME and (missing := _undefined(store, str(inner))) is not None:
-            return missing
+    seen: set[str] = set()
+    waiting = [msgtype]
+    while waiting:
+        name = waiting.pop()
+        if name not in store.fielddefs:
+            return name
+        if name not in seen:
+            seen.add(name)
+            waiting += [inner for inner, _ in reversed(_parts(store.fielddefs[name][1])) if inner]
     return None
+
+
+def _parts(fields: Any) -> list[tuple[str, int]]:
+    """Message type of each field, "" for numbers and texts, and its count."""
+    found = []
+    for _, (node, inner) in fields:
+        count = 1
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            fixed = node == Nodetype.ARRAY
+            (node, inner), length = inner
+            if fixed and (node == Nodetype.NAME or inner[0] == "string"):
+                count = length
+        found.append((str(inner) if node == Nodetype.NAME else "", count))
+    return found
+
+
+def _check_extent(types: Mapping[str, Any]) -> None:
+    """Refuse types that are too large or too deep to be decoded.
+
+    Raises:
+        ValueError: a message has more than `MOST_FIELDS` fields, or more than `DEEPEST` types within one
+            another; a type holds itself.
+    """
+    extents: dict[str, tuple[int, int]] = {}
+
+    def extent(name: str, depth: int) -> tuple[int, int]:
+        """Number of fields, and of types within one another."""
+        if name not in extents:
+            parts = _parts(types[name][1]) if name in types else []
+            inner = [
+                extent(part, depth + 1) if part and depth <= DEEPEST else (1, 0)
+                for part, _ in parts
+            ]
+            fields = sum(count * size for (_, count), (size, _) in zip(parts, inner, strict=True))
+            extents[name] = fields, 1 + max((deep for _, deep in inner), default=0)
+        fields, deepest = extents[name]
+        if max(deepest, depth) > DEEPEST:
+            raise ValueError(f"more than {DEEPEST} types are within one another")
+        if fields > MOST_FIELDS:
+            raise ValueError(f"{name!r} has {fields} fields, at most {MOST_FIELDS} are read")
+        return extents[name]
+
+    for name in types:
+        extent(name, 0)
 
 
 def message_types(channel: Channel) -> Mapping[str, Any]:
@@ -120,23 +173,34 @@ def _typestore(
 ) -> Typestore:
     if definition.format == MessageDefinitionFormat.NONE:
         store = get_typestore(Stores.ROS2_HUMBLE)
-        known = {}
+        known: dict[str, Any] = {}
         for name, text in definitions:
             known.update(get_types_from_msg(text, name))
-        store.register({name: kind for name, kind in known.items() if name not in store.fielddefs})
+        added = {name: kind for name, kind in known.items() if name not in store.fielddefs}
+        _check_extent({**store.fielddefs, **added})
+        store.register(added)
         return store
+    types = _types(msgtype, definition)
+    _check_extent(types)
     store = get_typestore(Stores.EMPTY)
-    if definition.format == MessageDefinitionFormat.MSG:
-        store.register(get_types_from_msg(definition.data, msgtype))
-        return store
-    if not definition.data.startswith(f"{IDL_RULE}IDL: "):
-        store.register(get_types_from_idl(definition.data))
-        return store
-    types = {}
-    for part in definition.data.split(IDL_RULE)[1:]:
-        types.update(get_types_from_idl(part.partition("\n")[2]))
     store.register(types)
     return store
+
+
+def _types(msgtype: str, definition: MessageDefinition) -> dict[str, Any]:
+    """Parse the definition of a type, with those of the types in it."""
+    text = definition.data
+    if len(text) > LONGEST_DEFINITION:
+        raise ValueError(f"it has {len(text)} characters, at most {LONGEST_DEFINITION} are read")
+    types: dict[str, Any] = {}
+    if definition.format == MessageDefinitionFormat.MSG:
+        types.update(get_types_from_msg(text, msgtype))
+    elif not text.startswith(f"{IDL_RULE}IDL: "):
+        types.update(get_types_from_idl(text))
+    else:
+        for part in text.split(IDL_RULE)[1:]:
+            types.update(get_types_from_idl(part.partition("\n")[2]))
+    return types
 
 
 def read_definitions(files: Sequence[Path]) -> Definitions:
@@ -155,11 +219,18 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
         name = f"{package}/msg/{file.stem}"
         try:
             text = file.read_text(encoding="utf-8")
-            get_types_from_msg(text, name)
+            _check_extent(get_types_from_msg(text, name))
         except (OSError, UnicodeDecodeError) as problem:
             raise ReplayError(f"{file}: cannot be read: {problem}") from None
         except Exception as problem:
-            reason = " ".join(str(problem).split())
-            raise ReplayError(f"{file}: not a message definition (.msg): {reason}") from None
+            raise ReplayError(
+                f"{file}: not a message definition (.msg): {_reason(problem)}"
+            ) from None
         found.append((name, text))
     return tuple(found)
+
+
+def _reason(problem: Exception) -> str:
+    """Message of an error in one line, shortened."""
+    text = " ".join(str(problem).split())
+    return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."

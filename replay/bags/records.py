@@ -31,8 +31,8 @@ class Record(NamedTuple):
     data: bytes
 
 
-LATEST = 2**63
-"""Times of recording from here on are damage: they overflow int64 nanoseconds."""
+LATEST = 2**62
+"""Times of recording from here on are damage: differences of them overflow int64 nanoseconds."""
 
 
 def ros2_type_name(name: str) -> str:

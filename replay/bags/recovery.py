@@ -7,40 +7,27 @@ sequences of records with a length field, so everything before the break is read
 
 from __future__ import annotations
 
-import bz2
 import struct
-import sys
 from binascii import crc32
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
-from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from icreckon.replay.bags.records import LATEST, Channel, Record, ros2_type_name
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from icreckon.replay.bags.unpacking import STREAM_DECOMPRESSORS, inflate
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
 
-PIECE = 1 << 16
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
 DEFINITION_FORMATS = {
     "ros1msg": MessageDefinitionFormat.MSG,
     "ros2msg": MessageDefinitionFormat.MSG,
     "ros2idl": MessageDefinitionFormat.IDL,
     "omgidl": MessageDefinitionFormat.IDL,
-}
-STREAM_DECOMPRESSORS: dict[str, Callable[[], Any]] = {
-    "zstd": zstd.ZstdDecompressor,
-    "lz4": LZ4FrameDecompressor,
-    "bz2": bz2.BZ2Decompressor,
 }
 
 
@@ -146,7 +133,7 @@ class RecordWalk:
             if operation == ROS1_CHUNK:
                 compression = fields[b"compression"].decode()
                 size = struct.unpack("<L", fields[b"size"])[0]
-                data = inflate(content, compression)
+                data = _unpacked(content, compression, size)
                 yield from self._ros1_records(BytesIO(data))
                 if not whole or len(data) != size:
                     raise BreakError
@@ -196,31 +183,13 @@ class _Schema(NamedTuple):
     text: str
 
 
-def inflate(data: bytes, compression: str) -> bytes:
-    """Decompress the readable beginning of a chunk.
-
-    Args:
-        data: the compressed bytes, possibly cut short.
-        compression: "" or "none", "zstd", "lz4" or "bz2".
-
-    Returns:
-        The decompressed bytes up to the break.
-
-    Raises:
-        BreakError: the compression is unknown.
-    """
+def _unpacked(data: bytes, compression: str, size: int) -> bytes:
+    """Decompress the readable beginning of a chunk that declares a size [bytes]."""
     if compression in ("", "none"):
         return data
     if compression not in STREAM_DECOMPRESSORS:
         raise BreakError
-    decompressor = STREAM_DECOMPRESSORS[compression]()
-    parts: list[bytes] = []
-    for start in range(0, len(data), PIECE):
-        try:
-            parts.append(decompressor.decompress(data[start : start + PIECE]))
-        except (zstd.ZstdError, RuntimeError, OSError, EOFError):
-            break
-    return b"".join(parts)
+    return inflate(data, compression, size)
 
 
 def _mcap_chunk(content: bytes, length: int) -> tuple[bytes, bool]:
@@ -229,7 +198,7 @@ def _mcap_chunk(content: bytes, length: int) -> tuple[bytes, bool]:
     compression, position = _text(content, 28)
     (compressed,) = struct.unpack_from("<Q", content, position)
     start = position + 8
-    data = inflate(content[start : start + compressed], compression)
+    data = _unpacked(content[start : start + compressed], compression, size)
     whole = len(content) == length and len(data) == size
     if whole and checksum and crc32(data) != checksum:
         raise BreakError

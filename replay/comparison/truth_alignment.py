@@ -17,7 +17,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import relative, rotate
 from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
 from icreckon.estimator.log.path_heading import PathHeadings, headings_by_path
-from icreckon.estimator.log.scores import interpolate_poses, pieces
+from icreckon.estimator.log.scores import even_grid, interpolate_poses, pieces
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
@@ -138,7 +138,7 @@ def _windows(
     """Starts and ends [ns] of windows on an even grid that both series cover."""
     low = max(truth.stamps[0], reckoned.stamps[0]) + int(margin / NANOSECOND)
     high = min(truth.stamps[-1], reckoned.stamps[-1]) - int((margin + window) / NANOSECOND)
-    starts = np.arange(low, max(low, high), int(GRID_STEP / NANOSECOND))
+    starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), truth.stamps)
     ends = starts + int(window / NANOSECOND)
     holes = pieces(truth.stamps, LARGEST_HOLE)
     first = np.searchsorted(truth.stamps, starts, side="right") - 1

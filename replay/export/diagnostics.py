@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import DIAGNOSTICS, KEY_VALUE, STATUS
@@ -58,8 +59,8 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
         return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, np.zeros(0, np.int64))
     begin = min(int(one.stamps[0]) for one in filtered.values())
     end = max(int(one.stamps[-1]) for one in filtered.values())
-    stamps = np.arange(begin, end + 1, int(INTERVAL * NANOSECONDS))
-    stamps = np.append(stamps[stamps < end], end)
+    known = np.unique(np.concatenate([one.stamps for one in filtered.values()]))
+    stamps = np.append(even_grid(begin, end, int(INTERVAL * NANOSECONDS), known), end)
     sensors = {name: _sensors(one, stamps) for name, one in filtered.items()}
     rows = {
         name: np.maximum(np.searchsorted(one.stamps, stamps, side="right") - 1, 0)

@@ -168,7 +168,8 @@ def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     found: list[_Window] = []
     if not len(times):
         return found
-    for number in range(int((times[-1] - times[0]) // WINDOW)):
+    numbers = np.unique((times - times[0]) // WINDOW)
+    for number in numbers[:-1].tolist():
         begin = times[0] + number * WINDOW
         at = np.flatnonzero((times >= begin) & (times < begin + WINDOW))
         at = at[~_outlying(places[at])]

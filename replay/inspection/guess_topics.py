@@ -100,9 +100,12 @@ def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
     for topic, sample in samples.items():
         if sample.msgtype != JOINT_STATE:
             continue
-        for message in sample.messages:
-            left, right = sides(list(message.name))
-            if left and right and len(message.velocity) == len(message.name):
+        named = [list(one.name) for one in sample.messages if len(one.velocity) == len(one.name)]
+        # Some drivers publish each wheel in a message of its own.
+        together = list(dict.fromkeys(name for names in named for name in names))
+        for names in (*named, together):
+            left, right = sides(names)
+            if left and right:
                 return TrackTopic(topic, left, right)
     candidates = [
         topic

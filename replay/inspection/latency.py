@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
-from icreckon.estimator.log.scores import pieces
+from icreckon.estimator.log.scores import even_grid, pieces
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 
 LATENCIES = np.arange(-0.5, 1.0, 0.02)
@@ -98,7 +98,7 @@ def _latency(stamps: Stamps, angle: Floats, imu: ImuSeries, vertical: Floats) ->
     margin = float(np.abs(LATENCIES).max())
     origin = max(stamps[0], imu.stamps[0])
     end = (min(stamps[-1], imu.stamps[-1]) - origin) * NANOSECOND - margin - WINDOW
-    starts = np.arange(margin, end, WINDOW_STEP)
+    starts = even_grid(margin, end, WINDOW_STEP, (imu.stamps - origin) * NANOSECOND)
     starts = starts[_whole(stamps, origin, starts, margin) & _whole(imu.stamps, origin, starts)]
     if len(starts) < 10 * BLOCKS:
         return None

@@ -56,7 +56,7 @@ def robot_file_text(
     """
     late, wandering = _latency_lines(track_latency), _wander_lines(wander)
     lines = [
-        f"{FIRST_WORDS} {path.name}: check every line.",
+        f"{FIRST_WORDS} {_text(path.name)[1:-1]}: check every line.",
         f"name = {_text(path.stem)}",
         "format = 1",
         "",

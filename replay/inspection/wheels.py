@@ -10,6 +10,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.scores import even_grid
 from icreckon.replay.inspection.imu_mounting import ABSURD, STILL_MARGIN, Mounting, standstill
 
 GRAVITY = 9.81
@@ -91,7 +92,7 @@ def _distance_ratio(
 
     assert log.imu is not None  # noqa: S101 - checked by the caller
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
-    edges = np.arange(start, end, round(window / NANOSECOND))
+    edges = even_grid(start, end, round(window / NANOSECOND), stamps)
     if len(edges) < FEWEST_WINDOWS + 1:
         return None, None
     mean = log.tracks.speeds.mean(axis=1)

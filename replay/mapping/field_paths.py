@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,10 +60,18 @@ def _fields_of(value: Any) -> str:
 
 
 class FieldReader:
-    """Reader of a message: the means of the fields of each side, (left, right)."""
+    """Reader of a message: the means of the fields of each side, (left, right).
+
+    The paths are read with the first message: of a topic of JointState they are names of joints, which
+    may have any characters.
+    """
 
     def __init__(self, left: Sequence[str], right: Sequence[str]) -> None:
-        self._sides = [[field_getter(path) for path in side] for side in (left, right)]
+        self._paths = (left, right)
+
+    @cached_property
+    def _sides(self) -> list[list[Callable[[Any], float]]]:
+        return [[field_getter(path) for path in side] for side in self._paths]
 
     def __call__(self, message: Any) -> tuple[float, float]:  # noqa: D102
         left, right = (sum(get(message) for get in side) / len(side) for side in self._sides)

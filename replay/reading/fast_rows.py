@@ -134,7 +134,7 @@ class _QuickJoints:
 
     def __init__(self, reader: JointReader, ros1: bool) -> None:
         self._reader, self._ros1 = reader, ros1
-        self._block, self._places = b"", list[list[int]]()
+        self._block, self._places = b"", dict[str, int]()
 
     def __call__(self, data: bytes) -> Quick:
         stamp, place = _ros1_header(data) if self._ros1 else _cdr_header(data)
@@ -159,7 +159,7 @@ class _QuickJoints:
             return Quick(stamp, None)
         start, count = sequences[0 if self._reader.positions else 1]
         values = _doubles(count).unpack_from(data, start)
-        return Quick(stamp, self._reader.means(values, self._places))
+        return Quick(stamp, self._reader.row(stamp, values, self._places))
 
     def _learn(self, data: bytes, place: int) -> None:
         start = place

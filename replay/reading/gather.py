@@ -67,6 +67,9 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     paths = [Path(path)] if isinstance(path, Path | str) else [Path(one) for one in path]
     if not paths:
         raise ReplayError("no log: give at least one file")
+    for one in paths:
+        if str(one) != str(one).encode("utf-8", "replace").decode():
+            raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
     seen: set[Path] = set()
     for one in paths:
         if one.resolve() in seen:
@@ -237,10 +240,8 @@ def wanted_streams(
             purpose, topic, source, time, readers, definitions=definitions, quick=quick_reader
         )
 
-    joints: dict[str, RowReader] = {}
     if tracks := mapping.tracks:
         readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
-        joints = {name: reader for name, reader in readers.items() if name == JOINT_STATE}
         speeds = stream("tracks", tracks.topic, tracks.time, readers)
         if tracks.left and types.get(tracks.topic) not in readers:
             speeds.any_reader = FieldReader(tracks.left, tracks.right)
@@ -261,7 +262,9 @@ def wanted_streams(
         yield _poses("truth", truth, source, definitions)
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, {TWIST: twist_row})
-        if truth.tracks:
+        if truth.tracks and tracks:
+            readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+            joints = {JOINT_STATE: readers[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import quaternion_to_yaw
+from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import (
     IMU,
     JOINT_STATE,
@@ -42,8 +43,15 @@ def track_readers(
     return readers
 
 
+TOGETHER = 0.5
+"""Longest time between messages whose joints make one row [s]."""
+
+
 class JointReader:
     """Reader of JointState: means of the sides (left, right); None without joints.
+
+    Joints that come in messages of their own make a row once each of them is there; its stamp is that
+    of the last one.
 
     Attributes:
         seen: names of the joints found so far.
@@ -54,31 +62,51 @@ class JointReader:
         self.seen: set[str] = set()
         self.positions = positions
         self._sides = (left, right)
-        self._places: dict[tuple[str, ...], list[list[int]]] = {}
+        self._count = len({*left, *right})
+        self._places: dict[tuple[str, ...], dict[str, int]] = {}
+        self._newest: dict[str, tuple[int, float]] = {}
 
     def __call__(self, message: Any) -> Row | None:  # noqa: D102
         places = self.places(tuple(message.name))
         if not places:
             return None
-        return self.means(message.position if self.positions else message.velocity, places)
+        values = message.position if self.positions else message.velocity
+        header = getattr(message, "header", None)
+        return self.row(0 if header is None else stamp_of(header), values, places)
 
-    def places(self, names: tuple[str, ...]) -> list[list[int]]:
-        """Indices of the joints of each side in some names; empty if no joint is found."""
+    def places(self, names: tuple[str, ...]) -> dict[str, int]:
+        """Indices of the mapped joints that are among some names."""
         places = self._places.get(names)
         if places is None:
-            places = self._places[names] = self._find(names)
+            self.seen.update(names)
+            mapped = [name for side in self._sides for name in side if name in names]
+            places = self._places[names] = {name: names.index(name) for name in mapped}
         return places
 
-    def means(self, values: Sequence[float], places: list[list[int]]) -> Row:
-        """Mean of each side."""
-        left, right = (sum(float(values[i]) for i in side) / len(side) for side in places)
-        return (left, right)
+    def row(self, stamp: int, values: Sequence[float], places: dict[str, int]) -> Row | None:
+        """Mean of each side; None until each joint is there.
 
-    def _find(self, names: tuple[str, ...]) -> list[list[int]]:
-        self.seen.update(names)
-        if not any(name in names for side in self._sides for name in side):
-            return []
-        return [[names.index(name) for name in side] for side in self._sides]
+        Args:
+            stamp: header stamp of the message [ns].
+            values: values of its joints.
+            places: indices of the mapped joints among them.
+        """
+        if len(places) == self._count:
+            self._newest.clear()
+            left, right = (
+                sum(float(values[places[name]]) for name in side) / len(side)
+                for side in self._sides
+            )
+            return (left, right)
+        self._newest.update({name: (stamp, float(values[i])) for name, i in places.items()})
+        if len(self._newest) < self._count:
+            return None
+        newest, self._newest = self._newest, {}
+        if any(abs(stamp - when) * NANOSECOND > TOGETHER for when, _ in newest.values()):
+            self._newest = {name: newest[name] for name in places}
+            return None
+        left, right = (sum(newest[name][1] for name in side) / len(side) for side in self._sides)
+        return (left, right)
 
 
 def _odometry_speeds(message: Any) -> Row:

@@ -20,6 +20,8 @@ STEP = 0.5
 """Smallest jump of header stamps against the time of recording that may be a clock step [s]."""
 LASTING = 20
 """Fewest consecutive messages with the new offset; shorter runs are wrong stamps, to be dropped."""
+APART = 86_400.0
+"""Longest gap in one log [s]."""
 WINDOW = 0.5
 """Length of the windows over which samples are counted [s]."""
 MANY, TOO_MANY, FEWEST_WINDOWS = 1.7, 2.3, 2
@@ -105,9 +107,9 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
     if len(stamps) < 10 * LASTING:
         return []
     width = round(WINDOW / NANOSECOND)
-    edges = np.arange(stamps[0], stamps[-1] + 1, width)
-    if len(edges) < 10 or len(edges) > len(stamps):
+    if not 10 <= (stamps[-1] - stamps[0]) // width + 1 <= len(stamps):
         return []
+    edges = np.arange(stamps[0], stamps[-1] + 1, width)
     counts = np.diff(np.searchsorted(stamps, edges))
     usual = float(np.median(counts))
     many = (counts >= MANY * usual) & (counts <= TOO_MANY * usual)
@@ -117,6 +119,22 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
         for first, last in ends.reshape(-1, 2)
         if last - first >= FEWEST_WINDOWS
     ]
+
+
+def largest_part(stamps: Stamps) -> tuple[int, int]:
+    """Find the interval [ns] with most stamps between gaps of more than `APART`.
+
+    Args:
+        stamps: (n,) ascending, at least one [ns].
+
+    Returns:
+        Its ends, widened by half of `APART`.
+    """
+    day = round(APART / NANOSECOND)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps) > day) + 1, [len(stamps)]])
+    part = int(np.argmax(np.diff(edges)))
+    first, last = int(stamps[edges[part]]), int(stamps[edges[part + 1] - 1])
+    return first - day // 2, last + day // 2
 
 
 def in_both(one: list[tuple[int, int]], other: list[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -15,7 +15,7 @@ from icreckon.replay.bags.records import Channel, Record
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.topics import Clock
 from icreckon.replay.reading.clocks import Evidence
-from icreckon.replay.reading.stamps import LATE, arrival_in_order, without_steps
+from icreckon.replay.reading.stamps import APART, LATE, arrival_in_order, without_steps
 
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
@@ -50,8 +50,6 @@ def unreadable(topic: str, types: Iterable[str], purpose: str, readable: Iterabl
 
 OVERLAP = 1.0
 """Longest overlap of two parts of one log [s]; two recordings of one robot overlap by more."""
-APART = 86_400.0
-"""Longest gap between two parts of one log [s]."""
 
 
 class Span(NamedTuple):

@@ -26,7 +26,8 @@ from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 PARQUET_MAGIC = b"PAR1"
 CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".csv.bz2")
 DELIMITERS = "\t;,"
-LARGEST_TIME = 2.0**63
+LARGEST_TIME = 2.0**62
+"""Times from here on are damage: differences of them overflow int64 nanoseconds."""
 
 
 def is_table(path: Path) -> bool:
@@ -71,10 +72,15 @@ class Table:
         self.path = path
         try:
             self._table = _read(path)
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as problem:
+            columns = self._table.column_names
+        except UnicodeDecodeError:
+            raise ReplayError(
+                f"{path}: the names of its columns are not UTF-8; `iconv -f latin1 -t utf-8` mends that"
+            ) from None
+        except (pa.ArrowException, OSError) as problem:
             reason = " ".join(str(problem).split())
             raise ReplayError(f"{path}: the table cannot be read: {reason}") from None
-        names = [name.lstrip("\ufeff").lstrip("#").strip() for name in self._table.column_names]
+        names = [name.lstrip("\ufeff").lstrip("#").strip() for name in columns]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ReplayError(f"{path}: several columns are named {', '.join(map(repr, twice))}")
@@ -124,7 +130,7 @@ class Table:
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
-        """Times of a column as stamps (n,) [ns], and the mask (n,) of those present.
+        """Times of a column as stamps (n,) [ns], and the mask (n,) of possible ones.
 
         Raises:
             ReplayError: the column holds no times, or none that fit the unit.
@@ -139,11 +145,13 @@ class Table:
         factor = NANOSECONDS_OF[unit]
         values = self._numbers(name)
         there &= np.isfinite(values)
-        if there.any() and not np.abs(values[there]).max() * factor < LARGEST_TIME:
+        possible = there & (np.abs(values) < LARGEST_TIME / factor)
+        if 2 * possible.sum() < there.sum():
             raise ReplayError(
-                f"{self.path}: column {name!r} holds {values[there][0]:.6g}, too much for times in "
-                f"{unit}; set time_unit in [log.columns]"
+                f"{self.path}: column {name!r} holds {values[there & ~possible][0]:.6g}, too much for "
+                f"times in {unit}; set time_unit in [log.columns]"
             )
+        there = possible
         if pa.types.is_integer(column.type):
             exact = np.asarray(column.fill_null(0).cast(pa.int64()).to_numpy(), dtype=np.int64)
             return exact * factor, there

@@ -38,7 +38,7 @@ from icreckon.replay.reading.conversions import (
 from icreckon.replay.reading.gather import Gathered
 from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
-from icreckon.replay.reading.stamps import doubled_times, in_both
+from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 OVERLAID = ("tracks", "imu")
@@ -74,6 +74,7 @@ class _Assembly:
     notes: list[str] = field(default_factory=list)
     _arrays_of: dict[str, tuple[Stamps, Floats]] = field(default_factory=dict)
     _overlaid: list[tuple[int, int]] = field(default_factory=list)
+    _part: tuple[int, int] = (0, 0)
     # Origin of the fixes, if they are geodetic.
     _origin: Origin | None = None
 
@@ -83,6 +84,7 @@ class _Assembly:
         for purpose, choice in self.clocks.items():
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
+        self._find_largest_part()
         self._find_overlaid()
         tracks = self._tracks(streams.get("tracks"))
         if tracks is None:
@@ -122,6 +124,10 @@ class _Assembly:
 
     def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
         stamps, rows = self._ordered(stream)
+        far = (stamps < self._part[0]) | (stamps > self._part[1])
+        if not far.all():
+            stream.lose("stamp is days from most others", int(far.sum()))
+            stamps, rows = stamps[~far], rows[~far]
         for begin, end in self._overlaid:
             if stream.purpose in OVERLAID:
                 inside = (stamps >= begin) & (stamps <= end)
@@ -134,6 +140,13 @@ class _Assembly:
         if stream.purpose not in self._arrays_of:
             self._arrays_of[stream.purpose] = stream.arrays(self.clocks[stream.purpose].clock)
         return self._arrays_of[stream.purpose]
+
+    def _find_largest_part(self) -> None:
+        """Find the part without gaps of days; the rest is by clocks that are not set."""
+        streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
+        stamps = [self._ordered(one)[0] for one in streams if one is not None]
+        if sum(map(len, stamps)):
+            self._part = largest_part(np.sort(np.concatenate(stamps)))
 
     def _find_overlaid(self) -> None:
         """Find when the recorder's clock was set back: tracks and IMU at twice their rate."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -10,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from icreckon.replay.comparison.results import Results
+from icreckon.report.printable import printable
 
 BEFORE, AFTER = "#999999", "#0072B2"
 ROWS = ("along [cm]", "across [cm]", "turning [deg]")
@@ -26,7 +28,8 @@ def write_calibration_figure(path: Path, results: Results) -> None:
         path: the file.
         results: output of `replay.calibration.results.summarise_calibration`.
     """
-    with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
+    style: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
+    with mpl.rc_context(style):
         figure = Figure(figsize=(15, 9), layout="constrained")
         grid = figure.add_gridspec(3, 2, width_ratios=(1.4, 1.0))
         left = [figure.add_subplot(grid[0, 0])]
@@ -35,7 +38,7 @@ def write_calibration_figure(path: Path, results: Results) -> None:
         _draw_scores(figure.add_subplot(grid[0, 1]), results)
         _draw_errors_by_turning(figure.add_subplot(grid[1, 1]), results)
         _draw_certainty(figure.add_subplot(grid[2, 1]), results)
-        figure.suptitle(_wrapped(results["verdict"]), fontsize=11)
+        figure.suptitle(printable(_wrapped(results["verdict"])), fontsize=11)
         figure.savefig(path, dpi=110)
 
 

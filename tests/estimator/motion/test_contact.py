@@ -287,8 +287,8 @@ def test_contact_points_and_weights():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Soil(friction=0.0), "friction must be a positive"),
-        (lambda: Soil(longitudinal_friction=np.nan), "longitudinal_friction must be a positive"),
+        (lambda: Soil(friction=0.0), "friction must be from 0.001"),
+        (lambda: Soil(longitudinal_friction=np.nan), "longitudinal_friction must be from 0.001"),
         (lambda: Soil(rolling_resistance=-0.1), "rolling_resistance must be zero or"),
         (lambda: Soil(regularising_speed=0.0), "regularising_speed must be a positive"),
         (lambda: ContactGeometry(0.4, (0.0,)), "two or more, rising"),

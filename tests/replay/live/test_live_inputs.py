@@ -251,6 +251,20 @@ def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:
     same(through(bag, robot), replayed)
 
 
+def test_a_message_for_each_wheel_with_any_name(tmp_path: Path) -> None:
+    names = ("left-wheel", "right wheel")
+    stream = [
+        ("/js", joints(stamp, (k + turn,), (name,)))
+        for k, stamp in enumerate(STAMPS)
+        for turn, name in enumerate(names)
+    ]
+    robot = robot_with(tracks={"topic": "/js", "left": names[:1], "right": names[1:]})
+    bag = write_bag(tmp_path / "bag", stream)
+    replayed = list(read_log(bag, robot).measurements())
+    assert len(replayed) == len(STAMPS)
+    same(through(bag, robot), replayed)
+
+
 def test_fields_of_any_message_are_read(tmp_path: Path) -> None:
     robot = robot_with(
         tracks={"topic": "/drive", "left": ["wheels[0].rate"], "right": ["wheels[1].rate"]}

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -28,7 +29,8 @@ from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.inspection.inspect import inspect
+from icreckon.replay.mapping.topics import TrackTopic, topic_map
 from icreckon.replay.reading.read_log import read_log
 
 
@@ -49,6 +51,53 @@ def test_joints_that_are_not_there_are_named(tmp_path: Path) -> None:
     mapped = {"topic": "/js", "left": ["port"], "right": ["starboard"]}
     with pytest.raises(ReplayError, match="port, starboard, found were l, r"):
         read_log(write_bag(tmp_path / "bag", SPEEDS), robot_with(tracks=mapped))
+
+
+ODD_NAMES = (
+    "left-wheel",
+    "right/wheel",
+    "left wheel",
+    "right:wheel",
+    "0_left_wheel",
+    "wheel[right]",
+)
+
+
+@pytest.mark.parametrize("apart", [False, True], ids=["in one message", "a message for each"])
+def test_joints_of_any_name_are_inspected_and_replayed(tmp_path: Path, apart: bool) -> None:
+    rates = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    parts = list(zip(rates, ODD_NAMES, strict=True)) if apart else [(rates, ODD_NAMES)]
+    messages = [
+        ("/js", joints(k * 10**9, np.atleast_1d(values), np.atleast_1d(names).tolist()))
+        for k in range(1, 4)
+        for values, names in parts
+    ]
+    bag = write_bag(tmp_path / "bag", messages)
+    tracks = inspect(bag).mapping.tracks
+    assert tracks == TrackTopic("/js", left=ODD_NAMES[::2], right=ODD_NAMES[1::2])
+    log = read_log(bag, robot_with(tracks=structs.asdict(tracks)))
+    np.testing.assert_array_equal(log.tracks.speeds, [[1.5, 2.0]] * 3)
+    assert log.dropped == {}
+
+
+def test_wheels_whose_messages_are_missing_leave_gaps(tmp_path: Path) -> None:
+    def side(name: str, tenths: list[int]):
+        return [("/js", joints(k * 10**8, (k,), (name,))) for k in tenths]
+
+    left, right = side("l", [1, 2, 3, 4, 20, 21]), side("r", [1, 3, 4, 21])
+    messages = sorted(left + right, key=lambda one: one[1].header.stamp.nanosec // 10**8 % 10)
+    messages.sort(key=lambda one: one[1].header.stamp.sec)
+    log = read_log(write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS))
+    assert log.tracks.stamps.tolist() == [k * 10**8 for k in (1, 3, 4, 21)]
+    np.testing.assert_allclose(log.tracks.speeds, [[0.5 * k, 0.5 * k] for k in (1, 3, 4, 21)])
+
+
+def test_a_wheel_from_before_a_gap_is_not_paired(tmp_path: Path) -> None:
+    at = [(1, "l"), (1, "r"), (2, "l"), (30, "r"), (30, "l")]
+    messages = [("/js", joints(k * 10**8, (k,), (name,))) for k, name in at]
+    log = read_log(write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS))
+    assert log.tracks.stamps.tolist() == [10**8, 30 * 10**8]
+    np.testing.assert_allclose(log.tracks.speeds, [[0.5, 0.5], [15.0, 15.0]])
 
 
 @pytest.mark.parametrize(("gauge", "half"), [(None, 0.4), (2.0, 1.0)])

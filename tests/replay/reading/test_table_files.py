@@ -268,3 +268,10 @@ def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
 def test_a_wrong_column_map(columns: dict[str, object], part: str) -> None:
     with pytest.raises(ReplayError, match=part):
         topic_map(robot_with(**columns), "test.toml")
+
+
+def test_names_that_are_not_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes("t,links [°],r\n1,1,1\n".encode("latin-1"))
+    with pytest.raises(ReplayError, match="names of its columns are not UTF-8; `iconv"):
+        read(path, time="t", tracks={"left": ["l"], "right": ["r"]})

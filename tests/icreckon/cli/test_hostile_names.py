@@ -1,0 +1,96 @@
+"""Names that hold markup, control characters or formulas, and terminals that lack characters."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from bag_messages import imu, joints, write_bag
+from command_line import fails, icreckon, icreckon_alone
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.inspection.inspect import inspect
+
+SECOND = 10**9
+NAMES = ("/[/]x", "/a[red]b", "/esc\x1b[2Jx", "/csi\x9b2J", "/:smiley:", "/$x_{$", "/line\nbreak")
+ROBOT = """
+name = {name}
+
+[vehicle]
+mass = 50.0
+track_gauge = 0.8
+sprocket_radius = 0.1
+
+[imu]
+gyro_axes = "z"
+
+[log]
+tracks = {{ topic = {topic}, left = ["l"], right = ["r"] }}
+imu = {{ topic = "/imu" }}
+truth = {{ topic = "/odom", source = {name} }}
+"""
+
+
+def drive(path: Path, topic: str) -> Path:
+    stamps = [k * SECOND // 10 for k in range(1, 40)]
+    messages = [(topic, joints(stamp, (1.0, 1.2))) for stamp in stamps]
+    messages += [("/imu", imu(stamp)) for stamp in stamps]
+    return write_bag(path, sorted(messages, key=lambda one: one[1].header.stamp.nanosec))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_shown_as_they_are(tmp_path: Path, name: str) -> None:
+    bag = drive(tmp_path / name.replace("/", ""), name)
+    shown = name.replace("\x1b", "\ufffd").replace("\x9b", "\ufffd")
+    done = icreckon("inspect", bag, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = done.stdout.partition("Proposed robot file")[0]
+    assert all(part in table for part in shown.split("\n"))
+    robot = ROBOT.format(name=json.dumps(name), topic=json.dumps(name))
+    (tmp_path / "robot.toml").write_text(robot, encoding="utf-8")
+    words = ("--robot", "robot.toml", "--variants", "gyro", "--workers", 1)
+    done_too = icreckon("replay", bag, *words, cwd=tmp_path)
+    assert done_too.returncode == 0, done_too.stderr
+    for text in (done.stdout, done.stderr, done_too.stdout, done_too.stderr):
+        assert "\x1b" not in text
+        assert "\x9b" not in text
+    missing = fails("replay", bag, "--robot", f"{name[1:]}.toml", cwd=tmp_path)
+    assert "\x1b" not in missing
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\x1b[31mb", '"a"', "a\\b", "a\x7fb"])
+def test_file_names_make_valid_robot_files(tmp_path: Path, name: str) -> None:
+    bag = drive(tmp_path / name, "/js")
+    done = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "\x1b" not in done.stderr
+    written = tomllib.loads((tmp_path / "robot.toml").read_text(encoding="utf-8"))
+    assert written["name"] == name
+
+
+def test_a_name_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
+    bag = drive(tmp_path / "log", "/js")
+    odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/od\xffd"))
+    bag.rename(odd)
+    with pytest.raises(ReplayError, match="the name is not UTF-8; rename the file"):
+        inspect(odd)
+    assert "od\\udcffd" in fails("inspect", odd, cwd=tmp_path, run=icreckon_alone)
+
+
+def test_a_terminal_that_lacks_characters(tmp_path: Path) -> None:
+    bag = drive(tmp_path / "log", "/räder/\u8f66")
+    done = subprocess.run(
+        [sys.executable, "-c", "from icreckon.cli.main import main; main()", "inspect", str(bag)],
+        capture_output=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONIOENCODING": "latin-1"},
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "/räder/?" in done.stdout.decode("latin-1")
