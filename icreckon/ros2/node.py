@@ -103,7 +103,7 @@ class OdometryNode:
         self._log.info("loading the filter; `icreckon prepare` ahead makes this quick")
         self._state_file = Path(options.state_file).expanduser() if options.state_file else None
         self.live = LiveOdometry(
-            load_robot(options.robot),
+            load_robot(options.robot and str(Path(options.robot).expanduser())),
             options.variant,
             reorder=options.reorder,
             use_fixes=options.use_fixes,
@@ -117,6 +117,7 @@ class OdometryNode:
         self._last_message = time.monotonic()
         self._last_markers = 0
         self._make_publishers()
+        self._check_topics()
         self._make_services()
         self._make_timers()
         started = f"warm start from {self._state_file}" if self.live.warm else "cold start"
@@ -158,6 +159,18 @@ class OdometryNode:
         if options.icr_markers:
             self._markers = self._publisher("icrs", 10, MARKERS, MARKER, POINT)
         self._diagnostics = self._publisher("/diagnostics", 10, DIAGNOSTICS, STATUS, KEY_VALUE)
+
+    def _check_topics(self) -> None:
+        """Refuse to listen to the node's own poses."""
+        outputs = {"odom": self._odometry, "pose_in_map": self._map_pose}
+        for one in self._missing:
+            topic = self.node.resolve_topic_name(one.topic)
+            for name, publisher in outputs.items():
+                if publisher is not None and publisher.topic_name == topic:
+                    raise EstimatorError(
+                        f"topic {topic} is an input ({one.purpose}) and the node's own output: "
+                        f"remap one, as --ros-args -r {name}:=icreckon/{name}"
+                    )
 
     def _publisher(self, topic: str, depth: int, msgtype: str, *parts: str) -> Any:
         """Make a publisher; keep the classes of its messages for `_new`."""
@@ -248,8 +261,10 @@ class OdometryNode:
             odometry = self._new(ODOMETRY)
             fill_odometry(odometry, one, options.odom_frame, options.base_frame)
             self._odometry.publish(odometry)
-            if self._tf is not None:
-                self._tf.publish(self._transforms(one))
+            if self._tf is not None and (transforms := self._transforms(one)):
+                message = self._new(TF)
+                message.transforms = transforms
+                self._tf.publish(message)
             if (
                 self._map_pose is not None
                 and one.map_pose is not None
@@ -261,7 +276,7 @@ class OdometryNode:
             if self._markers is not None:
                 self._publish_icrs(one)
 
-    def _transforms(self, estimate: LiveEstimate) -> Any:
+    def _transforms(self, estimate: LiveEstimate) -> list[Any]:
         options, transforms = self.options, []
         if options.publish_tf:
             frames = options.odom_frame, options.base_frame
@@ -272,9 +287,7 @@ class OdometryNode:
             frames = options.map_frame, options.odom_frame
             transform = self._new(TRANSFORM)
             transforms.append(fill_transform(transform, estimate.stamp, *frames, odom))
-        message = self._new(TF)
-        message.transforms = transforms
-        return message
+        return transforms
 
     def _publish_icrs(self, estimate: LiveEstimate) -> None:
         if abs(estimate.stamp - self._last_markers) < MARKER_PERIOD * 1e9 or self._markers is None:

@@ -74,6 +74,9 @@ class LiveStatuses:
         rejected = sum(sensor.rejected.values())
         used_before, rejected_before = self._before.get(name, (0, 0))
         self._before[name] = (sensor.used, rejected)
+        if sensor.used < used_before or rejected < rejected_before:
+            # The estimator has started anew.
+            used_before = rejected_before = 0
         used_now = sensor.used - used_before
         rejected_now = rejected - rejected_before
         values = {"used": str(sensor.used), "late": str(sensor.late)}

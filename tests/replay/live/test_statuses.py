@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from icreckon.estimator.filter.health import Slide, SlipHealth
+from icreckon.estimator.filter.health import SensorHealth, Slide, SlipHealth
+from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.diagnostic_status import OK, WARN
-from icreckon.replay.live.statuses import slip_status
+from icreckon.replay.live.odometry import LiveOdometry
+from icreckon.replay.live.statuses import LiveStatuses, slip_status
 
 
 @pytest.mark.parametrize(
@@ -37,6 +39,15 @@ def test_slip_is_a_sentence(slip: SlipHealth, level: int, text: str) -> None:
     status = slip_status(slip)
     assert (status.level, status.message) == (level, text)
     assert status.values["slides"] == str(slip.slides)
+
+
+def test_counts_that_begin_anew_are_no_negative_ones() -> None:
+    statuses = LiveStatuses(LiveOdometry(load_robot("auriga-alpha"), "gyro"))
+    assert statuses._sensor("gyro", SensorHealth(used=100)).message.startswith("100 used")
+    assert statuses._sensor("gyro", SensorHealth(used=130)).message.startswith("30 used")
+    assert statuses._sensor("gyro", SensorHealth(used=4)).message.startswith("4 used")
+    rejected = SensorHealth(used=5, rejected={"gate": 3})
+    assert statuses._sensor("gyro", rejected).level == WARN
 
 
 def test_a_slide_has_its_values() -> None:
