@@ -195,6 +195,8 @@ class Step:
             self.slip.white_time,
             self._sigma()[2],
             lane.input("gap_density"),
+            lane.input("slide_x_density"),
+            lane.input("slide_y_density"),
         )
 
     def _with_regressors(self, now: model.TracedTwist) -> model.TracedTwist:

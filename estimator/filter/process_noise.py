@@ -105,8 +105,8 @@ class Disturbances:
     def fast_slip_density(self, inputs: StepInputs, by_speeds: Floats, sigma: Vector3) -> Floats:
         """(3, 3) density of the fast slip over a step.
 
-        It is the sum of the error of the track speeds, the white part of the slip, and the possible
-        change of stale track speeds.
+        It is the sum of the error of the track speeds, the white part of the slip, the possible change of
+        stale track speeds, and slides of the robot.
 
         Args:
             inputs: inputs of the step.
@@ -120,6 +120,8 @@ class Disturbances:
             self._slip.white_time,
             sigma[2],
             inputs.gap_density,
+            inputs.slide_x_density,
+            inputs.slide_y_density,
         )
         return np.array(density)
 
@@ -173,6 +175,8 @@ def fast_slip_density(
     white_time: float,
     sigma_w: float,
     gap_density: float,
+    slide_x_density: float,
+    slide_y_density: float,
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
 
@@ -183,14 +187,17 @@ def fast_slip_density(
         white_time: white time of the slip, see `Slip` [s].
         sigma_w: standard deviation of the slip of w [rad/s].
         gap_density: density of the change of stale speeds, of their mean and half difference [m²/s].
+        slide_x_density: density of the forward speed of a robot that slides [m²/s].
+        slide_y_density: density of its speed to the left [m²/s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
     xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
     xw = left_density * x[0] * w[0] + right_density * x[1] * w[1]
     yw = left_density * y[0] * w[0] + right_density * y[1] * w[1]
-    xx = left_density * (x[0] * x[0]) + right_density * (x[1] * x[1]) + gap_density
+    xx = left_density * (x[0] * x[0]) + right_density * (x[1] * x[1])
+    xx += gap_density + slide_x_density
     yy = left_density * (y[0] * y[0]) + right_density * (y[1] * y[1])
-    yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP)
+    yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + slide_y_density
     ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
     ww += 2.0 * white_time * (sigma_w * sigma_w)
     ww += 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])

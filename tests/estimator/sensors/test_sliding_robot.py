@@ -13,9 +13,13 @@ from hypothesis import strategies as st
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.filter.process_noise import fast_slip_density
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.sensors.held_tracks import TrackRecord
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sliding_robot import (
     LONGEST_SLIDE,
     SlideRecord,
@@ -23,6 +27,7 @@ from icreckon.estimator.sensors.sliding_robot import (
     slides,
     watch_slide,
 )
+from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 
@@ -137,6 +142,18 @@ def test_the_distance_is_uncertain_by_speed_times_duration() -> None:
     variance = sum(densities) * STEP * NANOSECOND
     assert math.sqrt(variance) == pytest.approx(0.8 * 3.0, rel=1e-3)
     assert slide_density(SlideRecord(), 0, STEP) == 0.0
+
+
+def test_each_slide_has_its_axis() -> None:
+    """Neither turns the robot, so the yaw rate stays as sure as it was."""
+    held = TrackRecord(stamp=0, sideways=SlideRecord(since=0, speed=0.8))
+    chosen = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("gyro"))
+    inputs = step_inputs(held, SECOND, SECOND + STEP, chosen)
+    assert inputs.slide_x_density == 0.0
+    assert inputs.slide_y_density == pytest.approx(2.0 * 0.8**2, rel=0.01)
+    still = [[0.0, 0.0]] * 3
+    density = np.array(fast_slip_density(still, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 4.0))
+    assert density.tolist() == np.diag([3.0, 4.0, 0.0]).tolist()
 
 
 @pytest.fixture(scope="module")
