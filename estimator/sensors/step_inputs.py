@@ -33,7 +33,6 @@ class StepInputs(NamedTuple):
         right_density: error density of the right track's speed [m²/s].
         gap_density: error density of stale speeds [m²/s].
         slide_x_density: error density of the forward speed, while the robot slides forward [m²/s].
-        slide_y_density: error density of the speed to the left, while it slides sideways [m²/s].
         acceleration_left: averaged acceleration of the left track [m/s²].
         acceleration_right: averaged acceleration of the right track [m/s²].
         window: averaging time of the acceleration [s].
@@ -52,7 +51,6 @@ class StepInputs(NamedTuple):
     right_density: float
     gap_density: float
     slide_x_density: float
-    slide_y_density: float
     acceleration_left: float
     acceleration_right: float
     window: float
@@ -90,7 +88,6 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         + spin_density(held.spin, RIGHT, settings.weighs_tracks),
         gap_density(held, start, end, settings),
         slide_density(held.forward, start, end),
-        slide_density(held.sideways, start, end),
         held.acceleration_left,
         held.acceleration_right,
         max(ACCELERATION_AVERAGING, held.interval),
