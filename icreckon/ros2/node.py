@@ -162,14 +162,14 @@ class OdometryNode:
 
     def _check_topics(self) -> None:
         """Refuse to listen to the node's own poses."""
-        outputs = {"odom": self._odometry, "pose_in_map": self._map_pose}
+        outputs = (self._odometry, self._map_pose)
         for one in self._missing:
             topic = self.node.resolve_topic_name(one.topic)
-            for name, publisher in outputs.items():
+            for publisher in outputs:
                 if publisher is not None and publisher.topic_name == topic:
                     raise EstimatorError(
                         f"topic {topic} is an input ({one.purpose}) and the node's own output: "
-                        f"remap one, as --ros-args -r {name}:=icreckon/{name}"
+                        "give it a namespace, as --ros-args -r __ns:=/icreckon"
                     )
 
     def _publisher(self, topic: str, depth: int, msgtype: str, *parts: str) -> Any:

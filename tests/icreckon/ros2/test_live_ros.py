@@ -376,16 +376,16 @@ def test_a_wrong_value_is_one_clear_line(given: str, message: str, ros: dict[str
 def test_its_own_odometry_is_no_input(ros: dict[str, str], tmp_path: Path) -> None:
     shipped = REPOSITORY / "estimator" / "robot" / "robots" / f"{ROBOT}.toml"
     robot = tmp_path / "robot.toml"
-    robot.write_text(shipped.read_text("utf-8") + '\n[log.tracks]\ntopic = "/odom"\n', "utf-8")
+    before_log = shipped.read_text("utf-8").partition("\n[log")[0]
+    robot.write_text(before_log + '\n[log.tracks]\ntopic = "/odom"\n', "utf-8")
     program = Path(sys.executable).parent / "icreckon"
     command = [program, "ros2-node", "--robot", robot]
     done = subprocess.run(command, env=ros, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 1
     assert "icreckon: topic /odom is an input (tracks) and the node's own output" in done.stderr
-    assert "-r odom:=icreckon/odom" in done.stderr
-    # Remapped, it starts.
+    assert "-r __ns:=/icreckon" in done.stderr
     with started(
-        ros, tmp_path / "node.log", [*command, "--ros-args", "-r", "odom:=mine"]
+        ros, tmp_path / "node.log", [*command, "--ros-args", "-r", "__ns:=/mine"]
     ) as running:
         until(lambda: "ready:" in running.text(), running)
         assert running.stop() == 0, running.text()
