@@ -117,7 +117,7 @@ def run_side_by_side(
             of_one.put_first(_snapshot(before))
     smoothed = began[0].checkpoint().regressors is not None
     chosen = [input_settings(robot, of_filters, one.variant) for one in filters]
-    by_settings = {one: FrontEnd(measured, steps, one) for one in chosen}
+    by_settings = {one: FrontEnd(measured, steps, one) for one in set(chosen)}
     fronts = [by_settings[one] for one in chosen]
     work_through_log(filters, begun, rows, steps, measured, fronts, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
@@ -161,7 +161,7 @@ def work_through_log(
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
     inputs = {
         id(one): (one, aligned(PART * len(INPUTS) * width).reshape(PART, -1, width))
-        for one in fronts
+        for one in {id(one): one for one in fronts}.values()
     }
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
     tables = {one.time_constant: np.zeros((PART, STEP_COLUMNS)) for one in filters}
