@@ -2,22 +2,24 @@
 
     python ros2_recorder.py BAG TOPIC:TYPE TOPIC:TYPE ...
 
-Times of recording are those of arrival. A file BAG.ready appears when it listens, and a file BAG.hears
+Times of recording are those of arrival. It ends without a shutdown of ROS, which hung once. A file BAG.ready appears when it listens, and a file BAG.hears
 with the first message: a publisher that announced all its topics before has found this recorder.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
 import time
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -27,7 +29,10 @@ def main() -> None:
     bag, wanted = Path(sys.argv[1]), [one.split(":") for one in sys.argv[2:]]
     store = get_typestore(Stores.ROS2_HUMBLE)
     arrived: list[tuple[str, int, bytes]] = []
-    rclpy.init()
+    stopped = threading.Event()
+    for one in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(one, lambda *_: stopped.set())
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("recorder")
 
     def take(topic: str, raw: bytes) -> None:
@@ -42,17 +47,15 @@ def main() -> None:
             message, topic, partial(take, topic), QoSProfile(depth=100_000), raw=True
         )
     bag.with_suffix(".ready").touch()
-    try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while not stopped.is_set():
+        rclpy.spin_once(node, timeout_sec=0.1)
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {
             topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in wanted
         }
         for topic, when, raw in arrived:
             writer.write(connections[topic], when, raw)
-    rclpy.try_shutdown()
+    os._exit(0)
 
 
 if __name__ == "__main__":
