@@ -2,8 +2,9 @@
 
     python ros2_recorder.py BAG TOPIC:TYPE TOPIC:TYPE ...
 
-Times of recording are those of arrival. It ends without a shutdown of ROS, which hung once. A file BAG.ready appears when it listens, and a file BAG.hears
-with the first message: a publisher that announced all its topics before has found this recorder.
+Times of recording are those of arrival. A file BAG.ready appears when it listens, and a file BAG.hears
+with the first message: a publisher that announced all its topics before has found this recorder. It ends
+without a shutdown of ROS, which hung once.
 """
 
 from __future__ import annotations

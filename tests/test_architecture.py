@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 # package itself.
 FLOORS = {
     "estimator": [
-        "base", "log", "tracing", "motion", "friction", "robot", "sensors", "filter",
+        "base", "log", "tracing", "motion", "friction", "robot", "faults", "sensors", "filter",
         "engine", "streaming", "batch", "calibration", "",
     ],
     "simulation": ["base", "drives", "truth", "sensors", "", "study", "running", "paper"],

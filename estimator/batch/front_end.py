@@ -25,6 +25,7 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     Steps,
 )
+from icreckon.estimator.faults.spinning_tracks import assumed_speeds
 from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_motion, take_tracks
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
@@ -33,7 +34,6 @@ from icreckon.estimator.sensors.imu_noise import (
     measured_noise,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.spinning_tracks import assumed_speeds
 from icreckon.estimator.sensors.standstill import (
     StandstillMemory,
     StandstillRecord,
@@ -244,7 +244,7 @@ def fill_lane(
         if has_sample:
             sample = steps.samples[k]
             rate, force = measured.rates[lane, sample], measured.forces[lane, sample]
-            take_motion(held, end, rate, force[0], force[1], settings)
+            rate = take_motion(held, end, rate, force[0], force[1], settings)
         found = step_inputs(held, start, end, settings)
         for row in range(TRACK_ROWS):
             inputs[k, row, lane] = found[row]

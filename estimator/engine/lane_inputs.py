@@ -60,7 +60,7 @@ def sample_inputs(
     record = records[0]
     if is_full(record.still, stamps):
         return False
-    take_motion(record.tracks, stamp, rate, force_x, force_y, record.settings)
+    rate = take_motion(record.tracks, stamp, rate, force_x, force_y, record.settings)
     fill_tracks(record, inputs, stamp)
     settings = record.settings
     take_stamp(record.imu, stamp, settings.hold)

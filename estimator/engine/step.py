@@ -229,7 +229,9 @@ class Step:
         for state, more in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, now.twist[2])):
             if state in lane.P.states:
                 row[state] = row.get(state, 0.0) + more
-        z = lane.input("rate") - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
+        rate = lane.input("rate")
+        works = rate == rate
+        z = select(works, rate, 0.0) - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
         interval = lane.constant("interval")
         variance = model.gyro_variance(self.noise.gyro, interval, now.by_speeds[2], self.change)
         part = (scale, self.regressors[2])
@@ -242,6 +244,7 @@ class Step:
             inflated=s.SLIP_W,
             fixed=lane.fixed_for_imu,
             stand_in=s.SLIP_W,
+            only=works,
         )
 
     def update_accelerometer(self, axis: int) -> None:

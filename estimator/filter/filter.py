@@ -14,6 +14,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, assign, copied, plain_copy
+from icreckon.estimator.faults.failed_gyro import is_failed
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
@@ -22,6 +23,7 @@ from icreckon.estimator.filter.health import (
     Health,
     Judged,
     SensorHealth,
+    add_gyro_faults,
     noise_health,
     slip_health,
     wander_health,
@@ -177,6 +179,7 @@ class Reckoning:
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
         health.slip = slip_health(self._tracks, float(record.slip_factor))
         health.wander = wander_health(self.ekf.x, self.ekf.P)
+        add_gyro_faults(health, self._tracks)
         return health
 
     def _judged_counts(self) -> Health:
@@ -374,7 +377,7 @@ class Reckoning:
             return used
         take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
-        take_motion(record.tracks, m.stamp, rate, *along, record.settings)
+        rate = take_motion(record.tracks, m.stamp, rate, *along, record.settings)
         measure_noise(record.noise, m.stamp, rate, *along, hold)
         noise = imu_noise(record.noise, tracks_rest(record.still), record.settings)
         spread = measured_noise(record.noise.gyro)
@@ -389,7 +392,8 @@ class Reckoning:
             self.model(), ekf.x.copy(), imu.interval, track_change(self._inputs(m.stamp)), noise
         )
         # Gate, update and record.
-        used = self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
+        works = not is_failed(record.tracks.gyro)
+        used = works and self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
         if self._uses_force and along[0] == along[0]:
             sigma = self.slip_sigma()
             for axis, model in enumerate(self._accelerometers):

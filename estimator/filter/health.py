@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
+from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
+from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.sliding_robot import SlideRecord, slides
-from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
@@ -20,6 +21,8 @@ ADMITTED, REJECTED, REACQUIRED = range(3)
 VERDICTS = ("admitted", "rejected", "reacquired")
 # Names of a track that spins.
 SIDES = {LEFT: "left", UNKNOWN: "unknown", RIGHT: "right"}
+# Names of a gyro's faults, the reasons to reject its readings.
+GYRO_FAULTS = {JUMPED: "jumped", REPEATS: "repeats itself", BEYOND: "beyond its range"}
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
 # hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
@@ -246,6 +249,38 @@ def _slide(slide: SlideRecord, ahead: int) -> Slide | None:
     return Slide(slide.since + ahead, slide.speed) if slides(slide) else None
 
 
+@dataclass(frozen=True)
+class GyroHealth:
+    """Fault of the gyro, whose readings are not used meanwhile.
+
+    Attributes:
+        fault: "jumped", "repeats itself" or "beyond its range"; None while it works.
+        since: stamp at which the fault was found [ns], or None.
+        times: number of faults that were found.
+    """
+
+    fault: str | None = None
+    since: int | None = None
+    times: int = 0
+
+
+def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
+    """Add the gyro's faults in the record of the track speeds to health.
+
+    Args:
+        health: health, changed in place.
+        held: the record.
+        ahead: time that the record's clock is behind [ns].
+    """
+    gyro = held.gyro
+    fault = GYRO_FAULTS.get(gyro.fault)
+    health.gyro = GyroHealth(fault, gyro.since + ahead if fault else None, gyro.times)
+    counts = gyro.jumped, gyro.repeated, gyro.beyond
+    for reason, count in zip(GYRO_FAULTS.values(), counts, strict=True):
+        if count:
+            health.sensor("gyro").rejected[reason] = count
+
+
 class WanderHealth(NamedTuple):
     """Estimated wander of the position fixes, at the newest of them.
 
@@ -287,6 +322,7 @@ class Health:
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         slip: slip beyond what bends explain: a track that spins.
         wander: estimated wander of the position fixes; None if it is not estimated.
+        gyro: fault of the gyro.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
@@ -298,6 +334,7 @@ class Health:
     noise: dict[str, NoiseHealth] = field(default_factory=dict)
     slip: SlipHealth = SlipHealth()
     wander: WanderHealth | None = None
+    gyro: GyroHealth = GyroHealth()
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""

@@ -139,6 +139,8 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         position: position of the IMU in base_link [m].
         gyro_axes: "xyz", or "z" if only the z gyro was logged (then the rate about the body's z axis
             is that reading over the cosine of the tilt).
+        gyro_range: largest rate that it reads [rad/s], such as 4.36 for 250°/s; 0 if unknown. Larger yaw
+            rates are clipped, and not used.
         gyro_scale: reading over true rate, 1 for an ideal gyro [-].
         gyro_scale_sigma: standard deviation of the gyro's scale [-].
         gyro_bias: initial bias of the yaw rate in base_link, reading less rate [rad/s].
@@ -156,6 +158,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rotation_rpy_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     gyro_axes: Literal["xyz", "z"] = "xyz"
+    gyro_range: NotNegative = 0.0
     gyro_scale: Positive = 1.0
     gyro_scale_sigma: NotNegative = 0.0
     gyro_bias: Annotated[float, Bound("a number of rad/s, 1 at most", -1.0, 1.0)] = 0.0

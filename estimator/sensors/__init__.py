@@ -1,4 +1,5 @@
-"""Sensor models of gyro, accelerometer and tracks, and detection of sensor faults.
+"""Sensor models of gyro, accelerometer and tracks, and inputs of a step.
 
-Held and stuck track speeds, standstill, the clock of the IMU. Below: `robot`, `motion`, `log`, `base`.
+Held track speeds, standstill, clock and noise of the IMU. Below: `faults`, `robot`, `motion`, `log`,
+`base`.
 """

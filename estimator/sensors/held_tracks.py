@@ -11,23 +11,26 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, plain_copy
-from icreckon.estimator.sensors.imu_clock import Clocked
-from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.sliding_robot import SlideRecord, watch_slide
-from icreckon.estimator.sensors.spinning_tracks import (
+from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
+from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
+from icreckon.estimator.faults.spinning_tracks import (
     SpinRecord,
     assumed_speeds,
     forget_mismatch,
     is_found,
     remember_jump,
+    spread_of_bends,
     watch_spin,
+    width_of_bends,
 )
-from icreckon.estimator.sensors.stuck_tracks import (
+from icreckon.estimator.faults.stuck_tracks import (
     Repeating,
     may_stick,
     repeating_after,
     stuck_from,
 )
+from icreckon.estimator.sensors.imu_clock import Clocked
+from icreckon.estimator.sensors.input_settings import InputSettings
 
 # Time over which the change of the track speeds is averaged [s].
 ACCELERATION_AVERAGING = 0.05
@@ -56,6 +59,7 @@ class TrackRecord(msgspec.Struct):
         spin: record of a spinning track.
         forward: record of slides along the tracks.
         sideways: record of slides to the side.
+        gyro: record of the gyro's faults.
     """
 
     stamp: int = NEVER
@@ -71,6 +75,7 @@ class TrackRecord(msgspec.Struct):
     spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
     sideways: SlideRecord = msgspec.field(default_factory=SlideRecord)
+    gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
 
     def shifted(self, by: int) -> TrackRecord:
         """Copy for a clock that is ahead by so much [ns]."""
@@ -83,6 +88,7 @@ class TrackRecord(msgspec.Struct):
         twin.spin = twin.spin.shifted(by)
         twin.forward = twin.forward.shifted(by)
         twin.sideways = twin.sideways.shifted(by)
+        twin.gyro = twin.gyro.shifted(by)
         return twin
 
 
@@ -171,8 +177,10 @@ def take_motion(
     force_x: float,
     force_y: float,
     settings: InputSettings,
-) -> None:
-    """Add a sample of the IMU, which shows tracks that spin and a robot that slides.
+) -> float:
+    """Add a sample of the IMU, which shows tracks that spin, and a robot that slides.
+
+    Tracks and IMU also show whether the gyro fails.
 
     Args:
         held: record of the track speeds, changed in place.
@@ -181,21 +189,33 @@ def take_motion(
         force_x: specific force forward [m/s²], or NaN.
         force_y: specific force to the left [m/s²], or NaN.
         settings: settings of the filter.
+
+    Returns:
+        The yaw rate, or NaN if the gyro fails.
     """
-    if held.stamp == NEVER or stamp - held.stamp > settings.hold_ns or rate != rate:
-        return
+    if held.stamp == NEVER or rate != rate:
+        return rate
+    spin = held.spin
+    width, spread = width_of_bends(spin), 0.0
+    if width > 0.0:
+        spread = spread_of_bends(spin)
+    turning, before = spin.right - spin.left, held.smooth_right - held.smooth_left
+    most = settings.gyro_range
+    rate = watch_gyro(held.gyro, stamp, rate, turning, width, spread, before, most)
+    if rate != rate or stamp - held.stamp > settings.hold_ns:
+        return rate
     mean = 0.5 * (held.left + held.right)
     watch_slide(held.forward, stamp, force_x, mean, 0.0)
     watch_slide(held.sideways, stamp, force_y, 0.0, rate * mean)
-    spin = held.spin
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
     # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
     if not is_found(spin) and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
         forget_mismatch(spin)
         remember_jump(spin, stamp, left, right, settings.fastest)
         spin.stamp = stamp
-        return
+        return rate
     watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)
+    return rate
 
 
 def is_hole(held: Clocked, stamp: int, hold: float) -> bool:

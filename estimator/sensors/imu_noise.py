@@ -137,13 +137,14 @@ def measure_noise(
     Args:
         noise: record, changed in place.
         stamp: stamp of the sample [ns].
-        rate: yaw rate [rad/s].
+        rate: yaw rate [rad/s], NaN if the gyro fails.
         force_x: specific force forward [m/s²], NaN if there is none.
         force_y: specific force to the left [m/s²], likewise.
         hold: after a longer gap the differences begin anew [s].
     """
     gyro, x, y = noise.gyro, noise.accelerometer_x, noise.accelerometer_y
     # A missing reading repeats the last one, which is no noise.
+    rate = rate if rate == rate else gyro.readings.newest
     force_x = force_x if force_x == force_x else x.readings.newest
     force_y = force_y if force_y == force_y else y.readings.newest
     readings, blocks = noise.readings, noise.blocks

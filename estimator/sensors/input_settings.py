@@ -22,6 +22,7 @@ class InputSettings(NamedTuple):
         track_speed: slower tracks are stopped [m/s].
         duration_ns: duration of a standstill before it is detected [ns].
         quiet_gyro: largest distance of quiet yaw-rate readings from their mean [rad/s].
+        gyro_range: range of the gyro; 0 if unknown [rad/s].
         gyro_noise_density: noise density of the gyro in the robot file [rad/s/√Hz].
         accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
         weighs_tracks: the motion model has the loads of the tracks, and explains one that slides for want
@@ -36,6 +37,7 @@ class InputSettings(NamedTuple):
     track_speed: float
     duration_ns: int
     quiet_gyro: float
+    gyro_range: float
     gyro_noise_density: float
     accelerometer_noise_density: float
     weighs_tracks: bool
@@ -53,6 +55,7 @@ def input_settings(robot: Robot, settings: Settings, variant: Variant) -> InputS
         float(standstill.track_speed),
         int(standstill.duration * 1e9),
         float(standstill.quiet_gyro),
+        float(robot.imu.gyro_range),
         float(robot.imu.gyro_noise_density),
         float(robot.imu.accelerometer_noise_density),
         variant.weighs_tracks,

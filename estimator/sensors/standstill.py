@@ -103,7 +103,7 @@ def quiet_mean(
         stamps: buffer for stamps of readings [ns], as long as the readings of `duration_ns` and three.
         rates: buffer of the same length for readings [rad/s].
         stamp: stamp of the reading [ns].
-        rate: the reading [rad/s].
+        rate: the reading [rad/s], NaN if the gyro fails.
         noise: measured noise density of the gyro [rad/s/√Hz].
         settings: settings of the filter.
 
@@ -114,7 +114,7 @@ def quiet_mean(
     Raises:
         ValueError: the buffers are too short.
     """
-    if still.stopped_since == NEVER:
+    if still.stopped_since == NEVER or rate != rate:
         return math.nan
     oldest_needed = stamp - settings.duration_ns
     first, end = still.first, still.end

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from icreckon.estimator.faults.sliding_robot import slide_density
+from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, spin_density
 from icreckon.estimator.sensors.held_tracks import (
     ACCELERATION_AVERAGING,
     TrackRecord,
@@ -15,8 +17,6 @@ from icreckon.estimator.sensors.held_tracks import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.sensor_models import TrackChange
-from icreckon.estimator.sensors.sliding_robot import slide_density
-from icreckon.estimator.sensors.spinning_tracks import LEFT, RIGHT, spin_density
 
 
 class StepInputs(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from icreckon.estimator.base.lag_search import BEYOND
-from icreckon.estimator.filter.health import SensorHealth, SlipHealth
+from icreckon.estimator.filter.health import GyroHealth, SensorHealth, SlipHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
     ERROR,
@@ -44,7 +44,8 @@ class LiveStatuses:
             statuses.append(self._sensor(name, sensor))
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
-        statuses += [slip_status(newest.health.slip), self._clocks(), self._latency(newest)]
+        statuses += [slip_status(newest.health.slip), gyro_status(newest.health.gyro)]
+        statuses += [self._clocks(), self._latency(newest)]
         return statuses
 
     def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
@@ -171,6 +172,18 @@ def slip_status(slip: SlipHealth) -> DiagnosticStatus:
     if not texts:
         return DiagnosticStatus(OK, name, "no track spins", values)
     return DiagnosticStatus(WARN, name, "; ".join(texts), values)
+
+
+def gyro_status(gyro: GyroHealth) -> DiagnosticStatus:
+    """Fault of the gyro."""
+    name, values = "icreckon: gyro faults", {"times": str(gyro.times)}
+    if gyro.fault is None:
+        return DiagnosticStatus(OK, name, "it works", values)
+    values["since_ns"] = str(gyro.since)
+    what = f"is {gyro.fault}" if gyro.fault.startswith("beyond") else gyro.fault
+    return DiagnosticStatus(
+        WARN, name, f"the gyro {what}: only the tracks show the turning", values
+    )
 
 
 def _parameters(estimator: PoseEstimator) -> DiagnosticStatus:

@@ -260,7 +260,8 @@ def test_a_word_that_is_refused_leaves_no_trace():
     """Of a robot that is pushed hard with its tracks at rest."""
     untold = brought_to_a_stop(after=2.0)
     for k in range(1, 200):
-        untold.feed(ImuSample(untold.stamp + STEP, (0.0, 0.0, 2.0), (0.0, 0.0, 9.81)))
+        rate = min(2.0, 0.1 * k)
+        untold.feed(ImuSample(untold.stamp + STEP, (0.0, 0.0, rate), (0.0, 0.0, 9.81)))
         if k % 2 == 0:
             untold.feed(TrackSpeeds(untold.stamp, 0.0, 0.0))
     told, stamp = copy.deepcopy(untold), untold.stamp

@@ -20,6 +20,7 @@ from icreckon.estimator.base.records import (
     record_of,
     shared_record,
 )
+from icreckon.estimator.faults.stuck_tracks import OTHERS, Repeating, repeating_after, stuck_from
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
@@ -34,7 +35,6 @@ from icreckon.estimator.sensors.standstill import (
     stopped_after,
 )
 from icreckon.estimator.sensors.step_inputs import step_inputs
-from icreckon.estimator.sensors.stuck_tracks import OTHERS, Repeating, repeating_after, stuck_from
 from icreckon.estimator.tracing.jit_kernel import jit
 
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("inertia-online"))

@@ -13,6 +13,13 @@ from hypothesis import strategies as st
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.faults.sliding_robot import (
+    LONGEST_SLIDE,
+    SlideRecord,
+    slide_density,
+    slides,
+    watch_slide,
+)
 from icreckon.estimator.filter.process_noise import fast_slip_density
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -20,13 +27,6 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.sliding_robot import (
-    LONGEST_SLIDE,
-    SlideRecord,
-    slide_density,
-    slides,
-    watch_slide,
-)
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run

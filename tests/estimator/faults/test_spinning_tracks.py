@@ -17,13 +17,7 @@ from conftest import sample_log
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.replay import run_side_by_side
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
-from icreckon.estimator.sensors.held_tracks import TrackRecord, take_motion, take_tracks
-from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.spinning_tracks import (
+from icreckon.estimator.faults.spinning_tracks import (
     LEFT,
     RIGHT,
     UNKNOWN,
@@ -42,7 +36,13 @@ from icreckon.estimator.sensors.spinning_tracks import (
     watch_spin,
     width_of_bends,
 )
-from icreckon.estimator.sensors.stuck_tracks import may_stick
+from icreckon.estimator.faults.stuck_tracks import may_stick
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_motion, take_tracks
+from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log

@@ -1,0 +1,188 @@
+"""Sensors that lie: error of the motion meanwhile, own uncertainty, and what `health` shows.
+
+    python benchmarks/sick_sensors.py [--runs N] [--faults NAME ...]
+
+Everyday driving of auriga-alpha on the friction model. Each fault begins after 30 s. The error is that of
+the motion from the start of the fault to a second after its end, of position and of yaw, root mean square
+over the runs, beside the filter's own standard deviation of that motion; NEES is the mean over the runs
+of its squared error over its covariance, over three degrees of freedom (1 is ideal). `shown` is the share
+of drives in which `health` shows the fault at its end.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import relative
+from icreckon.estimator.filter.health import Health
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+SECOND = 1_000_000_000
+BEGINS, AFTER = 30.0, 1.0
+VARIANTS = ("gyro", "constant-online", "inertia-online", "friction-online")
+
+
+class Fault(NamedTuple):
+    """A fault of a log.
+
+    Attributes:
+        lasts: duration [s].
+        put: function of a log and of the times since the fault began, for its faulty twin.
+        shown: function of the health at its end; True if that shows the fault.
+    """
+
+    lasts: float
+    put: Callable[[Log], Log]
+    shown: Callable[[Health], bool]
+
+
+def imu_of(log: Log) -> ImuSeries:
+    """IMU of a log that has one."""
+    if log.imu is None:
+        raise ValueError("a simulated log has an IMU")
+    return log.imu
+
+
+def with_rate(log: Log, lasts: float, change: Callable[[Floats], Floats]) -> Log:
+    """Copy of a log whose yaw rates are changed while a fault lasts."""
+    imu = imu_of(log)
+    since = (imu.stamps - log.start) / SECOND - BEGINS
+    hit, rates = (since >= 0.0) & (since < lasts), imu.angular_velocity.copy()
+    rates[hit, 2] = change(rates[hit, 2])
+    return replace(log, imu=replace(imu, angular_velocity=rates))
+
+
+def with_tracks(log: Log, lasts: float, change: Callable[[Floats], Floats]) -> Log:
+    """Copy of a log whose track speeds are changed while a fault lasts."""
+    stamps, speeds = log.tracks.stamps, log.tracks.speeds.copy()
+    since = (stamps - log.start) / SECOND - BEGINS
+    hit = (since >= 0.0) & (since < lasts)
+    speeds[hit] = change(speeds[hit])
+    return replace(log, tracks=TrackSpeedSeries(stamps, speeds))
+
+
+def gyro_failed(health: Health) -> bool:
+    """Return True if a fault of the gyro was found."""
+    return sum(health.sensors["gyro"].rejected.values()) > 5
+
+
+def track_spins(health: Health) -> bool:
+    """Return True if a track was found spinning."""
+    return health.slip.times > 0
+
+
+FAULTS = {
+    "gyro reads 2.0 rad/s": Fault(
+        1.0, lambda log: with_rate(log, 1.0, lambda rates: np.full_like(rates, 2.0)), gyro_failed
+    ),
+    "gyro reads 2.0 rad/s more": Fault(
+        1.0, lambda log: with_rate(log, 1.0, lambda rates: rates + 2.0), gyro_failed
+    ),
+    "gyro repeats its reading": Fault(
+        5.0,
+        lambda log: with_rate(log, 5.0, lambda rates: np.full_like(rates, rates[0])),
+        gyro_failed,
+    ),
+    "gyro clipped at 0.3 rad/s": Fault(
+        10.0, lambda log: with_rate(log, 10.0, lambda rates: rates.clip(-0.3, 0.3)), gyro_failed
+    ),
+    "left track spins, +0.8 m/s": Fault(
+        10.0,
+        lambda log: with_tracks(log, 10.0, lambda speeds: speeds + np.array([0.8, 0.0])),
+        track_spins,
+    ),
+    "both tracks spin, +0.5 m/s": Fault(
+        10.0, lambda log: with_tracks(log, 10.0, lambda speeds: speeds + 0.5), track_spins
+    ),
+}
+
+
+class Motion(NamedTuple):
+    """Motion over a fault: errors [m, rad], own standard deviations, NEES, and what was shown."""
+
+    error: float
+    sigma: float
+    yaw: float
+    yaw_sigma: float
+    nees: float
+    shown: bool
+
+
+def motion_over_fault(log: Log, fault: Fault, robot: Robot, variant: str) -> Motion:
+    """Run a variant up to a second after a fault."""
+    estimator = PoseEstimator(robot, variant)
+    begin = log.start + int(BEGINS * SECOND)
+    end = begin + int((fault.lasts + AFTER) * SECOND)
+    for measurement in fault.put(log).measurements():
+        if measurement.stamp > end:
+            break
+        estimator.feed(measurement)
+        if estimator.stamp == begin and begin not in estimator.marks:
+            estimator.mark(begin)
+    found = estimator.relative_motion(begin)
+    if log.truth is None:
+        raise ValueError("a simulated log has a truth")
+    true = interpolate_poses(log.truth.poses, np.array([begin, end]))
+    error = found.pose - relative(true[0], true[1])
+    error[2] = (error[2] + np.pi) % (2.0 * np.pi) - np.pi
+    P = found.covariance
+    return Motion(
+        float(np.hypot(*error[:2])),
+        float(np.sqrt(np.trace(P[:2, :2]))),
+        float(np.degrees(error[2])),
+        float(np.degrees(np.sqrt(P[2, 2]))),
+        float(error @ np.linalg.solve(P, error)) / 3.0,
+        fault.shown(estimator.health),
+    )
+
+
+def drives(robot: Robot, runs: int) -> list[Log]:
+    """Drives without a fault."""
+    return [
+        simulate(Scenario(duration=48.0, seed=seed, trajectory="random", fix_rate=0.0), robot)
+        for seed in range(runs)
+    ]
+
+
+def rms(values: list[float]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--runs", type=int, default=8)
+    parser.add_argument("--faults", nargs="+", choices=FAULTS, default=list(FAULTS))
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
+    given = parser.parse_args()
+    robot = load_robot("auriga-alpha")
+    healthy = drives(robot, given.runs)
+    print("fault | variant | error [m] | own sigma | yaw error [deg] | own sigma | NEES | shown")
+    for name in given.faults:
+        for variant in given.variants:
+            found = [motion_over_fault(log, FAULTS[name], robot, variant) for log in healthy]
+            shown = sum(one.shown for one in found)
+            print(
+                f"{name} | `{variant}` | {rms([one.error for one in found]):.2f} | "
+                f"{rms([one.sigma for one in found]):.2f} | {rms([one.yaw for one in found]):.1f} | "
+                f"{rms([one.yaw_sigma for one in found]):.1f} | "
+                f"{np.mean([one.nees for one in found]):.1f} | {shown} of {len(found)}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

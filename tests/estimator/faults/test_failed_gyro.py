@@ -1,0 +1,252 @@
+"""Faults of the gyro: what jumps, repeats itself or is beyond its range is not used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import sick_sensors as benchmark
+from hypothesis import given
+from hypothesis import strategies as st
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.faults.failed_gyro import (
+    LEARNT,
+    LEAST_REPEATS,
+    GyroRecord,
+    is_failed,
+    watch_gyro,
+)
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.held_tracks import SMOOTHING
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+
+SECOND, STEP = 1_000_000_000, 10_000_000
+WIDTH = 1.5
+RNG = np.random.default_rng(3)
+
+
+def watched(
+    rates: np.ndarray,
+    true: np.ndarray | None = None,
+    *,
+    width: float = WIDTH,
+    most: float = 0.0,
+    step: int = STEP,
+    gyro: GyroRecord | None = None,
+) -> tuple[np.ndarray, GyroRecord]:
+    """Readings that are used, NaN for the others, and the record.
+
+    The tracks turn at the true rate, by default that of the gyro; encoders are noisy on the move.
+    """
+    gyro = gyro or GyroRecord()
+    turning = WIDTH * (rates if true is None else true)
+    turning += 0.01 * RNG.standard_normal(len(rates)) * (turning != 0.0)
+    smooth = smoothed(turning, step)
+    used = [
+        watch_gyro(gyro, k * step, float(rate), float(turning[k]), width, 0.05, smooth[k], most)
+        for k, rate in enumerate(rates)
+    ]
+    return np.array(used), gyro
+
+
+def smoothed(values: np.ndarray, step: int) -> np.ndarray:
+    """Values smoothed as those of the track record."""
+    share, found, value = -np.expm1(-step * NANOSECOND / SMOOTHING), [], float(values[0])
+    for newest in values.tolist():
+        value += share * (newest - value)
+        found.append(value)
+    return np.array(found)
+
+
+def drive(seconds: float = 20.0, *, noise: float = 0.01, step: int = STEP) -> np.ndarray:
+    """Yaw rates of bends of 0.6 rad/s."""
+    times = np.arange(0.0, seconds, step * NANOSECOND)
+    return 0.6 * np.sin(times) + noise * RNG.standard_normal(len(times))
+
+
+@pytest.mark.parametrize("width", [WIDTH, 0.0])
+@pytest.mark.parametrize("value", [2.0, -2.0])
+def test_a_reading_that_jumps_is_not_used_until_it_jumps_back(value: float, width: float) -> None:
+    """Without bends so far, `width` 0, the tracks do not help."""
+    true = drive()
+    rates = true.copy()
+    rates[1000:1100] = value + 0.01 * RNG.standard_normal(100)
+    used, gyro = watched(rates, true, width=width)
+    assert np.isnan(used[1000:1100]).all()
+    assert np.array_equal(used[:1000], true[:1000])
+    assert np.array_equal(used[1100:], true[1100:])
+    assert (gyro.times, gyro.jumped, gyro.fault) == (1, 100, 0)
+
+
+def test_a_jump_that_ends_slowly_is_over_when_the_tracks_agree() -> None:
+    true = drive()
+    rates = true.copy()
+    rates[1000:1400] += np.linspace(1.5, 0.0, 400)
+    used, _ = watched(rates, true)
+    over = 1000 + int(np.flatnonzero(np.isfinite(used[1000:]))[0])
+    assert 1350 < over < 1470
+    assert np.isfinite(used[over:]).all()
+
+
+def test_without_agreement_it_stays_out() -> None:
+    """A bias of 2 rad/s is no yaw rate, however long it lasts."""
+    true = drive(60.0)
+    rates = true.copy()
+    rates[1000:] += 2.0
+    used, gyro = watched(rates, true)
+    assert np.isnan(used[1000:]).all()
+    assert gyro.since == 1000 * STEP
+
+
+@given(
+    seconds=st.sampled_from([0.0025, 0.005, 0.01, 0.02, 0.05]),
+    acceleration=st.floats(-30.0, 30.0),
+    noise=st.floats(0.001, 0.3),
+)
+def test_a_vehicle_that_turns_fast_or_shakes_is_no_fault(
+    seconds: float, acceleration: float, noise: float
+) -> None:
+    """3 rad/s, reached with 30 rad/s² at most; an engine may shake the gyro."""
+    step = round(seconds * SECOND)
+    times = np.arange(0.0, 5.0, seconds)
+    true = np.clip(acceleration * (times - 2.0), -3.0, 3.0) * (times > 2.0)
+    rates = true + noise * np.random.default_rng(1).standard_normal(len(times))
+    used, gyro = watched(rates, true, step=step)
+    assert np.isfinite(used).all()
+    assert gyro.times == 0
+
+
+def test_a_gyro_that_is_clipped_repeats_itself() -> None:
+    true = drive(40.0)
+    rates = true.copy()
+    rates[1000:] = rates[1000:].clip(-0.3, 0.3)
+    used, gyro = watched(rates, true)
+    clipped = np.abs(rates[1000:]) == 0.3
+    wrong = np.isfinite(used[1000:]) & clipped & (np.abs(true[1000:]) > 0.35)
+    # The first ones of each bend show nothing yet.
+    assert wrong.sum() <= LEAST_REPEATS * gyro.times
+    assert np.isfinite(used[1000:][~clipped]).all()
+    assert gyro.repeated > 1000
+
+
+def test_a_coarse_or_slow_gyro_repeats_itself_and_is_used() -> None:
+    coarse = np.round(drive(60.0, noise=0.002) / 0.05) * 0.05
+    slow = np.repeat(drive(60.0, step=5 * STEP), 5)
+    for rates in (coarse, slow):
+        used, gyro = watched(rates)
+        assert np.isfinite(used).all()
+        assert gyro.times == 0
+
+
+def test_equal_readings_at_rest_are_no_fault() -> None:
+    moving, gyro = watched(drive())
+    assert np.isfinite(moving).all()
+    assert gyro.changes == LEARNT
+    used, _ = watched(np.full(5000, 0.003), np.zeros(5000), gyro=gyro)
+    assert np.isfinite(used).all()
+
+
+def test_a_world_without_noise_is_no_fault() -> None:
+    """A simulator turns at one rate for seconds and stops at once, and so do its tracks."""
+    rates = np.minimum(1.0, 0.001 * (np.arange(6000) % 2000))
+    smooth, gyro = smoothed(WIDTH * rates, STEP), GyroRecord()
+    for k, rate in enumerate(rates.tolist()):
+        turning = WIDTH * rate
+        assert watch_gyro(gyro, k * STEP, rate, turning, WIDTH, 0.0, smooth[k], 0.0) == rate
+    assert gyro.times == 0
+
+
+def test_readings_beyond_the_range_are_not_used() -> None:
+    rates = 5.0 * np.sin(np.arange(0.0, 10.0, 0.01)) + 0.01 * RNG.standard_normal(1000)
+    clipped = rates.clip(-4.36, 4.36) + 0.004 * RNG.standard_normal(1000)
+    used, gyro = watched(clipped, rates, most=4.36)
+    assert np.isnan(used[np.abs(rates) > 4.4]).all()
+    assert np.isfinite(used[np.abs(rates) < 4.3]).all()
+    assert gyro.beyond == np.isnan(used).sum() > 0
+
+
+def test_after_a_gap_nothing_is_a_jump() -> None:
+    gyro = GyroRecord()
+    for stamp, rate in ((0, 0.0), (SECOND, 2.0), (2 * SECOND, -2.0)):
+        assert watch_gyro(gyro, stamp, rate, 0.0, WIDTH, 0.05, 0.0, 0.0) == rate
+    assert not is_failed(gyro)
+    assert gyro.shifted(SECOND).stamp == 3 * SECOND
+    assert GyroRecord().shifted(SECOND) == GyroRecord()
+
+
+@pytest.fixture(scope="module")
+def healthy(robot: Robot) -> Log:
+    return benchmark.drives(robot, 1)[0]
+
+
+@pytest.mark.parametrize(
+    "variant", ["gyro", "constant-online", "inertia-online", "friction-online"]
+)
+@pytest.mark.parametrize("name", ["gyro reads 2.0 rad/s", "gyro clipped at 0.3 rad/s"])
+def test_the_uncertainty_covers_a_gyro_that_lies(
+    name: str, variant: str, robot: Robot, healthy: Log
+) -> None:
+    """Believed, 2.0 rad/s would be 100 degrees."""
+    found = benchmark.motion_over_fault(healthy, benchmark.FAULTS[name], robot, variant)
+    assert found.shown
+    assert abs(found.yaw) < 3.0 * found.yaw_sigma
+    assert found.error < 3.0 * found.sigma
+    # Without a gyro, the variant `gyro` has no idea of the turning.
+    assert found.yaw_sigma < 45.0 or variant == "gyro"
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_engines_agree_on_a_failed_gyro(variant: str, robot: Robot, healthy: Log) -> None:
+    faulty = benchmark.FAULTS["gyro clipped at 0.3 rad/s"].put(healthy)
+    middle = faulty.between(faulty.start, faulty.start + 36 * SECOND)
+    compiled = run(middle, robot, variant)
+    plain = run(middle, robot, variant, settings=Settings(engine="plain"))
+    (side,) = run_side_by_side(middle, robot, [variant]).values()
+    rejected = compiled.health.sensors["gyro"].rejected["repeats itself"]
+    assert rejected > 50
+    for other in (plain, side):
+        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
+        assert other.health.gyro == compiled.health.gyro
+        assert other.health.sensors["gyro"].rejected == compiled.health.sensors["gyro"].rejected
+
+
+def test_a_restored_estimator_knows_of_the_fault(
+    robot: Robot, healthy: Log, tmp_path: Path
+) -> None:
+    estimator = PoseEstimator(robot, "inertia-online")
+    faulty = benchmark.FAULTS["gyro reads 2.0 rad/s"].put(healthy)
+    half = faulty.start + round((benchmark.BEGINS + 0.5) * SECOND)
+    measurements = list(faulty.between(faulty.start, half + SECOND).measurements())
+    for measurement in measurements:
+        if measurement.stamp <= half:
+            estimator.feed(measurement)
+    fault = estimator.health.gyro
+    assert fault.fault == "jumped"
+    assert fault.since is not None
+    assert abs(fault.since - faulty.start - benchmark.BEGINS * SECOND) < 2 * STEP
+    estimator.save(tmp_path / "state.json")
+    restored = PoseEstimator.restore(tmp_path / "state.json", robot)
+    assert restored.health.gyro == fault
+    for measurement in measurements:
+        if measurement.stamp > half:
+            estimator.feed(measurement)
+            restored.feed(measurement)
+    assert np.array_equal(restored.state, estimator.state)
+    assert restored.health.gyro == estimator.health.gyro
+    assert restored.health.gyro.fault is None
+
+
+def test_a_robot_file_gives_the_range(robot: Robot, healthy: Log) -> None:
+    imu = msgspec.structs.replace(robot.imu, gyro_range=0.3)
+    limited = msgspec.structs.replace(robot, imu=imu)
+    one = run(healthy.between(healthy.start, healthy.start + 20 * SECOND), limited, "gyro")
+    rates = np.abs(benchmark.imu_of(healthy).angular_velocity[:2000, 2])
+    rejected = one.health.sensors["gyro"].rejected["beyond its range"]
+    assert rejected == pytest.approx((rates > 0.3 * 0.995).sum(), rel=0.05)
