@@ -1,12 +1,19 @@
 """Sensors that lie: error of the motion meanwhile, own uncertainty, and what `health` shows.
 
-    python benchmarks/sick_sensors.py [--runs N] [--faults NAME ...]
+    python benchmarks/sick_sensors.py [LOGS] [--runs N] [--faults NAME ...]
 
-Everyday driving of auriga-alpha on the friction model. Each fault begins after 30 s. The error is that of
+Everyday driving of auriga-alpha on the friction model. Each fault begins after 30 s, unless it says
+otherwise. The error is that of
 the motion from the start of the fault to a second after its end, of position and of yaw, root mean square
 over the runs, beside the filter's own standard deviation of that motion; NEES is the mean over the runs
 of its squared error over its covariance, over three degrees of freedom (1 is ideal). `shown` is the share
 of drives in which `health` shows the fault at its end.
+
+- carried: the tracks read zero for 10 s while the robot moves, after 3 s at rest
+- expected: the robot file has `[undetected_slip]` with a share of 0.5
+
+LOGS is the folder of the sample logs: each time that the gyro is found failing in them is counted, and
+each time that the robot is found carried. None of them has such a fault that is known.
 """
 
 from __future__ import annotations
@@ -14,23 +21,30 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
+from _logs import logs_without
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import relative
+from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 BEGINS, AFTER = 30.0, 1.0
+RESTS = 2.8
+"""Time within the standstill at the start of a drive [s]."""
 VARIANTS = ("gyro", "constant-online", "inertia-online", "friction-online")
 
 
@@ -41,11 +55,15 @@ class Fault(NamedTuple):
         lasts: duration [s].
         put: function of a log and of the times since the fault began, for its faulty twin.
         shown: function of the health at its end; True if that shows the fault.
+        robot: function of the robot file, for the one that is used.
+        begins: when it begins [s].
     """
 
     lasts: float
     put: Callable[[Log], Log]
     shown: Callable[[Health], bool]
+    robot: Callable[[Robot], Robot] = lambda robot: robot
+    begins: float = BEGINS
 
 
 def imu_of(log: Log) -> ImuSeries:
@@ -64,10 +82,12 @@ def with_rate(log: Log, lasts: float, change: Callable[[Floats], Floats]) -> Log
     return replace(log, imu=replace(imu, angular_velocity=rates))
 
 
-def with_tracks(log: Log, lasts: float, change: Callable[[Floats], Floats]) -> Log:
+def with_tracks(
+    log: Log, lasts: float, change: Callable[[Floats], Floats], begins: float = BEGINS
+) -> Log:
     """Copy of a log whose track speeds are changed while a fault lasts."""
     stamps, speeds = log.tracks.stamps, log.tracks.speeds.copy()
-    since = (stamps - log.start) / SECOND - BEGINS
+    since = (stamps - log.start) / SECOND - begins
     hit = (since >= 0.0) & (since < lasts)
     speeds[hit] = change(speeds[hit])
     return replace(log, tracks=TrackSpeedSeries(stamps, speeds))
@@ -81,6 +101,21 @@ def gyro_failed(health: Health) -> bool:
 def track_spins(health: Health) -> bool:
     """Return True if a track was found spinning."""
     return health.slip.times > 0
+
+
+def slides(health: Health) -> bool:
+    """Return True if the robot was found sliding, or carried."""
+    return health.slip.slides > 0 or health.slip.carries > 0
+
+
+def with_expected_slip(robot: Robot) -> Robot:
+    """Robot file with slip that no sensor shows."""
+    return msgspec.structs.replace(robot, undetected_slip=UndetectedSlip(share=0.5))
+
+
+def with_both_spinning(log: Log) -> Log:
+    """Copy of a log both of whose tracks spin, at once."""
+    return with_tracks(log, 10.0, lambda speeds: speeds + 0.5)
 
 
 FAULTS = {
@@ -103,8 +138,12 @@ FAULTS = {
         lambda log: with_tracks(log, 10.0, lambda speeds: speeds + np.array([0.8, 0.0])),
         track_spins,
     ),
-    "both tracks spin, +0.5 m/s": Fault(
-        10.0, lambda log: with_tracks(log, 10.0, lambda speeds: speeds + 0.5), track_spins
+    "both tracks spin, +0.5 m/s": Fault(10.0, with_both_spinning, slides),
+    "both tracks spin, +0.5 m/s, expected": Fault(
+        10.0, with_both_spinning, slides, with_expected_slip
+    ),
+    "carried": Fault(
+        10.0, lambda log: with_tracks(log, 10.0, np.zeros_like, RESTS), slides, begins=RESTS
     ),
 }
 
@@ -122,9 +161,9 @@ class Motion(NamedTuple):
 
 def motion_over_fault(log: Log, fault: Fault, robot: Robot, variant: str) -> Motion:
     """Run a variant up to a second after a fault."""
-    estimator = PoseEstimator(robot, variant)
-    begin = log.start + int(BEGINS * SECOND)
-    end = begin + int((fault.lasts + AFTER) * SECOND)
+    estimator = PoseEstimator(fault.robot(robot), variant)
+    begin = log.start + round(fault.begins * SECOND)
+    end = begin + round((fault.lasts + AFTER) * SECOND)
     for measurement in fault.put(log).measurements():
         if measurement.stamp > end:
             break
@@ -156,6 +195,19 @@ def drives(robot: Robot, runs: int) -> list[Log]:
     ]
 
 
+def false_alarms(folder: Path) -> None:
+    """Print what is found in the sample logs."""
+    hours, faults, carries = 0.0, 0, 0
+    for name, robot_name in logs_without("jackal", "wetexplorer").items():
+        robot = load_robot(robot_name)
+        log = read_log(folder / name, robot)
+        health = run_side_by_side(log, robot, ["gyro"])["gyro"].health
+        print(f"{name}: gyro failed {health.gyro.times} times, carried {health.slip.carries} times")
+        hours += log.duration / 3600.0
+        faults, carries = faults + health.gyro.times, carries + health.slip.carries
+    print(f"real logs, {hours:.2f} h: gyro failed {faults} times, carried {carries} times")
+
+
 def rms(values: list[float]) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
@@ -164,6 +216,7 @@ def rms(values: list[float]) -> float:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser()
+    parser.add_argument("logs", type=Path, nargs="?")
     parser.add_argument("--runs", type=int, default=8)
     parser.add_argument("--faults", nargs="+", choices=FAULTS, default=list(FAULTS))
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
@@ -182,6 +235,8 @@ def main() -> None:
                 f"{np.mean([one.nees for one in found]):.1f} | {shown} of {len(found)}",
                 flush=True,
             )
+    if given.logs is not None:
+        false_alarms(given.logs)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from icreckon.estimator.sensors.measurement_models import (
     StepTwist,
 )
 from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs, track_change
 
 
@@ -179,7 +180,7 @@ class LinearisedModel:
         model = self.twist_model(x, left, right)
         eta = self._ekf.model.steering_efficiency(x[s.PARAMETERS])
         sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
-        inputs = step_inputs(tracks, start, end, self._inputs)
+        inputs = step_inputs(tracks, StandstillRecord(), start, end, self._inputs)
         density = self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma)
         noise = self._disturbances.of_step(tracks, sigma)
         during = self._during(x, model, sigma, start)
@@ -200,7 +201,7 @@ class LinearisedModel:
         stopped = tracks.left == 0.0 == tracks.right
         if stopped and sensors.gyro:
             shown += [Shown(model.jacobian[i], STANDSTILL_SIGMA[i] ** 2) for i in range(3)]
-        change = track_change(step_inputs(tracks, now, now, self._inputs))
+        change = track_change(step_inputs(tracks, StandstillRecord(), now, now, self._inputs))
         at = StepTwist(model, x, self._dt, change, noise_of_file(self._inputs))
         if sensors.gyro:
             found = self._gyro.linearise(0.0, at)

@@ -40,6 +40,7 @@ from icreckon.estimator.sensors.imu_noise import noise_of_file
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs, track_change
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
@@ -259,7 +260,7 @@ class ModelSampler:
         model = self._ekf.twist_model(tracks.left, tracks.right)
         density = self._robot.tracks.speed_noise_density
         late = self._terms.lateness
-        change = track_change(step_inputs(tracks, begun, begun, self._inputs))
+        change = track_change(step_inputs(tracks, StandstillRecord(), begun, begun, self._inputs))
         change = change._replace(speed_variance=density**2 / dt)
         calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
         noise = noise_of_file(self._inputs)

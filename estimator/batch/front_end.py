@@ -29,9 +29,9 @@ from icreckon.estimator.faults.spinning_tracks import assumed_speeds
 from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_motion, take_tracks
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
-    imu_noise,
     measure_noise,
     measured_noise,
+    noise_of_step,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import (
@@ -39,7 +39,6 @@ from icreckon.estimator.sensors.standstill import (
     StandstillRecord,
     quiet_mean,
     stopped_after,
-    tracks_rest,
 )
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
@@ -159,7 +158,8 @@ class FrontEnd:
         room = lanes.quiet_stamps.shape[1] + readings
         stamps, rates = np.zeros((1, room), np.int64), np.zeros((1, room))
         stamps[0, :readings], rates[0, :readings] = standstill.stamps, standstill.rates
-        still = StandstillRecord(standstill.stopped_since, 0, readings)
+        carried = standstill.restless_since, standstill.carried_since, standstill.carries
+        still = StandstillRecord(standstill.stopped_since, 0, readings, *carried)
         records = record_array(held, 1), record_array(still, 1), record_array(noise, 1)
         self._lanes = LaneRecords(*records, stamps, rates, lanes.stuck[:1])
         self._added = 1
@@ -171,7 +171,9 @@ class FrontEnd:
         readings = lane, slice(still.first, still.end)
         stamps = lanes.quiet_stamps[readings].tolist()
         rates = lanes.quiet_rates[readings].tolist()
-        standstill = StandstillMemory(still.stopped_since, tuple(stamps), tuple(rates))
+        newest = tuple(stamps), tuple(rates)
+        carried = still.restless_since, still.carried_since, still.carries
+        standstill = StandstillMemory(still.stopped_since, *newest, *carried)
         noise = record_of(NoiseRecord, lanes.noise[lane])
         return record_of(TrackRecord, lanes.held[lane]), standstill, noise
 
@@ -245,7 +247,10 @@ def fill_lane(
             sample = steps.samples[k]
             rate, force = measured.rates[lane, sample], measured.forces[lane, sample]
             rate = take_motion(held, end, rate, force[0], force[1], settings)
-        found = step_inputs(held, start, end, settings)
+            measure_noise(noise, end, rate, force[0], force[1], settings.hold)
+            spread = measured_noise(noise.gyro)
+            mean = quiet_mean(still, stamps, rates, end, rate, spread, settings)
+        found = step_inputs(held, still, start, end, settings)
         for row in range(TRACK_ROWS):
             inputs[k, row, lane] = found[row]
         if steps.extras[k] & SILENT:
@@ -260,11 +265,8 @@ def fill_lane(
         if has_sample:
             inputs[k, ROW_RATE, lane] = rate
             inputs[k, ROW_FORCE_X, lane], inputs[k, ROW_FORCE_Y, lane] = force[0], force[1]
-            measure_noise(noise, end, rate, force[0], force[1], settings.hold)
-            spread = measured_noise(noise.gyro)
-            mean = quiet_mean(still, stamps, rates, end, rate, spread, settings)
             inputs[k, ROW_QUIET_MEAN, lane] = mean
-            found_noise = imu_noise(noise, tracks_rest(still), settings)
+            found_noise = noise_of_step(noise, still, settings)
             for axis in range(3):
                 inputs[k, ROW_NOISE + axis, lane] = found_noise[axis]
         if steps.extras[k] & POSITION:

@@ -11,8 +11,8 @@ from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.filter.filter_record import may_be_pushed, take_track_speeds
 from icreckon.estimator.sensors.held_tracks import take_motion
 from icreckon.estimator.sensors.imu_clock import take_stamp
-from icreckon.estimator.sensors.imu_noise import imu_noise, measure_noise, measured_noise
-from icreckon.estimator.sensors.standstill import is_full, quiet_mean, tracks_rest
+from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
+from icreckon.estimator.sensors.standstill import is_full, quiet_mean
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
@@ -61,14 +61,15 @@ def sample_inputs(
     if is_full(record.still, stamps):
         return False
     rate = take_motion(record.tracks, stamp, rate, force_x, force_y, record.settings)
-    fill_tracks(record, inputs, stamp)
     settings = record.settings
     take_stamp(record.imu, stamp, settings.hold)
-    inputs[SLOW, 0] = 1.0 if may_be_pushed(record) else 0.0
+    slow = 1.0 if may_be_pushed(record) else 0.0
     measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
-    fill_noise(record, inputs)
     spread = measured_noise(record.noise.gyro)
-    inputs[QUIET_MEAN, 0] = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
+    mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
+    fill_tracks(record, inputs, stamp)
+    inputs[SLOW, 0], inputs[QUIET_MEAN, 0] = slow, mean
+    fill_noise(record, inputs)
     inputs[RATE, 0] = rate
     inputs[FORCE_X, 0] = force_x if uses_force else math.nan
     inputs[FORCE_Y, 0] = force_y if uses_force else math.nan
@@ -87,7 +88,7 @@ def move_inputs(records: Any, inputs: Floats, stamp: int) -> None:
 
 def fill_noise(record: Any, inputs: Floats) -> None:
     """Fill the noise of the IMU that a step assumes."""
-    found = imu_noise(record.noise, tracks_rest(record.still), record.settings)
+    found = noise_of_step(record.noise, record.still, record.settings)
     for axis in range(3):
         inputs[NOISE + axis, 0] = found[axis]
 
@@ -96,7 +97,7 @@ def fill_tracks(record: Any, inputs: Floats, stamp: int) -> None:
     """Fill the inputs of a step from the track speeds."""
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
-    found = step_inputs(record.tracks, record.stamp, stamp, record.settings)
+    found = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
     for row in range(TRACK_ROWS):
         inputs[row, 0] = found[row]
 

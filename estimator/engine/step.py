@@ -196,6 +196,7 @@ class Step:
             self._sigma()[2],
             lane.input("gap_density"),
             lane.input("slide_x_density"),
+            lane.input("slide_y_density"),
         )
 
     def _with_regressors(self, now: model.TracedTwist) -> model.TracedTwist:

@@ -64,9 +64,9 @@ from icreckon.estimator.sensors.imu_clock import (
 )
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
-    imu_noise,
     measure_noise,
     measured_noise,
+    noise_of_step,
 )
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
@@ -177,7 +177,7 @@ class Reckoning:
         """Copy of the counts of the measurements, with measured noise and slip."""
         health, record = self._judged_counts(), self._record
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
-        health.slip = slip_health(self._tracks, float(record.slip_factor))
+        health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
         health.wander = wander_health(self.ekf.x, self.ekf.P)
         add_gyro_faults(health, self._tracks)
         return health
@@ -379,9 +379,9 @@ class Reckoning:
         ekf = self.ekf
         rate = take_motion(record.tracks, m.stamp, rate, *along, record.settings)
         measure_noise(record.noise, m.stamp, rate, *along, hold)
-        noise = imu_noise(record.noise, tracks_rest(record.still), record.settings)
         spread = measured_noise(record.noise.gyro)
         mean = self._readings.mean(record.still, m.stamp, rate, spread, record.settings)
+        noise = noise_of_step(record.noise, record.still, record.settings)
         # A mean that is not a number is that of a moving robot.
         record.stands = mean == mean and self._stands(mean, noise.gyro)
         # Predict the twist of the step.
@@ -548,7 +548,7 @@ class Reckoning:
     def _inputs(self, stamp: int) -> StepInputs:
         """Inputs of a step from the estimate's stamp to a later one [ns]."""
         record = self._record
-        return step_inputs(self._tracks, self._start(stamp), stamp, record.settings)
+        return step_inputs(self._tracks, record.still, self._start(stamp), stamp, record.settings)
 
     def _start(self, stamp: int) -> int:
         """Stamp of the estimate [ns]; before the first it starts at a given stamp."""

@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.standstill import StandstillMemory, StandstillRecord
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
@@ -210,6 +212,9 @@ class SlipHealth:
         forward: slide of both tracks, forward or back, as far as the accelerometer shows it; or None.
         sideways: slide to the left or the right, likewise.
         slides: number of slides that were found.
+        carried: stamp at which the robot, with its tracks at rest, had been shaken for a second: it is
+            carried, pushed or worked on [ns]; None if it is not.
+        carries: number of times that it was.
         factor: slip that position fixes have shown, over that which the robot file gives; at least 1.
     """
 
@@ -220,16 +225,24 @@ class SlipHealth:
     forward: Slide | None = None
     sideways: Slide | None = None
     slides: int = 0
+    carried: int | None = None
+    carries: int = 0
     factor: float = 1.0
 
 
-def slip_health(held: TrackRecord, factor: float, ahead: int = 0) -> SlipHealth:
-    """Slip that the record of the track speeds shows.
+def slip_health(
+    held: TrackRecord,
+    still: StandstillRecord | StandstillMemory,
+    factor: float,
+    ahead: int = 0,
+) -> SlipHealth:
+    """Slip that the records of the track speeds and of the standstill show.
 
     Args:
-        held: the record.
+        held: record of the track speeds.
+        still: record of the standstill.
         factor: factor on the slip, see `filter.slip_factor`.
-        ahead: time that the record's clock is behind [ns].
+        ahead: time that the records' clock is behind [ns].
     """
     spin = held.spin
     found = SlipHealth(
@@ -237,6 +250,8 @@ def slip_health(held: TrackRecord, factor: float, ahead: int = 0) -> SlipHealth:
         forward=_slide(held.forward, ahead),
         sideways=_slide(held.sideways, ahead),
         slides=held.forward.times + held.sideways.times,
+        carried=None if still.carried_since == NEVER else still.carried_since + ahead,
+        carries=still.carries,
         factor=factor,
     )
     if not is_found(spin):

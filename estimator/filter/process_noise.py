@@ -121,6 +121,7 @@ class Disturbances:
             sigma[2],
             inputs.gap_density,
             inputs.slide_x_density,
+            inputs.slide_y_density,
         )
         return np.array(density)
 
@@ -175,6 +176,7 @@ def fast_slip_density(
     sigma_w: float,
     gap_density: float,
     slide_x_density: float,
+    slide_y_density: float,
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
 
@@ -185,7 +187,8 @@ def fast_slip_density(
         white_time: white time of the slip, see `Slip` [s].
         sigma_w: standard deviation of the slip of w [rad/s].
         gap_density: density of the change of stale speeds, of their mean and half difference [m²/s].
-        slide_x_density: density of the forward speed of a robot that slides [m²/s].
+        slide_x_density: density of the forward speed of a robot that slides or is carried [m²/s].
+        slide_y_density: density of the speed to the left of a robot that is carried [m²/s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
     xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
@@ -194,7 +197,7 @@ def fast_slip_density(
     xx = left_density * (x[0] * x[0]) + right_density * (x[1] * x[1])
     xx += gap_density + slide_x_density
     yy = left_density * (y[0] * y[0]) + right_density * (y[1] * y[1])
-    yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP)
+    yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + slide_y_density
     ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
     ww += 2.0 * white_time * (sigma_w * sigma_w)
     ww += 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])

@@ -266,6 +266,27 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return msgspec.structs.replace(self, **sizes)
 
 
+class UndetectedSlip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Slip of both tracks that no sensor shows: slowly beginning, as at a wall or in mud.
+
+    The position grows uncertain along the robot by `share` of the tracks' speed, as of slip that lasts
+    for `time`.
+
+    Attributes:
+        share: standard deviation, as a share of the mean speed of the tracks; 0 for none [-].
+        time: how long it lasts [s].
+
+    Raises:
+        EstimatorError: a value is negative or not a finite number, or `time` is zero.
+    """
+
+    share: NotNegative = 0.0
+    time: Positive = 5.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
 class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     """Content of a robot file.
 
@@ -278,6 +299,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         tracks: scale and noise of the track speeds.
         slope: slope of the ground.
         soil: friction and rolling resistance of the robot's usual ground, None if unknown.
+        undetected_slip: slip of both tracks that no sensor shows.
         slip: overrides of the slip residual, variant name -> Slip; see `estimator.robot.variants`.
         log: topic mapping of this robot's logs, checked by the readers of logs.
         format: version of the file format.
@@ -292,6 +314,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     tracks: Tracks = Tracks()
     slope: Slope = Slope()
     soil: Soil | None = None
+    undetected_slip: UndetectedSlip = UndetectedSlip()
     slip: dict[str, Slip] = {}
     log: dict[str, Any] = {}
     format: int = FORMAT

@@ -16,6 +16,7 @@ import msgspec
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.sensors.input_settings import InputSettings
+from icreckon.estimator.sensors.standstill import StandstillRecord, is_carried, tracks_rest
 
 # Least length of a block of readings [s]: two at 100 Hz, three at 200 Hz, six at 400 Hz.
 BLOCK = 0.0135
@@ -36,6 +37,8 @@ MORE, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
 LEAST = 0.3
 # Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
 AT_START = 30.0
+# Density of the specific force of a robot that is carried [m²/s³].
+CARRIED_FORCE = 1e4
 
 
 class Pace(msgspec.Struct):
@@ -272,3 +275,19 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
         assumed_noise(noise.accelerometer_x, of_force, more, 1.0),
         assumed_noise(noise.accelerometer_y, of_force, more, 1.0),
     )
+
+
+def noise_of_step(noise: NoiseRecord, still: StandstillRecord, settings: InputSettings) -> ImuNoise:
+    """Noise of an IMU that a step assumes.
+
+    The accelerometers of a robot that is carried show nothing of the motion of its tracks.
+
+    Args:
+        noise: record of the noise.
+        still: record of the standstill.
+        settings: settings of the filter.
+    """
+    found = imu_noise(noise, tracks_rest(still), settings)
+    if is_carried(still):
+        return ImuNoise(found.gyro, CARRIED_FORCE, CARRIED_FORCE)
+    return found

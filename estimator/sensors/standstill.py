@@ -11,7 +11,7 @@ import math
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.sensors.input_settings import InputSettings
@@ -23,6 +23,9 @@ ROOM = 64
 OF_FILE, OF_MEASURED = 5.0, 8.0
 # Standard deviations within which their mean is about the bias.
 OF_MEAN = 4.0
+# Time without quiet readings after which a robot with its tracks at rest is carried: a robot rocks for a
+# moment when it stops [s]. Its speed then, as a standard deviation [m/s].
+ROCKING, CARRIED_SPEED = 1.0, 0.5
 
 
 class StandstillRecord(msgspec.Struct):
@@ -32,11 +35,18 @@ class StandstillRecord(msgspec.Struct):
         stopped_since: stamp of the first track speeds that were slow enough [ns], or NEVER.
         first: place in the buffer of the oldest reading that counts.
         end: place after the newest.
+        restless_since: stamp from which on readings have not been quiet, although the tracks have stopped
+            for long enough [ns], or NEVER.
+        carried_since: stamp from which on the robot is carried [ns], or NEVER.
+        carries: number of times that it was.
     """
 
     stopped_since: int = NEVER
     first: int = 0
     end: int = 0
+    restless_since: int = NEVER
+    carried_since: int = NEVER
+    carries: int = 0
 
 
 class StandstillMemory(msgspec.Struct, frozen=True):
@@ -46,11 +56,17 @@ class StandstillMemory(msgspec.Struct, frozen=True):
         stopped_since: stamp of the first track speeds that were slow enough [ns], or NEVER.
         stamps: stamps of the yaw-rate readings since then [ns].
         rates: the readings [rad/s].
+        restless_since: stamp from which on readings have not been quiet [ns], or NEVER.
+        carried_since: stamp from which on the robot is carried [ns], or NEVER.
+        carries: number of times that it was.
     """
 
     stopped_since: int = NEVER
     stamps: tuple[int, ...] = ()
     rates: tuple[float, ...] = ()
+    restless_since: int = NEVER
+    carried_since: int = NEVER
+    carries: int = 0
 
     def __post_init__(self) -> None:
         if len(self.stamps) != len(self.rates):
@@ -58,8 +74,12 @@ class StandstillMemory(msgspec.Struct, frozen=True):
 
     def shifted(self, by: int) -> StandstillMemory:
         """Copy for a clock that is ahead by so much [ns]."""
-        since = self.stopped_since if self.stopped_since == NEVER else self.stopped_since + by
-        return StandstillMemory(since, tuple(stamp + by for stamp in self.stamps), self.rates)
+        stopped, restless, carried = (
+            stamp if stamp == NEVER else stamp + by
+            for stamp in (self.stopped_since, self.restless_since, self.carried_since)
+        )
+        stamps = tuple(stamp + by for stamp in self.stamps)
+        return StandstillMemory(stopped, stamps, self.rates, restless, carried, self.carries)
 
 
 def stopped_after(
@@ -77,6 +97,7 @@ def stopped_after(
     if abs(left) >= track_speed or abs(right) >= track_speed:
         if still.stopped_since != NEVER:
             still.stopped_since = NEVER
+            settle(still)
             still.first = still.end = 0
     elif still.stopped_since == NEVER:
         still.stopped_since = stamp
@@ -141,8 +162,51 @@ def quiet_mean(
     quiet = max(settings.quiet_gyro, spread * math.sqrt(per_second))
     for k in range(first, end):
         if abs(rates[k] - mean) > quiet:
+            keep_restless(still, stamp)
             return math.nan
+    if abs(mean - settings.gyro_bias) > settings.most_bias:
+        # Smooth, and no bias: it turns.
+        keep_restless(still, stamp)
+    else:
+        settle(still)
     return mean
+
+
+def keep_restless(still: StandstillRecord, stamp: int) -> None:
+    """Add a sample [ns] at which the robot turns or is shaken with its tracks at rest."""
+    if still.restless_since == NEVER:
+        still.restless_since = stamp
+    if not is_carried(still) and (stamp - still.restless_since) * NANOSECOND > ROCKING:
+        still.carried_since = stamp
+        still.carries += 1
+
+
+def settle(still: StandstillRecord) -> None:
+    """Reset the record of a robot that is carried."""
+    still.restless_since, still.carried_since = NEVER, NEVER
+
+
+def is_carried(still: StandstillRecord) -> bool:
+    """Return True if the robot has been shaken for some time with its tracks at rest."""
+    return still.carried_since != NEVER
+
+
+def carried_density(still: StandstillRecord, start: int, end: int) -> float:
+    """Error density of the velocity over a step of a robot that is carried [m²/s].
+
+    With its tracks at rest it does not stand, and nothing shows where it goes: the distance is off by
+    `CARRIED_SPEED` times the duration, at one standard deviation.
+
+    Args:
+        still: record.
+        start: stamp of the step's start [ns].
+        end: stamp of its end [ns].
+    """
+    since = still.restless_since
+    if not is_carried(still):
+        return 0.0
+    age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
+    return 2.0 * CARRIED_SPEED * CARRIED_SPEED * age
 
 
 def stands(
@@ -197,15 +261,17 @@ class QuietReadings:
 
     def memory(self, still: StandstillRecord) -> StandstillMemory:
         """Checkpoint of the readings that count."""
-        if still.end == 0:
-            return StandstillMemory(still.stopped_since)
         kept = slice(still.first, still.end)
         stamps, rates = self.stamps[kept].tolist(), self.rates[kept].tolist()
-        return StandstillMemory(still.stopped_since, tuple(stamps), tuple(rates))
+        readings = tuple(stamps), tuple(rates)
+        carried = still.restless_since, still.carried_since, still.carries
+        return StandstillMemory(still.stopped_since, *readings, *carried)
 
     def recall(self, still: StandstillRecord, memory: StandstillMemory) -> None:
         """Restore a checkpoint."""
         count = len(memory.stamps)
         still.stopped_since, still.first, still.end = memory.stopped_since, 0, count
+        still.restless_since, still.carried_since = memory.restless_since, memory.carried_since
+        still.carries = memory.carries
         self.stamps, self.rates = np.zeros(count + ROOM, np.int64), np.zeros(count + ROOM)
         self.stamps[:count], self.rates[:count] = memory.stamps, memory.rates

@@ -17,6 +17,7 @@ from icreckon.estimator.sensors.held_tracks import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.sensor_models import TrackChange
+from icreckon.estimator.sensors.standstill import StandstillRecord, carried_density
 
 
 class StepInputs(NamedTuple):
@@ -32,7 +33,9 @@ class StepInputs(NamedTuple):
         left_density: error density of the left track's speed [m²/s].
         right_density: error density of the right track's speed [m²/s].
         gap_density: error density of stale speeds [m²/s].
-        slide_x_density: error density of the forward speed, while the robot slides forward [m²/s].
+        slide_x_density: error density of the forward speed, while the robot slides forward or is carried,
+            and of slip that nothing shows [m²/s].
+        slide_y_density: error density of the speed to the left, while the robot is carried [m²/s].
         acceleration_left: averaged acceleration of the left track [m/s²].
         acceleration_right: averaged acceleration of the right track [m/s²].
         window: averaging time of the acceleration [s].
@@ -51,6 +54,7 @@ class StepInputs(NamedTuple):
     right_density: float
     gap_density: float
     slide_x_density: float
+    slide_y_density: float
     acceleration_left: float
     acceleration_right: float
     window: float
@@ -59,11 +63,14 @@ class StepInputs(NamedTuple):
     slow: float
 
 
-def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings) -> StepInputs:
+def step_inputs(
+    held: TrackRecord, still: StandstillRecord, start: int, end: int, settings: InputSettings
+) -> StepInputs:
     """Inputs of a step.
 
     Args:
         held: record of the track speeds.
+        still: record of the standstill.
         start: stamp of the step's start [ns].
         end: stamp of its end [ns]; at the start itself no time passes.
         settings: settings of the filter.
@@ -72,6 +79,7 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
     mean_left, mean_right = mean_speeds(held, start, end, settings.hold_ns)
     # Encoders of tracks at rest have no noise.
     density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
+    carried = carried_density(still, start, end)
     slow = max(abs(held.left), abs(held.right)) < settings.track_speed
     return StepInputs(
         held.smooth_left,
@@ -87,7 +95,8 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         + stuck_density(held.repeating_right, start, end, settings)
         + spin_density(held.spin, RIGHT, settings.weighs_tracks),
         gap_density(held, start, end, settings),
-        slide_density(held.forward, start, end),
+        slide_density(held.forward, start, end) + carried + hidden_density(held, settings),
+        carried,
         held.acceleration_left,
         held.acceleration_right,
         max(ACCELERATION_AVERAGING, held.interval),
@@ -95,6 +104,12 @@ def step_inputs(held: TrackRecord, start: int, end: int, settings: InputSettings
         age_at(held, start, settings.hold),
         1.0 if slow else 0.0,
     )
+
+
+def hidden_density(held: TrackRecord, settings: InputSettings) -> float:
+    """Error density of the forward speed by slip of both tracks that nothing shows [m²/s]."""
+    slip = settings.undetected_share * 0.5 * (abs(held.smooth_left) + abs(held.smooth_right))
+    return 2.0 * settings.undetected_time * slip * slip
 
 
 def track_change(inputs: StepInputs) -> TrackChange:

@@ -60,6 +60,7 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
     lines += _table("imu", robot.imu, _imu_comments(found, comments))
     lines += _table("tracks", robot.tracks, _under("tracks", comments) | SIGMAS)
     lines += _table("slope", robot.slope, {})
+    lines += _table("undetected_slip", robot.undetected_slip, {})
     if robot.soil is not None:
         lines += _table("soil", robot.soil, _under("soil", comments))
     for variant, slip in robot.slip.items():

@@ -149,6 +149,7 @@ def slip_status(slip: SlipHealth) -> DiagnosticStatus:
     values = {
         "times": str(slip.times),
         "slides": str(slip.slides),
+        "carries": str(slip.carries),
         "slip_factor": f"{slip.factor:.2f}",
     }
     texts = []
@@ -169,6 +170,9 @@ def slip_status(slip: SlipHealth) -> DiagnosticStatus:
     if slip.sideways is not None:
         to = "left" if slip.sideways.speed > 0.0 else "right"
         texts.append(f"the robot slides to the {to} at {abs(slip.sideways.speed):.2f} m/s")
+    if slip.carried is not None:
+        values["carried_since_ns"] = str(slip.carried)
+        texts.append("the robot is shaken with its tracks at rest: it may be carried")
     if not texts:
         return DiagnosticStatus(OK, name, "no track spins", values)
     return DiagnosticStatus(WARN, name, "; ".join(texts), values)

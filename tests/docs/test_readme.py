@@ -17,6 +17,7 @@ from icreckon.estimator.robot.robot_file import (
     Indices,
     Slope,
     Tracks,
+    UndetectedSlip,
     Vehicle,
     load_robot,
 )
@@ -61,6 +62,7 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
         robot.imu,
         robot.tracks,
         robot.slope,
+        robot.undetected_slip,
         robot.soil,
     ):
         for field in msgspec.structs.fields(table):
@@ -72,8 +74,17 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
 def test_the_docs_list_the_defaults_of_a_robot_file_and_what_it_requires(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "robot-file.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `\[(\w+)\]` \| (.*) \|$", page, flags=re.MULTILINE))
-    tables = (Vehicle, Indices, ConstantIcr, Imu, Tracks, Slope, Soil)
-    assert list(rows) == ["vehicle", "indices", "constant_icr", "imu", "tracks", "slope", "soil"]
+    tables = (Vehicle, Indices, ConstantIcr, Imu, Tracks, Slope, UndetectedSlip, Soil)
+    assert list(rows) == [
+        "vehicle",
+        "indices",
+        "constant_icr",
+        "imu",
+        "tracks",
+        "slope",
+        "undetected_slip",
+        "soil",
+    ]
     for table, row in zip(tables, rows.values(), strict=True):
         said = tomllib.loads("\n".join(re.findall(r"`(\w+ = [^`]*)`", row)))
         for field in msgspec.structs.fields(table):

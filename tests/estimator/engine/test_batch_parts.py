@@ -271,7 +271,7 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
             taken += 1
         if steps.kinds[k] in (MOVE_AND_UPDATE, UPDATE):
             take_motion(held, end, float(gyro[steps.samples[k]]), math.nan, math.nan, chosen)
-        plain = step_inputs(held, start, end, chosen)
+        plain = step_inputs(held, StandstillRecord(), start, end, chosen)
         expected = {
             "left": speeds_at(held, start, chosen.hold_ns)[0],
             "right": speeds_at(held, start, chosen.hold_ns)[1],

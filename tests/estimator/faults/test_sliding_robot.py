@@ -27,6 +27,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
@@ -148,10 +149,10 @@ def test_a_slide_forward_makes_the_forward_speed_uncertain_alone() -> None:
     """It does not turn the robot, so the yaw rate stays as sure as it was."""
     held = TrackRecord(stamp=0, forward=SlideRecord(since=0, speed=0.8))
     chosen = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("gyro"))
-    inputs = step_inputs(held, SECOND, SECOND + STEP, chosen)
+    inputs = step_inputs(held, StandstillRecord(), SECOND, SECOND + STEP, chosen)
     assert inputs.slide_x_density == pytest.approx(2.0 * 0.8**2, rel=0.01)
     still = [[0.0, 0.0]] * 3
-    density = np.array(fast_slip_density(still, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0))
+    density = np.array(fast_slip_density(still, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0))
     assert density.tolist() == np.diag([3.0, 0.0, 0.0]).tolist()
 
 

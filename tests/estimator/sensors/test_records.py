@@ -53,8 +53,8 @@ def take_in_lane(records, lane, stamp, left, right, chosen):
 
 
 @njit
-def inputs_of_lane(records, lane, start, end, chosen):
-    return compiled_inputs(records[lane], start, end, chosen)
+def inputs_of_lane(records, still, lane, start, end, chosen):
+    return compiled_inputs(records[lane], still[0], start, end, chosen)
 
 
 @njit
@@ -107,8 +107,10 @@ def test_held_tracks_are_the_same_in_python_and_compiled_to_the_last_bit(seed):
         stuck += found
         start = stamp + int(rng.integers(0, STEP))
         end = start + int(rng.choice([0, 10**7, 10**9]))
-        expected = step_inputs(plain, start, end, SETTINGS)
-        assert expected == inputs_of_lane(alone, 0, start, end, SETTINGS)
+        carried = stamp if int(stamp) % 2 else NEVER
+        still = StandstillRecord(restless_since=start - STEP, carried_since=carried)
+        expected = step_inputs(plain, still, start, end, SETTINGS)
+        assert expected == inputs_of_lane(alone, record_array(still, 1), 0, start, end, SETTINGS)
     assert stuck == 1
     assert values(plain) == values(alone[0]) == values(lanes[1])
     assert values(lanes[0]) == values(TrackRecord())

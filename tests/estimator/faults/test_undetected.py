@@ -1,0 +1,155 @@
+"""A robot that is carried, and slip that nothing shows: the covariance covers them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import sick_sensors as benchmark
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.sensors.held_tracks import TrackRecord
+from icreckon.estimator.sensors.imu_noise import NoiseRecord, noise_of_step
+from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.sensors.standstill import (
+    CARRIED_SPEED,
+    ROCKING,
+    QuietReadings,
+    StandstillRecord,
+    carried_density,
+    is_carried,
+    stopped_after,
+)
+from icreckon.estimator.sensors.step_inputs import hidden_density
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+
+SECOND, STEP = 1_000_000_000, 10_000_000
+SETTINGS = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("gyro"))
+RNG = np.random.default_rng(4)
+
+
+def rested(rates: np.ndarray, still: StandstillRecord | None = None) -> list[float]:
+    """Seconds at which the robot is carried, of readings at 100 Hz with resting tracks."""
+    still, readings = still or StandstillRecord(), QuietReadings()
+    stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
+    found = []
+    for k, rate in enumerate(rates.tolist()):
+        readings.mean(still, k * STEP, rate, 1e-3, SETTINGS)
+        if is_carried(still):
+            found.append(k * STEP * NANOSECOND)
+    return found
+
+
+def calm(seconds: float) -> np.ndarray:
+    return 0.002 * RNG.standard_normal(round(100 * seconds))
+
+
+def test_a_robot_that_rocks_as_it_stops_is_not_carried() -> None:
+    times = np.arange(0.0, 1.2, 0.01)
+    assert (
+        rested(np.concatenate([0.3 * np.exp(-3.0 * times) * np.sin(20.0 * times), calm(5)])) == []
+    )
+
+
+@pytest.mark.parametrize("shake", ["by hand", "turntable"])
+def test_a_robot_that_is_shaken_or_turned_is_carried_from_then_on(shake: str) -> None:
+    times = np.arange(0.0, 5.0, 0.01)
+    moved = 0.2 * np.sin(9.0 * times) if shake == "by hand" else np.full(500, 0.2)
+    still = StandstillRecord()
+    found = rested(np.concatenate([calm(3), moved, calm(3)]), still)
+    assert 3.0 + ROCKING < found[0] < 3.6 + ROCKING
+    assert 7.9 < found[-1] < 8.6
+    assert still.carries == 1
+    assert not is_carried(still)
+
+
+def test_tracks_that_move_end_it() -> None:
+    still = StandstillRecord(stopped_since=0, restless_since=0, carried_since=SECOND, carries=1)
+    stopped_after(still, 2 * SECOND, 0.5, 0.5, SETTINGS.track_speed)
+    assert still == StandstillRecord(carries=1)
+
+
+def test_the_distance_is_uncertain_by_speed_times_duration() -> None:
+    still = StandstillRecord(restless_since=0, carried_since=SECOND)
+    edges = range(SECOND, 5 * SECOND, STEP)
+    variance = sum(carried_density(still, a, a + STEP) for a in edges) * STEP * NANOSECOND
+    assert variance == pytest.approx(CARRIED_SPEED**2 * (5.0**2 - 1.0), rel=1e-3)
+    assert carried_density(StandstillRecord(restless_since=0), SECOND, SECOND + STEP) == 0.0
+
+
+def test_the_accelerometers_of_a_robot_that_is_carried_do_not_count() -> None:
+    noise = NoiseRecord()
+    stands = noise_of_step(noise, StandstillRecord(stopped_since=0), SETTINGS)
+    carried = StandstillRecord(0, restless_since=0, carried_since=SECOND)
+    found = noise_of_step(noise, carried, SETTINGS)
+    assert found.gyro == stands.gyro
+    assert found.accelerometer_x == found.accelerometer_y > 1e4 * stands.accelerometer_x
+
+
+def test_expected_slip_is_a_share_of_the_distance_and_none_at_rest() -> None:
+    """0.5 m/s for 10 s with a share of 0.5 and 5 s: 2.5 m, as the page of robot files says."""
+    chosen = SETTINGS._replace(undetected_share=0.5, undetected_time=5.0)
+    drives = TrackRecord(smooth_left=0.5, smooth_right=0.5)
+    assert np.sqrt(hidden_density(drives, chosen) * 10.0) == pytest.approx(2.5)
+    assert hidden_density(TrackRecord(), chosen) == 0.0
+    assert hidden_density(drives, SETTINGS) == 0.0
+    with pytest.raises(ValueError, match="time"):
+        UndetectedSlip(share=0.5, time=0.0)
+
+
+@pytest.fixture(scope="module")
+def healthy(robot: Robot) -> Log:
+    return benchmark.drives(robot, 1)[0]
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+@pytest.mark.parametrize("name", ["carried", "both tracks spin, +0.5 m/s, expected"])
+def test_the_uncertainty_covers_it(name: str, variant: str, robot: Robot, healthy: Log) -> None:
+    fault = benchmark.FAULTS[name]
+    found = benchmark.motion_over_fault(healthy, fault, robot, variant)
+    assert found.error < 3.0 * found.sigma < 30.0
+    assert found.shown == (name == "carried")
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_engines_agree_on_a_robot_that_is_carried(variant: str, robot: Robot, healthy: Log) -> None:
+    slipping = msgspec.structs.replace(robot, undetected_slip=UndetectedSlip(share=0.1))
+    faulty = benchmark.FAULTS["carried"].put(healthy)
+    part = faulty.between(faulty.start, faulty.start + 8 * SECOND)
+    compiled = run(part, slipping, variant)
+    plain = run(part, slipping, variant, settings=Settings(engine="plain"))
+    (side,) = run_side_by_side(part, slipping, [variant]).values()
+    assert compiled.health.slip.carries == 1
+    for other in (plain, side):
+        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
+        assert other.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
+        assert other.health.slip == compiled.health.slip
+
+
+def test_a_restored_estimator_knows_that_it_is_carried(
+    robot: Robot, healthy: Log, tmp_path: Path
+) -> None:
+    estimator = PoseEstimator(robot, "gyro")
+    faulty = benchmark.FAULTS["carried"].put(healthy)
+    measurements = list(faulty.between(faulty.start, faulty.start + 9 * SECOND).measurements())
+    for measurement in measurements:
+        if measurement.stamp <= faulty.start + 7 * SECOND:
+            estimator.feed(measurement)
+    assert estimator.health.slip.carried not in (None, NEVER)
+    estimator.save(tmp_path / "state.json")
+    restored = PoseEstimator.restore(tmp_path / "state.json", robot)
+    for measurement in measurements:
+        if measurement.stamp > faulty.start + 7 * SECOND:
+            estimator.feed(measurement)
+            restored.feed(measurement)
+    assert np.array_equal(restored.covariance, estimator.covariance)
+    assert restored.health.slip == estimator.health.slip
