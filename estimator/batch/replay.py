@@ -30,7 +30,7 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.filter import Reckoning
-from icreckon.estimator.filter.health import add_gyro_faults, noise_health, slip_health
+from icreckon.estimator.filter.health import add_gyro_faults, noise_health, slip_health, tilt_health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -132,7 +132,10 @@ def run_side_by_side(
         health.slip = slip_health(tracks, still, factor, int(measured.track_stamps[0]))
         health.noise = noise_health(noise, still.stopped_since != NEVER, chosen[0])
         found[name] = rows.pop(0).finish(name, one, lanes, health)
-        add_gyro_faults(found[name].health, tracks, int(measured.track_stamps[0]))
+        health = found[name].health
+        add_gyro_faults(health, tracks, int(measured.track_stamps[0]))
+        at_end = found[name].states[-1], found[name].state_sigmas[-1]
+        health.tilt = tilt_health(*at_end, robot.imu.accelerometer_bias_sigma)
     return found
 
 

@@ -26,6 +26,7 @@ from icreckon.estimator.filter.health import (
     add_gyro_faults,
     noise_health,
     slip_health,
+    tilt_health,
     wander_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
@@ -143,6 +144,7 @@ class Reckoning:
         self._settings = settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._sensors = SensorModels(robot)
+        self._tilt_sigma = robot.imu.accelerometer_bias_sigma
         fixed = self.ekf.fixed_for_imu
         self._gyro = Gyro(fixed)
         self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
@@ -180,6 +182,8 @@ class Reckoning:
         health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
         health.wander = wander_health(self.ekf.x, self.ekf.P)
         add_gyro_faults(health, self._tracks)
+        sigmas = np.sqrt(self.ekf.P.diagonal())
+        health.tilt = tilt_health(self.ekf.x, sigmas, self._tilt_sigma)
         return health
 
     def _judged_counts(self) -> Health:

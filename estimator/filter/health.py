@@ -6,12 +6,15 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
+from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
@@ -30,6 +33,9 @@ GYRO_FAULTS = {JUMPED: "jumped", REPEATS: "repeats itself", BEYOND: "beyond its 
 EXCITED = 0.1
 # Reasons to reject a late measurement.
 TOO_OLD, HISTORY_FULL = "older than Settings.history", "history is full"
+# Standard deviations of the accelerometers' biases, prior and now, beyond which they are a tilt; what is
+# known to this share of the prior is known.
+TILTED, KNOWN = 5.0, 0.5
 # Stamp [ns], verdict, innovation and its covariance, see `JudgedInnovation`.
 Judged = tuple[int, int, tuple[float, ...], tuple[tuple[float, ...], ...]]
 
@@ -296,6 +302,45 @@ def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
             health.sensor("gyro").rejected[reason] = count
 
 
+class TiltHealth(NamedTuple):
+    """Tilt of the IMU beyond that of the robot file, as the accelerometers' biases show it.
+
+    Attributes:
+        roll_deg: to be added to the roll of `rotation_rpy_deg` [deg].
+        pitch_deg: to be added to its pitch [deg].
+        sigma_deg: standard deviation of the two, the larger one [deg].
+        is_wrong: True if they are beyond what the robot file expects of the biases: five times
+            `accelerometer_bias_sigma`.
+    """
+
+    roll_deg: float
+    pitch_deg: float
+    sigma_deg: float
+    is_wrong: bool
+
+    @property
+    def text(self) -> str:
+        """Text for people."""
+        return f"roll {self.roll_deg:+.1f}, pitch {self.pitch_deg:+.1f} deg, +- {self.sigma_deg:.1f} deg"
+
+
+def tilt_health(x: Floats, sigmas: Floats, prior: float) -> TiltHealth | None:
+    """Tilt of the IMU; None while its accelerometers' biases are not known.
+
+    Args:
+        x: (n,) the state.
+        sigmas: (n,) its standard deviations.
+        prior: standard deviation of the biases in the robot file [m/s²].
+    """
+    biases, of_biases = x[s.ACCELEROMETER_BIASES], sigmas[s.ACCELEROMETER_BIASES]
+    if not 0.0 < of_biases.max() < KNOWN * prior:
+        return None
+    pitch, roll = (math.asin(max(-1.0, min(1.0, part / GRAVITY))) for part in biases.tolist())
+    wrong = (np.abs(biases) > TILTED * (prior + of_biases)).any()
+    sigma = math.degrees(of_biases.max() / GRAVITY)
+    return TiltHealth(math.degrees(roll), -math.degrees(pitch), sigma, bool(wrong))
+
+
 class WanderHealth(NamedTuple):
     """Estimated wander of the position fixes, at the newest of them.
 
@@ -338,6 +383,7 @@ class Health:
         slip: slip beyond what bends explain: a track that spins.
         wander: estimated wander of the position fixes; None if it is not estimated.
         gyro: fault of the gyro.
+        tilt: tilt of the IMU beyond that of the robot file; None while it is not known.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
@@ -350,6 +396,7 @@ class Health:
     slip: SlipHealth = SlipHealth()
     wander: WanderHealth | None = None
     gyro: GyroHealth = GyroHealth()
+    tilt: TiltHealth | None = None
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""

@@ -95,7 +95,7 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
-            "notes": [*log.notes, *_holes(log), *_doubts(comparison), *_wander(comparison)],
+            "notes": [*log.notes, *_holes(log), *_doubts(comparison), *_findings(comparison)],
             "start_ns": log.start,
         },
         "truth": _truth_summary(comparison, scored),
@@ -156,14 +156,31 @@ def _doubts(comparison: Comparison) -> list[str]:
     ]
 
 
-def _wander(comparison: Comparison) -> list[str]:
-    """Report the estimated wander of the fixes at the end of the log."""
-    found = [
-        f"{name} {one.health.wander.text}"
-        for name, one in comparison.runs.items()
-        if one.health.wander is not None and not name.endswith(SMOOTHED)
-    ]
-    return [f"wander of the fixes at the newest of them: {'; '.join(found)}"] if found else []
+def _findings(comparison: Comparison) -> list[str]:
+    """Report what the filters found of the sensors, up to the end of the log."""
+    healths = {
+        name: one.health for name, one in comparison.runs.items() if not name.endswith(SMOOTHED)
+    }
+    notes = []
+    found = [f"{name} {one.wander.text}" for name, one in healths.items() if one.wander is not None]
+    if found:
+        notes.append(f"wander of the fixes at the newest of them: {'; '.join(found)}")
+    tilts = [one.tilt for one in healths.values() if one.tilt is not None and one.tilt.is_wrong]
+    if tilts:
+        notes.append(
+            f"the accelerometers show the IMU tilted by {tilts[0].text} beyond rotation_rpy_deg of "
+            "[imu]: correct it, as its gyro turns with it"
+        )
+    gyro = next(iter(healths.values())).gyro if healths else None
+    if gyro is not None and gyro.times:
+        notes.append(
+            f"the gyro failed {gyro.times} times (it jumped, repeated itself or was beyond its range) "
+            "and was not used meanwhile"
+        )
+    carries = max((one.slip.carries for one in healths.values()), default=0)
+    if carries:
+        notes.append(f"shaken {carries} times with the tracks at rest: was the robot carried?")
+    return notes
 
 
 def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:

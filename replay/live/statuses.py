@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from icreckon.estimator.base.lag_search import BEYOND
-from icreckon.estimator.filter.health import GyroHealth, SensorHealth, SlipHealth
+from icreckon.estimator.filter.health import GyroHealth, SensorHealth, SlipHealth, TiltHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
     ERROR,
@@ -45,6 +45,8 @@ class LiveStatuses:
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
         statuses += [slip_status(newest.health.slip), gyro_status(newest.health.gyro)]
+        if newest.health.tilt is not None:
+            statuses.append(tilt_status(newest.health.tilt))
         statuses += [self._clocks(), self._latency(newest)]
         return statuses
 
@@ -188,6 +190,15 @@ def gyro_status(gyro: GyroHealth) -> DiagnosticStatus:
     return DiagnosticStatus(
         WARN, name, f"the gyro {what}: only the tracks show the turning", values
     )
+
+
+def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
+    """Tilt of the IMU beyond that of the robot file."""
+    name, values = "icreckon: IMU mounting", {"tilt": tilt.text}
+    if not tilt.is_wrong:
+        return DiagnosticStatus(OK, name, "as in the robot file", values)
+    text = f"tilted by {tilt.text} beyond rotation_rpy_deg of [imu]"
+    return DiagnosticStatus(WARN, name, text, values)
 
 
 def _parameters(estimator: PoseEstimator) -> DiagnosticStatus:

@@ -1,0 +1,56 @@
+"""An IMU that is mounted otherwise than the robot file says: gravity shows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Terrain
+
+
+def tilted(log: Log, roll: float, pitch: float) -> Log:
+    """Copy of a log whose IMU is tilted [deg]."""
+    imu = log.imu
+    assert imu is not None
+    assert imu.linear_acceleration is not None
+    mount = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
+    rates, forces = imu.angular_velocity @ mount, imu.linear_acceleration @ mount
+    return replace(log, imu=replace(imu, angular_velocity=rates, linear_acceleration=forces))
+
+
+@pytest.fixture(scope="module", params=[0.0, 6.0], ids=["level", "slope"])
+def drive(request: pytest.FixtureRequest, robot: Robot) -> Log:
+    terrain = Terrain(slope_deg=request.param, uphill_deg=40.0)
+    scenario = Scenario(duration=60.0, seed=1, fix_rate=0.0, terrain=terrain)
+    return simulate(scenario, robot)
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(10.0, 0.0), (-6.0, 8.0), (0.0, 0.0)])
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_a_tilt_is_found_on_level_ground_and_on_a_slope(
+    variant: str, roll: float, pitch: float, drive: Log, robot: Robot
+) -> None:
+    """To a degree; the slope, which turns as the robot does, is none."""
+    log = tilted(drive, roll, pitch)
+    found = run(log, robot, variant).health.tilt
+    assert found is not None
+    assert (found.roll_deg, found.pitch_deg) == pytest.approx((roll, pitch), abs=1.5)
+    assert found.is_wrong == bool(roll or pitch)
+    (beside,) = run_side_by_side(log, robot, [variant]).values()
+    assert beside.health.tilt is not None
+    assert beside.health.tilt == pytest.approx(found, rel=1e-6, abs=1e-6)
+
+
+def test_it_is_unknown_without_turning_or_without_accelerometers(drive: Log, robot: Robot) -> None:
+    start = drive.between(drive.start, drive.start + 4_000_000_000)
+    assert run(start, robot, "constant-online").health.tilt is None
+    assert run(drive, robot, "gyro").health.tilt is None
