@@ -135,7 +135,7 @@ def run_side_by_side(
         health = found[name].health
         add_gyro_faults(health, tracks, int(measured.track_stamps[0]))
         at_end = found[name].states[-1], found[name].state_sigmas[-1]
-        health.tilt = tilt_health(*at_end, robot.imu.accelerometer_bias_sigma)
+        health.tilt = tilt_health(*at_end, robot.imu)
     return found
 
 

@@ -396,6 +396,7 @@ def shared_constants(
         "imu_y": sensors.y,
         "threshold": CHI_SQUARE_1E4[1],
         "position_threshold": CHI_SQUARE_1E4[2],
+        "bias_variance": robot.imu.gyro_bias_sigma**2,
         "patience": settings.gates.patience,
         "bias_margin": settings.standstill.bias_margin,
         "standstill_duration": settings.standstill.duration,

@@ -64,6 +64,7 @@ CONSTANTS = (
     "bias_margin",
     "standstill_duration",
     "position_threshold",
+    "bias_variance",
 )
 # Columns of a bound.
 BOUND = range(s.PARAMETER_COUNT + 1)

@@ -14,7 +14,6 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, assign, copied, plain_copy
-from icreckon.estimator.faults.failed_gyro import is_failed
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
@@ -31,7 +30,7 @@ from icreckon.estimator.filter.health import (
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import RejectedFix, beside_wander, relocation
-from icreckon.estimator.filter.slip_factor import follow_fix
+from icreckon.estimator.filter.slip_factor import doubt, follow_fix
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -144,7 +143,7 @@ class Reckoning:
         self._settings = settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._sensors = SensorModels(robot)
-        self._tilt_sigma = robot.imu.accelerometer_bias_sigma
+        self._prior = robot.imu
         fixed = self.ekf.fixed_for_imu
         self._gyro = Gyro(fixed)
         self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
@@ -182,8 +181,7 @@ class Reckoning:
         health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
         health.wander = wander_health(self.ekf.x, self.ekf.P)
         add_gyro_faults(health, self._tracks)
-        sigmas = np.sqrt(self.ekf.P.diagonal())
-        health.tilt = tilt_health(self.ekf.x, sigmas, self._tilt_sigma)
+        health.tilt = tilt_health(self.ekf.x, np.sqrt(self.ekf.P.diagonal()), self._prior)
         return health
 
     def _judged_counts(self) -> Health:
@@ -396,8 +394,8 @@ class Reckoning:
             self.model(), ekf.x.copy(), imu.interval, track_change(self._inputs(m.stamp)), noise
         )
         # Gate, update and record.
-        works = not is_failed(record.tracks.gyro)
-        used = works and self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
+        # A gyro that fails has no rate.
+        used = rate == rate and self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
         if self._uses_force and along[0] == along[0]:
             sigma = self.slip_sigma()
             for axis, model in enumerate(self._accelerometers):
@@ -464,7 +462,9 @@ class Reckoning:
             ekf.keep_inside_bounds()
 
         if isinstance(m, PositionFix):
-            follow_fix(record, self._gates[model.name].counts, float(predicted.values[s.YAW]))
+            fixes, yaw = self._gates[model.name].counts, float(predicted.values[s.YAW])
+            share = follow_fix(record, fixes, yaw)
+            doubt(ekf, share * self._prior.gyro_bias_sigma**2)
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
         if model.standing and not used:

@@ -15,6 +15,7 @@ from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import Imu
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
@@ -324,14 +325,15 @@ class TiltHealth(NamedTuple):
         return f"roll {self.roll_deg:+.1f}, pitch {self.pitch_deg:+.1f} deg, +- {self.sigma_deg:.1f} deg"
 
 
-def tilt_health(x: Floats, sigmas: Floats, prior: float) -> TiltHealth | None:
+def tilt_health(x: Floats, sigmas: Floats, imu: Imu) -> TiltHealth | None:
     """Tilt of the IMU; None while its accelerometers' biases are not known.
 
     Args:
         x: (n,) the state.
         sigmas: (n,) its standard deviations.
-        prior: standard deviation of the biases in the robot file [m/s²].
+        imu: the robot file's `[imu]`.
     """
+    prior = imu.accelerometer_bias_sigma
     biases, of_biases = x[s.ACCELEROMETER_BIASES], sigmas[s.ACCELEROMETER_BIASES]
     if not 0.0 < of_biases.max() < KNOWN * prior:
         return None

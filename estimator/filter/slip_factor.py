@@ -1,4 +1,4 @@
-"""Factor on the slip: fixes show when the robot slips more than assumed.
+"""Factor on the slip, and doubt of the gyro's bias: what successive fixes show of the model.
 
 The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
 larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
@@ -9,7 +9,11 @@ Errors of fixes that wander point to one side, too. But their size is within wha
 innovations are then smaller than expected, while slip makes them larger. So a trend of small ones counts
 less.
 
-`trend_after` and `slip_factor_after` are written for plain Python and, traced, for lanes.
+A gyro's bias that jumped turns the pose. Fixes then lie beside the path, more and more of them, while the
+filter is sure of yaw and bias: from a trend to one side on, and when fixes are rejected, both are made
+uncertain, and the fixes teach them.
+
+`trend_after`, `bias_doubt` and `slip_factor_after` are written for plain Python and, traced, for lanes.
 """
 
 from __future__ import annotations
@@ -17,6 +21,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from icreckon.estimator.base import state as s
+from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.health import ADMITTED
@@ -24,6 +30,8 @@ from icreckon.estimator.filter.process_noise import travel_speed
 
 # Weight of a position fix in the trend, and in the size of the innovations.
 TREND_WEIGHT, SIZE_WEIGHT = 0.2, 0.1
+# Variance of the trend of white innovations, over that of one.
+OF_WHITE = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
 # Size of the innovations below which a trend counts less: it scatters by a quarter.
 FULL_SIZE = 0.8
 # Weight of a position fix in the factor on the slip, at speeds above this [m/s].
@@ -35,6 +43,9 @@ ROUNDING = 1e-12
 EXPECTED_SQUARE = 1.25
 # Largest one that counts, and largest factor.
 LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
+# Normalised square of the trend to the left from which on the gyro's bias is doubted, and at which it is
+# doubted fully, as it is after so many rejected fixes. So is the yaw: by the bias for this time [s].
+DOUBT, FULL_DOUBT, REJECTED_FIXES, DOUBTED_TIME = 12.0, 24.0, 3, 5.0
 
 
 def trend_after(
@@ -81,8 +92,7 @@ def slip_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right
         left: speed of the left track [m/s].
         right: speed of the right track [m/s].
     """
-    of_white = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
-    square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * of_white)
+    square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * OF_WHITE)
     size = min(1.0, trend[2] / FULL_SIZE)
     share = FACTOR_WEIGHT * min(1.0, travel_speed(left, right) / MOVING)
     grown = (
@@ -93,16 +103,35 @@ def slip_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right
     return min(LARGEST_FACTOR, max(1.0, math.sqrt(grown)))
 
 
-def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
+def bias_doubt(trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
+    """Share of the gyro's initial variance of bias to be added after a position fix.
+
+    A bias that jumped turns the pose, and fixes then lie beside the path, one after the other.
+
+    Args:
+        trend: see `trend_after`, this fix included.
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+    """
+    size = min(1.0, trend[2] / FULL_SIZE)
+    square = size * size * trend[1] * trend[1] / OF_WHITE
+    share = max(0.0, min(1.0, (square - DOUBT) / (FULL_DOUBT - DOUBT)))
+    return share * min(1.0, travel_speed(left, right) / MOVING)
+
+
+def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> float:
     """Adapt the factor to the newest position fix, if the gate admitted it.
 
     Args:
         record: record of the filter, changed in place.
         fixes: gate of the position fixes.
         yaw: yaw at the fix [rad].
+
+    Returns:
+        Share of the gyro's initial variance of bias to be added, see `bias_doubt`.
     """
     if fixes.verdict != ADMITTED:
-        return
+        return 1.0 if fixes.rejected_in_a_row >= REJECTED_FIXES else 0.0
     trend = trend_after(
         (record.trend_forward, record.trend_left, record.trend_size),
         (fixes.z[0], fixes.z[1]),
@@ -112,3 +141,12 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
     record.trend_forward, record.trend_left, record.trend_size = trend
     speeds = record.tracks.smooth_left, record.tracks.smooth_right
     record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)
+    return float(bias_doubt(trend, *speeds))
+
+
+def doubt(ekf: IcrEkf, variance: float) -> None:
+    """Inflate the gyro's bias by a variance [rad²/s²], and the yaw with it; see `bias_doubt`."""
+    if variance > 0.0:
+        if s.GYRO_BIAS not in ekf.considered:
+            ekf.inflate(s.GYRO_BIAS, variance=variance)
+        ekf.inflate(s.YAW, variance=variance * DOUBTED_TIME**2)

@@ -22,6 +22,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import (
@@ -39,6 +40,8 @@ FORMAT = 1
 LONG_GAP = 1.0
 # Share of rejected gyro readings from which gyro and tracks contradict each other.
 MANY_REJECTED = 0.05
+# Correlation of successive innovations of fixes that is reported, and number of fixes that show one.
+CORRELATED, ENOUGH_FIXES = 0.5, 30
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
@@ -171,6 +174,13 @@ def _findings(comparison: Comparison) -> list[str]:
             f"the accelerometers show the IMU tilted by {tilts[0].text} beyond rotation_rpy_deg of "
             "[imu]: correct it, as its gyro turns with it"
         )
+    correlated = [found for found in map(fix_correlation, comparison.runs.values()) if found]
+    if correlated and min(correlated) > CORRELATED:
+        notes.append(
+            f"successive innovations of the position fixes have a correlation of {min(correlated):.2f}, "
+            "those of fixes with white errors have none: they wander, or come late; icreckon inspect "
+            "proposes wander_sigma and wander_time"
+        )
     gyro = next(iter(healths.values())).gyro if healths else None
     if gyro is not None and gyro.times:
         notes.append(
@@ -181,6 +191,21 @@ def _findings(comparison: Comparison) -> list[str]:
     if carries:
         notes.append(f"shaken {carries} times with the tracks at rest: was the robot carried?")
     return notes
+
+
+def fix_correlation(one: Run) -> float | None:
+    """Correlation of successive normalised innovations of a run's position fixes.
+
+    It is the mean of those of x and y; None with fewer than `ENOUGH_FIXES`.
+    """
+    found = []
+    for name in ("position_x", "position_y"):
+        if name in one.innovation_names:
+            column = one.innovations[:, one.innovation_names.index(name)].astype(float)
+            values = column[np.isfinite(column)]
+            if len(values) >= ENOUGH_FIXES:
+                found.append(float(values[1:] @ values[:-1] / (values @ values)))
+    return sum(found) / len(found) if found else None
 
 
 def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:

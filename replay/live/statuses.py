@@ -20,6 +20,8 @@ CHANGED_LATENCY = 0.05
 """Difference of latencies from which a latency is reported as changed [s]."""
 MANY_REJECTED = 0.1
 """Share of rejected measurements between two reports from which a sensor is reported as WARN."""
+LARGE_FACTOR = 3.0
+"""Factor on the slip that is reported, see `SlipHealth.factor`."""
 
 
 class LiveStatuses:
@@ -172,6 +174,10 @@ def slip_status(slip: SlipHealth) -> DiagnosticStatus:
     if slip.sideways is not None:
         to = "left" if slip.sideways.speed > 0.0 else "right"
         texts.append(f"the robot slides to the {to} at {abs(slip.sideways.speed):.2f} m/s")
+    if slip.factor > LARGE_FACTOR:
+        texts.append(
+            f"position fixes show {slip.factor:.1f} times the slip expected, or they wander"
+        )
     if slip.carried is not None:
         values["carried_since_ns"] = str(slip.carried)
         texts.append("the robot is shaken with its tracks at rest: it may be carried")

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+import sick_sensors
 import spinning_track as benchmark
 from _logs import logs_without
 from hypothesis import given
@@ -390,3 +391,20 @@ def test_no_false_alarm_on_real_logs(name: str, data_dir: Path) -> None:
     log = read_log(sample_log(data_dir, name), robot)
     (gyro,) = run_side_by_side(log, robot, ["gyro"]).values()
     assert gyro.health.slip.times == gyro.health.slip.slides == 0
+
+
+@pytest.mark.parametrize(
+    ("variant", "name"), [("constant-online", "eta0"), ("inertia-online", "eta0")]
+)
+def test_a_track_that_spins_for_long_teaches_no_parameter(
+    variant: str, name: str, robot: Robot
+) -> None:
+    """Of 2.6, 0.1 at most; believed, the track would teach 7.6."""
+    (log,) = sick_sensors.drives(robot, 1)
+    estimator = PoseEstimator(robot, variant)
+    begin, found = log.start + round(sick_sensors.BEGINS * 1e9), []
+    for measurement in sick_sensors.FAULTS["left track spins, +0.8 m/s"].put(log).measurements():
+        if measurement.stamp in (begin, begin + 11_000_000_000):
+            found.append(estimator.parameters[name])
+        estimator.feed(measurement)
+    assert abs(found[-1] - found[0]) < 0.1

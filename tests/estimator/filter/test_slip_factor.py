@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.state import GYRO_BIAS, YAW
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.slip_factor import (
     FACTOR_WEIGHT,
     LARGEST_FACTOR,
     TREND_WEIGHT,
+    bias_doubt,
     slip_factor_after,
     trend_after,
 )
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -99,6 +104,69 @@ def test_the_factor_is_bounded_slow_and_rests_with_the_robot() -> None:
     assert factor_of(far[:1]) < 1.0 + 0.5 * 10.0 * FACTOR_WEIGHT
     assert factor_of(np.zeros((300, 2)), factor=6.0) == 1.0
     assert slip_factor_after(3.0, (2.0, 2.0, 1.0), 0.0, 0.0) == pytest.approx(3.0)
+
+
+def test_only_a_clear_trend_to_one_side_makes_the_bias_doubtful() -> None:
+    """Not one ahead, not one at rest, and not one of errors that are smaller than the fixes say."""
+    moving = 0.5, 0.5
+    assert bias_doubt((0.0, 3.0, 2.0), *moving) == 1.0
+    assert bias_doubt((0.0, -3.0, 2.0), *moving) == 1.0
+    assert 0.0 < bias_doubt((0.0, 1.4, 1.0), *moving) < 1.0
+    assert bias_doubt((3.0, 0.5, 2.0), *moving) == 0.0
+    assert bias_doubt((0.0, 3.0, 2.0), 0.0, 0.0) == 0.0
+    assert bias_doubt((0.0, 1.4, 0.3), *moving) == 0.0
+    rng, trend, doubts = np.random.default_rng(2), NEW, 0.0
+    for z in rng.standard_normal((5000, 2)).tolist():
+        trend = trend_after(trend, tuple(z), (1.0, 0.0, 1.0), (1.0, 0.0))
+        doubts += bias_doubt(trend, *moving)
+    assert doubts < 5000 * 0.001
+
+
+BIAS, JUMPS_AT = 0.02, 30
+
+
+@pytest.fixture(scope="module")
+def biased() -> Log:
+    """A drive under fixes of 5 cm each second, whose gyro's bias jumps."""
+    scenario = Scenario(duration=75.0, seed=3, trajectory="random")
+    log = simulate(scenario, load_robot("auriga-alpha"))
+    assert log.imu is not None
+    rates = log.imu.angular_velocity.copy()
+    rates[log.imu.stamps > log.start + JUMPS_AT * 1_000_000_000, 2] += BIAS
+    return replace(log, imu=replace(log.imu, angular_velocity=rates))
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+def test_a_bias_that_jumps_is_learnt_from_fixes(variant: str, biased: Log, robot: Robot) -> None:
+    """Without doubt it took minutes, and a third of the fixes were refused."""
+    one = run(biased, robot, variant)
+    seconds = (one.stamps - biased.start) * 1e-9
+    biases = one.states[:, GYRO_BIAS]
+    jump = biases[seconds > JUMPS_AT + 25.0] - biases[seconds < JUMPS_AT][-1]
+    assert jump == pytest.approx(BIAS, abs=0.008)
+    assert biased.truth is not None
+    true = interpolate_poses(biased.truth.poses, one.stamps)
+    off = np.abs(wrap_angle(one.trajectory.poses[:, 2] - true[:, 2]))
+    later = seconds > JUMPS_AT + 20.0
+    assert (off[later] < 3.0 * one.state_sigmas[later, YAW] + 0.01).mean() > 0.95
+    assert one.health.sensors["position"].rejected.get("gate", 0) < 15
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_engines_agree_on_a_bias_that_jumps(variant: str, biased: Log, robot: Robot) -> None:
+    compiled = run(biased, robot, variant)
+    plain = run(biased, robot, variant, settings=Settings(engine="plain"))
+    (side,) = run_side_by_side(biased, robot, [variant]).values()
+    for other in (plain, side):
+        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-8)
+        assert other.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
+
+
+def test_a_bias_that_is_considered_keeps_its_uncertainty(biased: Log, robot: Robot) -> None:
+    kept = Settings(considered=("gyro_bias",))
+    one = run(biased, robot, "constant-online", settings=kept)
+    sigmas = one.state_sigmas[1:, GYRO_BIAS]
+    assert sigmas == pytest.approx(sigmas[0], rel=0.02)
 
 
 def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:
