@@ -12,6 +12,11 @@ of drives in which `health` shows the fault at its end.
 - carried: the tracks read zero for 10 s while the robot moves, after 3 s at rest
 - expected: the robot file has `[undetected_slip]` with a share of 0.5
 
+In the second table the gyro's bias jumps by 0.02 rad/s after 40 s, under fixes of 5 cm each second: yaw
+error and own standard deviation so many seconds later, and the share of the jump in the estimated bias.
+In the third the IMU is tilted by 10 degrees, which the robot file does not have: what `health.tilt` shows
+after 60 s.
+
 LOGS is the folder of the sample logs: each time that the gyro is found failing in them is counted, and
 each time that the robot is found carried. None of them has such a fault that is known.
 """
@@ -29,7 +34,8 @@ import numpy as np
 from _logs import logs_without
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import relative
+from icreckon.estimator.base.frames import relative, rpy_to_matrix, wrap_angle
+from icreckon.estimator.base.state import GYRO_BIAS, YAW
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
@@ -37,6 +43,7 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -45,6 +52,8 @@ SECOND = 1_000_000_000
 BEGINS, AFTER = 30.0, 1.0
 RESTS = 2.8
 """Time within the standstill at the start of a drive [s]."""
+JUMP, JUMPS_AT, LATER = 0.02, 40.0, (5, 10, 15, 20, 40)
+MOUNTS = ((10.0, 0.0), (0.0, 10.0), (0.0, 0.0))
 VARIANTS = ("gyro", "constant-online", "inertia-online", "friction-online")
 
 
@@ -195,6 +204,49 @@ def drives(robot: Robot, runs: int) -> list[Log]:
     ]
 
 
+def bias_jumps(robot: Robot, variant: str, runs: int) -> list[str]:
+    """Cells of the table of biases that jump, and number of refused fixes."""
+    found, refused = [], 0
+    for seed in range(runs):
+        log = simulate(Scenario(duration=90.0, seed=seed, trajectory="random"), robot)
+        begin = log.start + round(JUMPS_AT * SECOND)
+        imu = imu_of(log)
+        rates = imu.angular_velocity.copy()
+        rates[imu.stamps > begin, 2] += JUMP
+        one = run(replace(log, imu=replace(imu, angular_velocity=rates)), robot, variant)
+        if log.truth is None:
+            raise ValueError("a simulated log has a truth")
+        rows = np.searchsorted(one.stamps, [begin, *(begin + k * SECOND for k in LATER)])
+        true = interpolate_poses(log.truth.poses, one.stamps[rows])
+        off = wrap_angle(one.trajectory.poses[rows, 2] - true[:, 2])
+        learnt = (one.states[rows, GYRO_BIAS] - one.states[rows[0], GYRO_BIAS]) / JUMP
+        found.append((off, one.state_sigmas[rows, YAW], learnt))
+        refused += one.health.sensors["position"].rejected.get("gate", 0)
+    off, sigmas, learnt = np.array(found).transpose(1, 0, 2)
+    cells = [
+        f"{np.degrees(rms(off[:, k])):.1f} | {np.degrees(rms(sigmas[:, k])):.1f} | "
+        f"{learnt[:, k].mean():.0%}"
+        for k in range(1, len(LATER) + 1)
+    ]
+    return [*cells, f"{refused / runs:.1f}"]
+
+
+def tilt_found(robot: Robot, variant: str, runs: int, mount: tuple[float, float]) -> str:
+    """Row of the table of tilted IMUs."""
+    R, found = rpy_to_matrix(np.radians(mount[0]), np.radians(mount[1]), 0.0), []
+    for log in drives(robot, runs):
+        imu = imu_of(log)
+        if imu.linear_acceleration is None:
+            raise ValueError("a simulated IMU has accelerometers")
+        rates, forces = imu.angular_velocity @ R, imu.linear_acceleration @ R
+        turned = replace(imu, angular_velocity=rates, linear_acceleration=forces)
+        tilt = run(replace(log, imu=turned), robot, variant).health.tilt
+        if tilt is not None:
+            found.append((tilt.roll_deg, tilt.pitch_deg, tilt.is_wrong))
+    roll, pitch, wrong = np.array(found).T
+    return f"{roll.mean():.1f} | {pitch.mean():.1f} | {round(wrong.sum())} of {runs}"
+
+
 def false_alarms(folder: Path) -> None:
     """Print what is found in the sample logs."""
     hours, faults, carries = 0.0, 0, 0
@@ -208,7 +260,7 @@ def false_alarms(folder: Path) -> None:
     print(f"real logs, {hours:.2f} h: gyro failed {faults} times, carried {carries} times")
 
 
-def rms(values: list[float]) -> float:
+def rms(values: list[float] | Floats) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -235,6 +287,15 @@ def main() -> None:
                 f"{np.mean([one.nees for one in found]):.1f} | {shown} of {len(found)}",
                 flush=True,
             )
+    columns = " | ".join(f"{k} s: yaw error [deg] | own sigma | learnt" for k in LATER)
+    print(f"bias jumps | {columns} | refused fixes")
+    for variant in given.variants:
+        print(f"`{variant}` | {' | '.join(bias_jumps(robot, variant, given.runs))}", flush=True)
+    print("IMU tilted by [deg] | variant | found roll | pitch | reported")
+    for mount in MOUNTS:
+        for variant in [one for one in given.variants if one != "gyro"]:
+            row = tilt_found(robot, variant, given.runs, mount)
+            print(f"{mount[0]:g}, {mount[1]:g} | `{variant}` | {row}", flush=True)
     if given.logs is not None:
         false_alarms(given.logs)
 
