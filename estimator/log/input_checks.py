@@ -161,6 +161,18 @@ def event_of(row: tuple[Any, ...]) -> Event:
     raise EstimatorError(f"no measurement: {row!r}")
 
 
+def measurement_of(row: tuple[Any, ...]) -> Measurement:
+    """Measurement of a row from `event_row`.
+
+    Raises:
+        EstimatorError: it is not such a row, or that of a mark.
+    """
+    event = event_of(row)
+    if isinstance(event, Mark):
+        raise EstimatorError(f"no measurement: {row!r}")
+    return event
+
+
 def kind_of(measurement: Measurement) -> type[Measurement]:
     """Type of a measurement, a key of `STREAMS`.
 
@@ -222,18 +234,19 @@ class Admission:
     Attributes:
         witnesses: for each stream that is far ahead, the number of consecutive samples that were, and
             the stamp of the newest of them [ns].
+        behind: the newest consecutive measurements that were too old.
     """
 
     def __init__(self, longest_gap: float, fastest: float) -> None:
         self._longest_gap = int(longest_gap / NANOSECOND)
         self._absurd = ABSURD_SPEED * fastest
         self.witnesses: dict[str, tuple[int, int]] = {}
-        self._behind: list[Measurement] = []
+        self.behind: list[Measurement] = []
 
     def in_time(self) -> None:
         """Record a measurement that was in time."""
-        if self._behind:
-            self._behind.clear()
+        if self.behind:
+            self.behind.clear()
 
     def too_old(self, measurement: Measurement) -> list[Measurement]:
         """Record a measurement that was too old to be used.
@@ -242,7 +255,7 @@ class Admission:
             The consecutive measurements that were too old, in the order of their stamps, if they are
             enough of each stream to show that the clock was set back. Otherwise an empty list.
         """
-        behind = self._behind
+        behind = self.behind
         if behind and abs(measurement.stamp - behind[-1].stamp) > self._longest_gap:
             behind.clear()
         behind.append(measurement)

@@ -16,7 +16,15 @@ from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
-from icreckon.estimator.log.input_checks import RANKS, STREAMS, Admission, as_plain, key_of
+from icreckon.estimator.log.input_checks import (
+    RANKS,
+    STREAMS,
+    Admission,
+    as_plain,
+    event_row,
+    key_of,
+    measurement_of,
+)
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -484,14 +492,19 @@ class PoseEstimator:
             dict(self._admission.witnesses),
             self._stamps.latencies,
             self._stamps.estimated,
+            tuple(map(event_row, self._admission.behind)),
+            self._stamps.memory(),
         )
 
     def _continue(self, saved: SavedEstimator) -> None:
         self._reckoning.restore(saved.now)
         self._history.restore(saved.history)
         self._arrivals = saved.arrivals
-        self._admission.witnesses = saved.witnesses
-        self._stamps = StampCorrection(self.robot, saved.latencies, saved.estimated_latency)
+        self._admission.witnesses = dict(saved.witnesses)
+        self._admission.behind = [measurement_of(row) for row in saved.behind]
+        self._stamps = StampCorrection(
+            self.robot, saved.latencies, saved.estimated_latency, saved.watch
+        )
 
     def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
         self._reckoning.warm_start(checkpoint, off)
