@@ -129,7 +129,9 @@ class Clones(msgspec.Struct, frozen=True):
         by_state = turns @ by_state
         carried, moved = _carried(self.cross, steps), by_state @ P
         # Half of what the step adds to the covariance; the other half is its transpose.
-        of_step = np.concatenate([_each(carried) + 0.5 * moved, turns @ (0.5 * Q[s.POSE, s.POSE])], 2)
+        of_step = np.concatenate(
+            [_each(carried) + 0.5 * moved, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
+        )
         by_step = np.concatenate([by_state, turns], 2)
         mixed = of_step[:, None] @ by_step.transpose(0, 2, 1)
         mixed = mixed.transpose(0, 2, 1, 3).reshape(self.covariance.shape)

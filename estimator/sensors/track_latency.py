@@ -89,7 +89,9 @@ class TrackLatencyMemory(msgspec.Struct, frozen=True):
         of_block = (6, len(SHIFTS))
         count = len(self.blocks)
         if count > MOST_BLOCKS or self.blocks.shape != ((count, *of_block) if count else (0,)):
-            raise ValueError(f"blocks of turning need {of_block} sums each, and are {MOST_BLOCKS} at most")
+            raise ValueError(
+                f"blocks of turning need {of_block} sums each, and are {MOST_BLOCKS} at most"
+            )
         if self.open.shape != of_block:
             raise ValueError(f"the block of turning under way needs {of_block} sums")
 
