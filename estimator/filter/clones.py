@@ -54,6 +54,8 @@ class RelativeMotion(NamedTuple):
 class Clones(msgspec.Struct, frozen=True):
     """Motion since each of m marks; immutable.
 
+    Each clone is computed by itself, with the same rounding whatever other clones there are.
+
     Attributes:
         stamps: stamps of the marks [ns].
         poses: (m, 3) poses of base_link in base_link at each mark.
@@ -88,7 +90,7 @@ class Clones(msgspec.Struct, frozen=True):
             P: (SIZE, SIZE) the filter's covariance.
         """
         cross = by_state @ P
-        with_others = self.cross @ by_state.T
+        with_others = (_each(self.cross) @ by_state.T).reshape(-1, 3)
         return Clones(
             (*self.stamps, stamp),
             np.vstack([self.poses, motion]),
@@ -124,20 +126,21 @@ class Clones(msgspec.Struct, frozen=True):
         """
         turns = _turns(self.poses[:, 2] - yaw)
         steps = turns @ step
-        turn = turns.reshape(-1, 3)
-        own = np.eye(len(turn))
-        first = np.arange(0, len(turn), 3)
-        own[first, first + 2] = -steps[:, 1]
-        own[first + 1, first + 2] = steps[:, 0]
-        by_state = turn @ by_state
-        carried, moved = own @ self.cross, by_state @ P
-        mixed = carried @ by_state.T
-        covariance = own @ self.covariance @ own.T + mixed + mixed.T + moved @ by_state.T
-        covariance += turn @ Q[s.POSE, s.POSE] @ turn.T
+        by_state = turns @ by_state
+        carried, moved = _carried(self.cross, steps), by_state @ P
+        # Half of what the step adds to the covariance; the other half is its transpose.
+        of_step = np.concatenate(
+            [_each(carried) + 0.5 * moved, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
+        )
+        by_step = np.concatenate([by_state, turns], 2)
+        mixed = of_step[:, None] @ by_step.transpose(0, 2, 1)
+        mixed = mixed.transpose(0, 2, 1, 3).reshape(self.covariance.shape)
+        covariance = _carried(_carried(self.covariance, steps).T, steps) + (mixed + mixed.T)
+        cross = (_each(carried) + moved) @ F.T + turns @ Q[s.POSE]
         return Clones(
             self.stamps,
             self.poses + steps,
-            (carried + moved) @ F.T + turn @ Q[s.POSE],
+            cross.reshape(self.cross.shape),
             0.5 * (covariance + covariance.T),
         )
 
@@ -166,7 +169,7 @@ class Clones(msgspec.Struct, frozen=True):
             S: variance of the innovation.
             fixed: the poses are not to be moved; their covariance takes that into account.
         """
-        own = self.cross @ h
+        own = (_each(self.cross) @ h).ravel()
         own_gain = np.zeros_like(own) if fixed else own / S
         half = np.outer(own_gain, own - 0.5 * S * own_gain)
         return Clones(
@@ -217,6 +220,24 @@ class Clones(msgspec.Struct, frozen=True):
                 f"there is no mark at {stamp}; there are marks at {list(self.stamps)}"
             )
         return self.stamps.index(stamp)
+
+
+def _each(rows: Floats) -> Floats:
+    """Rows (3m, n) of m clones as (m, 3, n)."""
+    return rows.reshape(-1, 3, rows.shape[1])
+
+
+def _carried(rows: Floats, steps: Floats) -> Floats:
+    """Carry rows (3m, n) of m clones along with the turn of each by its error in yaw.
+
+    Args:
+        rows: covariances of the clones' errors with others.
+        steps: (m, 3) increments of their poses.
+    """
+    carried = rows.copy()
+    carried[0::3] -= steps[:, 1:2] * rows[2::3]
+    carried[1::3] += steps[:, 0:1] * rows[2::3]
+    return carried
 
 
 def _turns(angles: Floats) -> Floats:

@@ -111,6 +111,7 @@ class Reckoning:
     Attributes:
         ekf: the extended Kalman filter.
         parameter_sigmas: (9,) initial standard deviations of the parameters.
+        by_parts: take no whole steps, as with a mark; they are rounded otherwise.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground, or
@@ -134,6 +135,7 @@ class Reckoning:
         self.ekf.x[s.POSE] = start
         self.ekf.P = np.diag(sigmas**2)
         self.ekf.considered = considered_states(variant, settings)
+        self.by_parts = False
         self._wander = wander_of(robot, settings)
         if self._wander.sigma:
             self.ekf.add_wander(self._wander.sigma)
@@ -423,7 +425,8 @@ class Reckoning:
         """Return True if nothing is to follow each part of a whole step to a stamp [ns]."""
         record, ekf = self._record, self.ekf
         is_whole = NEVER != record.stamp < stamp and not record.step_under_way
-        return is_whole and ekf.clones is None and ekf.observer is None
+        is_alone = ekf.clones is None and ekf.observer is None
+        return is_whole and is_alone and not self.by_parts
 
     def _update_standstill(self) -> None:
         """Update with the zero twist of a standing robot."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from decimal import Decimal
 from functools import cache
+from numbers import Real
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -52,8 +54,14 @@ BEHIND, BEHIND_OF_EACH = 20, 4
 ABSURD_SPEED = 10.0
 # No gyro of a vehicle reads more [rad/s], and no accelerometer [m/s²].
 ABSURD_RATE, ABSURD_FORCE = 100.0, 1000.0
-# Reason to reject.
-NOT_FINITE = "not finite"
+# No place is further from the origin of its map [m], and no antenna from the robot [m].
+ABSURD_DISTANCE, ABSURD_LEVER = 1e10, 1e3
+# Stamps that are held in 64 bits, with all differences between them: from 1896 to 2116 [ns].
+EARLIEST, LATEST = -(2**61), 2**62 - 1
+# Reasons to reject.
+NOT_FINITE, OUT_OF_RANGE = "not finite", "stamp out of range"
+# Longest text of a value in a message.
+LONGEST_TEXT = 200
 # Largest asymmetry of a covariance, and its least eigenvalue, relative to its standard deviations.
 ASYMMETRY, LEAST_SHARE = 1e-6, 1e-9
 
@@ -115,27 +123,35 @@ def as_plain(measurement: Measurement) -> Measurement:
             return measurement
     kind = kind_of(measurement)
     stream = STREAMS[kind]
-    stamp = measurement.stamp
+    stamp = as_stamp(stream, measurement.stamp)
     fields = _fields(kind)
     values = [getattr(measurement, name) for name in fields]
-    is_plain = type(measurement) is kind and type(stamp) is int and _has_floats_only(kind)
+    is_plain = type(measurement) is kind and stamp is measurement.stamp and _has_floats_only(kind)
     if is_plain and all(type(value) is float for value in values):
         return measurement
-    if type(stamp) is not int:
-        if not isinstance(stamp, int | np.integer):
-            raise EstimatorError(f"{stream}: a stamp is an integer of nanoseconds, found {stamp!r}")
-        stamp = int(stamp)
-    try:
-        converted = [
-            CONVERTERS[wanted](name, value)
-            for (name, wanted), value in zip(fields.items(), values, strict=True)
-        ]
-    except (TypeError, ValueError):
-        raise EstimatorError(
-            f"{stream}: all but the stamp must be numbers: {measurement!r}"
-        ) from None
+    converted = [
+        CONVERTERS[wanted](f"{stream}: {name}", value)
+        for (name, wanted), value in zip(fields.items(), values, strict=True)
+    ]
     make: Any = kind
     return make(stamp, *converted)  # type: ignore[no-any-return]
+
+
+def as_stamp(name: str, stamp: Any) -> int:
+    """Convert a stamp to a plain integer [ns].
+
+    Args:
+        name: name of what it is the stamp of, for the message.
+        stamp: an integer of any type.
+
+    Raises:
+        EstimatorError: it is not an integer.
+    """
+    if type(stamp) is int:
+        return stamp
+    if isinstance(stamp, bool) or not isinstance(stamp, int | np.integer):
+        raise EstimatorError(f"{name}: a stamp is an integer of nanoseconds, found {_text(stamp)}")
+    return int(stamp)
 
 
 def event_row(event: Event) -> tuple[Any, ...]:
@@ -161,6 +177,18 @@ def event_of(row: tuple[Any, ...]) -> Event:
     raise EstimatorError(f"no measurement: {row!r}")
 
 
+def measurement_of(row: tuple[Any, ...]) -> Measurement:
+    """Measurement of a row from `event_row`.
+
+    Raises:
+        EstimatorError: it is not such a row, or that of a mark.
+    """
+    event = event_of(row)
+    if isinstance(event, Mark):
+        raise EstimatorError(f"no measurement: {row!r}")
+    return event
+
+
 def kind_of(measurement: Measurement) -> type[Measurement]:
     """Type of a measurement, a key of `STREAMS`.
 
@@ -173,19 +201,50 @@ def kind_of(measurement: Measurement) -> type[Measurement]:
         if isinstance(measurement, kind):
             return kind
     *most, last = (kind.__name__ for kind in STREAMS)
-    raise EstimatorError(f"no measurement: {measurement!r}; feed {', '.join(most)} or {last}")
+    found = _text(measurement)
+    raise EstimatorError(f"no measurement: {found}; feed {', '.join(most)} or {last}")
 
 
-def _number(_name: str, value: Any) -> float:
-    return float(value)
+def _text(value: Any) -> str:
+    """Text of a value in a message; a large integer has none."""
+    try:
+        return repr(value)[:LONGEST_TEXT]
+    except ValueError:
+        return type(value).__name__
+
+
+def _float(value: Any) -> float:
+    """Convert a real number; one that is beyond the range of a float becomes infinite.
+
+    Raises:
+        TypeError: it is no real number, as a string or a bool are none.
+        ValueError: it is a signalling NaN.
+    """
+    if type(value) is float:
+        return value
+    if getattr(value, "ndim", None) == 0 and not isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, Real | Decimal):
+        raise TypeError
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        return _float(value)
+    except (TypeError, ValueError):
+        raise EstimatorError(f"{name} must be a number, found {_text(value)}") from None
 
 
 def _three(name: str, values: Any) -> Vector3:
     try:
         first, second, third = values
-        return float(first), float(second), float(third)
+        return _float(first), _float(second), _float(third)
     except (TypeError, ValueError):
-        raise EstimatorError(f"{name} must be three numbers, found {values!r}") from None
+        raise EstimatorError(f"{name} must be three numbers, found {_text(values)}") from None
 
 
 def _three_rows(name: str, rows: Any) -> Matrix3:
@@ -194,7 +253,7 @@ def _three_rows(name: str, rows: Any) -> Matrix3:
         return _three(name, first), _three(name, second), _three(name, third)
     except (TypeError, ValueError, EstimatorError):
         raise EstimatorError(
-            f"{name} must be three rows of three numbers, found {rows!r}"
+            f"{name} must be three rows of three numbers, found {_text(rows)}"
         ) from None
 
 
@@ -222,18 +281,19 @@ class Admission:
     Attributes:
         witnesses: for each stream that is far ahead, the number of consecutive samples that were, and
             the stamp of the newest of them [ns].
+        behind: the newest consecutive measurements that were too old.
     """
 
     def __init__(self, longest_gap: float, fastest: float) -> None:
         self._longest_gap = int(longest_gap / NANOSECOND)
         self._absurd = ABSURD_SPEED * fastest
         self.witnesses: dict[str, tuple[int, int]] = {}
-        self._behind: list[Measurement] = []
+        self.behind: list[Measurement] = []
 
     def in_time(self) -> None:
         """Record a measurement that was in time."""
-        if self._behind:
-            self._behind.clear()
+        if self.behind:
+            self.behind.clear()
 
     def too_old(self, measurement: Measurement) -> list[Measurement]:
         """Record a measurement that was too old to be used.
@@ -242,7 +302,7 @@ class Admission:
             The consecutive measurements that were too old, in the order of their stamps, if they are
             enough of each stream to show that the clock was set back. Otherwise an empty list.
         """
-        behind = self._behind
+        behind = self.behind
         if behind and abs(measurement.stamp - behind[-1].stamp) > self._longest_gap:
             behind.clear()
         behind.append(measurement)
@@ -262,6 +322,8 @@ class Admission:
         Args:
             measurement: the measurement, as returned by `as_plain`.
         """
+        if not EARLIEST <= measurement.stamp <= LATEST:
+            return OUT_OF_RANGE
         if isinstance(measurement, TrackSpeeds):
             speeds = measurement.left, measurement.right
             return _objection_to_size(speeds, self._absurd, "absurdly fast")
@@ -274,6 +336,14 @@ class Admission:
         if isinstance(measurement, BodyVelocity):
             speeds = measurement.v_x, measurement.v_y
             objection = _objection_to_size(speeds, self._absurd, "absurdly fast")
+            if objection not in (None, NOT_FINITE):
+                return objection
+        if isinstance(measurement, PositionFix | PoseFix):
+            place = measurement.x, measurement.y
+            objection = _objection_to_size(place, ABSURD_DISTANCE, "absurdly far")
+            if objection is None and isinstance(measurement, PositionFix):
+                lever = measurement.forward, measurement.left
+                objection = _objection_to_size(lever, ABSURD_LEVER, "absurdly far")
             if objection not in (None, NOT_FINITE):
                 return objection
         return _objection_to_fields(measurement)
@@ -343,7 +413,7 @@ def _objection_to_covariance(covariance: Matrix3) -> str | None:
     correlation = matrix / sigmas / sigmas[:, None]
     if np.abs(correlation - correlation.T).max() > ASYMMETRY:
         return "covariance not symmetric"
-    least = np.linalg.eigvalsh(0.5 * (correlation + correlation.T))[0]
+    least = np.linalg.eigvalsh(0.5 * correlation + 0.5 * correlation.T)[0]
     return None if least >= LEAST_SHARE else "covariance not positive definite"
 
 

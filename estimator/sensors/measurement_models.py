@@ -183,7 +183,7 @@ class Pose(FixModel[PoseFix]):
         z = np.array((measurement.x, measurement.y, measurement.yaw)) - predicted.values
         z[2] = wrap_angle(z[2])
         covariance = np.array(measurement.covariance)
-        return Linearised(z, predicted.H, predicted.R + 0.5 * (covariance + covariance.T))
+        return Linearised(z, predicted.H, predicted.R + (0.5 * covariance + 0.5 * covariance.T))
 
 
 class Standing(FixModel[ZeroVelocity]):

@@ -10,8 +10,9 @@ from leaving out one block at a time. A batch version that looks at a whole log 
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
@@ -31,6 +32,8 @@ LEAST_CORRELATION = 0.7
 """Smallest correlation of tracks and gyro at which there is an estimate [-]."""
 CAPACITY = 4096
 """Number of samples that are kept to integrate over the windows: 10 s at 400 Hz."""
+OBSOLETE = 256
+"""Number of samples before the next window at which they are dropped."""
 
 
 class TrackLatency(NamedTuple):
@@ -38,6 +41,59 @@ class TrackLatency(NamedTuple):
 
     seconds: float
     sigma: float
+
+
+class AngleMemory(msgspec.Struct, frozen=True):
+    """Checkpoint of an angle that is integrated from samples.
+
+    Attributes:
+        seconds: (n,) times of the samples [s].
+        values: (n,) angles, or distances.
+        rate: newest rate.
+    """
+
+    seconds: np.ndarray[Any, Any]
+    values: np.ndarray[Any, Any]
+    rate: float
+
+    def __post_init__(self) -> None:
+        shape = self.seconds.shape
+        if self.values.shape != shape or len(shape) != 1 or len(self.seconds) > CAPACITY:
+            raise ValueError(f"an angle needs a time for each value, {CAPACITY} at most")
+        if (np.diff(self.seconds) <= 0.0).any():
+            raise ValueError("the times of an angle must rise")
+
+
+class TrackLatencyMemory(msgspec.Struct, frozen=True):
+    """Checkpoint of a `TrackLatencyEstimator`.
+
+    Attributes:
+        origin: stamp at which its seconds begin [ns], or None before the first sample.
+        blocks: (n, 6, m) sums of the completed blocks.
+        open: (6, m) sums of the block under way.
+        turned: turning in it [rad].
+        next_window: start of the next window [s], or None.
+        gyro: yaw by the gyro.
+        tracks: way of the right track less that of the left.
+    """
+
+    origin: int | None
+    blocks: np.ndarray[Any, Any]
+    open: np.ndarray[Any, Any]
+    turned: float
+    next_window: float | None
+    gyro: AngleMemory
+    tracks: AngleMemory
+
+    def __post_init__(self) -> None:
+        of_block = (6, len(SHIFTS))
+        count = len(self.blocks)
+        if count > MOST_BLOCKS or self.blocks.shape != ((count, *of_block) if count else (0,)):
+            raise ValueError(
+                f"blocks of turning need {of_block} sums each, and are {MOST_BLOCKS} at most"
+            )
+        if self.open.shape != of_block:
+            raise ValueError(f"the block of turning under way needs {of_block} sums")
 
 
 class _Angle:
@@ -65,10 +121,7 @@ class _Angle:
             mean = self._rate if self._held else 0.5 * (self._rate + rate)
             value = self.values[self.count - 1] + step * mean
         if self.count == CAPACITY:
-            kept = CAPACITY // 2
-            self.seconds[:kept] = self.seconds[kept:].copy()
-            self.values[:kept] = self.values[kept:].copy()
-            self.count = kept
+            self._keep(self.seconds[CAPACITY // 2 :], self.values[CAPACITY // 2 :])
         self.seconds[self.count], self.values[self.count] = second, value
         self.count, self._rate = self.count + 1, rate
         return True
@@ -76,6 +129,26 @@ class _Angle:
     def at(self, seconds: Floats) -> Floats:
         """Angles at some times."""
         return np.interp(seconds, self.seconds[: self.count], self.values[: self.count])
+
+    def drop_before(self, second: float) -> None:
+        """Drop samples that angles from a time on do not depend on, once there are many."""
+        first = int(np.searchsorted(self.seconds[: self.count], second, side="right")) - 1
+        if first >= OBSOLETE:
+            self._keep(self.seconds[first : self.count], self.values[first : self.count])
+
+    def memory(self) -> AngleMemory:
+        """Checkpoint of the angle."""
+        count = self.count
+        return AngleMemory(self.seconds[:count].copy(), self.values[:count].copy(), self._rate)
+
+    def recall(self, memory: AngleMemory) -> None:
+        """Restore a checkpoint."""
+        self._keep(memory.seconds, memory.values)
+        self._rate = memory.rate
+
+    def _keep(self, seconds: Floats, values: Floats) -> None:
+        self.count = len(seconds)
+        self.seconds[: self.count], self.values[: self.count] = seconds.copy(), values.copy()
 
 
 class TrackLatencyEstimator:
@@ -132,6 +205,26 @@ class TrackLatencyEstimator:
             return None
         return TrackLatency(best, jackknife_sigma(values))
 
+    def memory(self) -> TrackLatencyMemory:
+        """Checkpoint of the estimator."""
+        return TrackLatencyMemory(
+            self._origin,
+            np.array(self._blocks),
+            self._open.copy(),
+            self._turned,
+            self._next,
+            self._gyro.memory(),
+            self._tracks.memory(),
+        )
+
+    def recall(self, memory: TrackLatencyMemory) -> None:
+        """Restore a checkpoint."""
+        self._origin, self._turned = memory.origin, memory.turned
+        self._blocks = deque(memory.blocks.copy(), maxlen=MOST_BLOCKS)
+        self._open, self._next = memory.open.copy(), memory.next_window
+        self._gyro.recall(memory.gyro)
+        self._tracks.recall(memory.tracks)
+
     def _second(self, stamp: int) -> float:
         if self._origin is None:
             self._origin = stamp
@@ -155,6 +248,8 @@ class TrackLatencyEstimator:
         while self._next + WINDOW + SHIFTS[-1] <= newest and self._next + WINDOW <= gyro_end:
             completed |= self._use_window(self._next)
             self._next += WINDOW_STEP
+        for angle in (gyro, tracks):
+            angle.drop_before(self._next + SHIFTS[0])
         return completed
 
     def _use_window(self, start: float) -> bool:

@@ -20,8 +20,8 @@ from icreckon.estimator.log.measurements import Mark
 BEFORE_ALL: Key = (-(2**63), -1)
 # Number of measurements between two checkpoints.
 CHECKPOINT_EVERY = 16
-# Highest number of checkpoints, however fast measurements come.
-MOST_CHECKPOINTS = 1000
+# Highest number of measurements that a late one may be behind, however fast they come.
+MOST_MEASUREMENTS = 16_000
 
 
 class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memory"}):
@@ -31,11 +31,13 @@ class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memo
         after: key of the last measurement before the history.
         checkpoint: checkpoint of the filter after it.
         measurements: later measurements and marks in order; a row each, see `event_row`.
+        by_parts: see `History`.
     """
 
     after: Key
     checkpoint: FilterCheckpoint
     measurements: tuple[tuple[Any, ...], ...]
+    by_parts: tuple[tuple[Key, Key], ...] = ()
 
 
 class KeyedMemory(NamedTuple):
@@ -50,7 +52,10 @@ class History:
 
     A late measurement is inserted in its place, the checkpoint before it is restored, and the filter is
     re-run over all later ones. So the estimate is always that of all measurements so far in the order of
-    their keys, to the last bit.
+    their keys, to the last bit, wherever the checkpoints are.
+
+    Steps with a mark are taken by parts, and rounded otherwise than whole steps. Those of a mark that has
+    been dropped stay so in a re-run: `_by_parts` has the keys from the mark to the newest at that time.
 
     Args:
         reckoning: the filter.
@@ -64,6 +69,7 @@ class History:
         self._events: list[Event] = []
         self._checkpoints = [KeyedMemory(BEFORE_ALL, reckoning.memory())]
         self._since_checkpoint = 0
+        self._by_parts: list[tuple[Key, Key]] = []
 
     def checkpoint(self) -> HistoryCheckpoint:
         """Checkpoint of the present state."""
@@ -72,7 +78,8 @@ class History:
         self._reckoning.recall(oldest)
         checkpoint = self._reckoning.checkpoint()
         self._reckoning.recall(now)
-        return HistoryCheckpoint(after, checkpoint, tuple(map(event_row, self._events)))
+        rows = tuple(map(event_row, self._events))
+        return HistoryCheckpoint(after, checkpoint, rows, tuple(self._by_parts))
 
     def restore(self, checkpoint: HistoryCheckpoint) -> None:
         """Restore a checkpoint; the filter's own of the same time must be restored before.
@@ -87,6 +94,7 @@ class History:
         now = self._reckoning.memory()
         self.begin_anew(checkpoint.after, checkpoint.checkpoint)
         self._keys, self._events = keys, events
+        self._by_parts = list(checkpoint.by_parts)
         if keys:
             self._checkpoints.append(KeyedMemory(keys[-1], now))
         self._reckoning.recall(now)
@@ -100,11 +108,10 @@ class History:
             return TOO_OLD
         if key[0] < keys[-1][0] - self._span:
             return TOO_OLD
-        if keys[bisect_left(keys, key)] == key:
-            return "duplicate stamp"
-        if key < self._checkpoints[0].after:
+        place = bisect_left(keys, key)
+        if key < self._checkpoints[0].after or len(keys) - place > MOST_MEASUREMENTS:
             return HISTORY_FULL
-        return None
+        return "duplicate stamp" if keys[place] == key else None
 
     def starts_after(self, key: Key) -> bool:
         """Return True if this key is before the first measurement of all."""
@@ -137,7 +144,7 @@ class History:
     def begin_anew(self, after: Key, checkpoint: FilterCheckpoint) -> None:
         """Restore a checkpoint after the measurement of a key, and clear the history."""
         self._reckoning.restore(checkpoint)
-        self._keys, self._events = [], []
+        self._keys, self._events, self._by_parts = [], [], []
         self._checkpoints = [KeyedMemory(after, self._reckoning.memory())]
         self._since_checkpoint = 0
 
@@ -149,16 +156,19 @@ class History:
     def forget_mark(self, mark: Mark) -> None:
         """Drop a mark from the filter, the history and all checkpoints."""
         self._reckoning.ekf.clones = self._reckoning.clones.without(mark.stamp)
-        key = key_of(mark)
+        key, since = key_of(mark), BEFORE_ALL
         place = bisect_left(self._keys, key)
         if place < len(self._keys) and self._keys[place] == key:
             del self._keys[place], self._events[place]
+            since = key
         # A checkpoint after the mark is one after the measurement before it.
         before = self._keys[place - 1] if place else self._checkpoints[0].after
         for index, (after, memory) in enumerate(self._checkpoints):
             if memory.clones is not None:
                 without = memory._replace(clones=memory.clones.without(mark.stamp))
                 self._checkpoints[index] = KeyedMemory(before if after == key else after, without)
+        if self._keys:
+            self._by_parts.append((since, self._keys[-1]))
 
     def insert(self, key: Key, event: Event) -> bool:
         """Update the filter with a late measurement; return True if it was used."""
@@ -168,16 +178,20 @@ class History:
         while self._checkpoints[-1].after > key:
             self._checkpoints.pop()
         after, memory = self._checkpoints[-1]
-        self._reckoning.recall(memory)
+        reckoning = self._reckoning
+        reckoning.recall(memory)
         self._since_checkpoint = 0
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
-            now_used = self._reckoning.take(self._events[index])
+            at = self._keys[index]
+            reckoning.by_parts = any(since < at <= to for since, to in self._by_parts)
+            now_used = reckoning.take(self._events[index])
             if index == place:
                 used = now_used
             self._since_checkpoint += 1
             if self._since_checkpoint >= CHECKPOINT_EVERY:
-                self._add_checkpoint(self._keys[index])
+                self._add_checkpoint(at)
+        reckoning.by_parts = False
         return used
 
     def _add_checkpoint(self, key: Key) -> None:
@@ -187,16 +201,16 @@ class History:
 
     def _drop_obsolete(self) -> None:
         """Drop measurements and checkpoints that are older than the history."""
-        checkpoints = self._checkpoints
-        horizon = self._keys[-1][0] - self._span
+        checkpoints, keys = self._checkpoints, self._keys
+        horizon = (keys[-1][0] - self._span, -1)
+        if len(keys) > MOST_MEASUREMENTS:
+            horizon = max(horizon, keys[-MOST_MEASUREMENTS])
         obsolete = 0
-        while obsolete + 1 < len(checkpoints) and (
-            checkpoints[obsolete + 1].after[0] < horizon
-            or len(checkpoints) - obsolete > MOST_CHECKPOINTS
-        ):
+        while obsolete + 1 < len(checkpoints) and checkpoints[obsolete + 1].after < horizon:
             obsolete += 1
         if obsolete:
             del checkpoints[:obsolete]
             passed = bisect_right(self._keys, checkpoints[0].after)
             del self._keys[:passed]
             del self._events[:passed]
+            self._by_parts = [span for span in self._by_parts if span[1] > checkpoints[0].after]

@@ -29,7 +29,11 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.estimator.sensors.track_latency import TrackLatency, TrackLatencyEstimator
+from icreckon.estimator.sensors.track_latency import (
+    TrackLatency,
+    TrackLatencyEstimator,
+    TrackLatencyMemory,
+)
 
 _Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, FixSeries)
 LARGEST_SIGMA = 0.02
@@ -130,17 +134,26 @@ class StampCorrection:
         robot: the robot, for the mounting of its IMU.
         latencies: the latencies.
         estimated: estimate of an earlier run to begin with [s].
+        watch: checkpoint of the watch, see `memory`; None to begin anew.
 
     Attributes:
         latencies: the latencies.
         estimated: part of the track speeds' latency that was estimated, and is taken off [s].
     """
 
-    def __init__(self, robot: Robot, latencies: Latencies, estimated: float = 0.0) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        latencies: Latencies,
+        estimated: float = 0.0,
+        watch: TrackLatencyMemory | None = None,
+    ) -> None:
         self.latencies, self.estimated = latencies, estimated
         self._imu = SensorModels(robot)
         self._watch = TrackLatencyEstimator()
-        self._found: TrackLatency | None = None
+        if watch is not None:
+            self._watch.recall(watch)
+        self._found: TrackLatency | None = self._watch.estimate()
         self._late = {kind: _nanoseconds(value) for kind, value in latencies.by_kind().items()}
         self._late[TrackSpeeds] += _nanoseconds(estimated)
 
@@ -160,6 +173,10 @@ class StampCorrection:
                 self._use_estimate()
         elif isinstance(measurement, ImuSample):
             self._watch.take_gyro(measurement.stamp, self._imu.yaw_rate(measurement))
+
+    def memory(self) -> TrackLatencyMemory:
+        """Checkpoint of the watch over the track speeds' latency."""
+        return self._watch.memory()
 
     def health(self) -> TrackLatencyHealth:
         """Latency of the track speeds: what is taken off, and what the watch finds."""

@@ -16,7 +16,19 @@ from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
-from icreckon.estimator.log.input_checks import RANKS, STREAMS, Admission, as_plain, key_of
+from icreckon.estimator.log.input_checks import (
+    EARLIEST,
+    LATEST,
+    OUT_OF_RANGE,
+    RANKS,
+    STREAMS,
+    Admission,
+    as_plain,
+    as_stamp,
+    event_row,
+    key_of,
+    measurement_of,
+)
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -259,14 +271,16 @@ class PoseEstimator:
         """Update with one measurement.
 
         The latency of its stream is taken off its stamp. It is rejected, and counted in `health`, if it
-        is invalid (not finite, bad variance, duplicate stamp), later than `Settings.history`, or outside
-        of its gate. The estimate then changes at most by propagation to its stamp.
+        is invalid (not finite or too large, bad variance, duplicate stamp), later than
+        `Settings.history`, or outside of its gate. The estimate then changes at most by propagation to
+        its stamp.
 
         Returns:
             True if the measurement was used.
 
         Raises:
-            EstimatorError: the object is no measurement, or of a kind that was registered later.
+            EstimatorError: the object is no measurement, holds what is no number, or is of a kind that
+                was registered later.
         """
         return self.feed_corrected(self._stamps.corrected(as_plain(measurement)))
 
@@ -350,13 +364,14 @@ class PoseEstimator:
             The stamp, which identifies the mark. There is one mark at a stamp: a second changes nothing.
 
         Raises:
-            EstimatorError: there was no measurement yet, the stamp is older than the history or further
-                ahead of the estimate than `Settings.hold`, or there are `MOST_MARKS` marks already.
+            EstimatorError: there was no measurement yet, the stamp is no integer, older than the
+                history or further ahead of the estimate than `Settings.hold`, or there are `MOST_MARKS`
+                marks already.
         """
         now = self.stamp
         if now is None:
             raise EstimatorError("nothing can be marked before the first measurement")
-        mark = Mark(now if stamp is None else int(stamp))
+        mark = Mark(now if stamp is None else _stamp_of_mark(stamp))
         if mark.stamp in self.marks:
             return mark.stamp
         key = key_of(mark)
@@ -386,7 +401,9 @@ class PoseEstimator:
         Raises:
             EstimatorError: there is no such mark.
         """
-        return self._reckoning.clones.between(from_stamp, to_stamp, self.stamp or 0)
+        start = _stamp_of_mark(from_stamp)
+        end = None if to_stamp is None else _stamp_of_mark(to_stamp)
+        return self._reckoning.clones.between(start, end, self.stamp or 0)
 
     def forget(self, stamp: int) -> None:
         """Drop a mark that is no longer used; each costs time in every step.
@@ -397,8 +414,9 @@ class PoseEstimator:
         Raises:
             EstimatorError: there is no such mark.
         """
-        self._reckoning.clones.place(stamp)
-        self._history.forget_mark(Mark(stamp))
+        mark = Mark(_stamp_of_mark(stamp))
+        self._reckoning.clones.place(mark.stamp)
+        self._history.forget_mark(mark)
 
     # --- save and restore -------------------------------------------------------------------------
 
@@ -484,14 +502,19 @@ class PoseEstimator:
             dict(self._admission.witnesses),
             self._stamps.latencies,
             self._stamps.estimated,
+            tuple(map(event_row, self._admission.behind)),
+            self._stamps.memory(),
         )
 
     def _continue(self, saved: SavedEstimator) -> None:
         self._reckoning.restore(saved.now)
         self._history.restore(saved.history)
         self._arrivals = saved.arrivals
-        self._admission.witnesses = saved.witnesses
-        self._stamps = StampCorrection(self.robot, saved.latencies, saved.estimated_latency)
+        self._admission.witnesses = dict(saved.witnesses)
+        self._admission.behind = [measurement_of(row) for row in saved.behind]
+        self._stamps = StampCorrection(
+            self.robot, saved.latencies, saved.estimated_latency, saved.watch
+        )
 
     def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
         self._reckoning.warm_start(checkpoint, off)
@@ -547,3 +570,10 @@ class PoseEstimator:
         estimated = saved.estimated_latency if wanted.estimate_tracks else 0.0
         estimator._stamps = StampCorrection(robot, wanted, estimated)
         return estimator
+
+
+def _stamp_of_mark(stamp: object) -> int:
+    found = as_stamp("mark", stamp)
+    if not EARLIEST <= found <= LATEST:
+        raise EstimatorError(f"there is no mark of this stamp: {OUT_OF_RANGE}")
+    return found

@@ -5,7 +5,8 @@
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
         "history"                           checkpoint before the history, and the measurements since
-        "arrivals", "witnesses"}}           counts, and clocks that may have been set back
+        "arrivals", "witnesses", "behind",  counts, and clocks that may have been set
+        "latencies", "watch"}}              latencies of the stamps, and the watch over that of the tracks
 
 Numbers are written with all digits: reading returns them to the last bit. The checksum is that of the
 content.
@@ -28,6 +29,7 @@ from icreckon.estimator.filter.health import Health
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, state_names
+from icreckon.estimator.sensors.track_latency import TrackLatencyMemory
 from icreckon.estimator.streaming.late_measurements import HistoryCheckpoint
 from icreckon.estimator.streaming.latencies import Latencies
 
@@ -63,6 +65,8 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         witnesses: see `estimator.log.input_checks.Admission`.
         latencies: latencies of the stamps.
         estimated_latency: part of the track speeds' latency that was estimated [s].
+        behind: rows of measurements that were too old, see `Admission`.
+        watch: watch over the track speeds' latency; None to begin it anew.
     """
 
     variant: str
@@ -74,6 +78,8 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     witnesses: dict[str, tuple[int, int]]
     latencies: Latencies = Latencies()
     estimated_latency: float = 0.0
+    behind: tuple[tuple[Any, ...], ...] = ()
+    watch: TrackLatencyMemory | None = None
 
     def require_fit(
         self, robot: Robot, variant: str | None, source: str, *, to_continue: bool

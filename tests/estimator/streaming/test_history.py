@@ -253,13 +253,13 @@ def test_the_history_is_bounded_by_its_time():
 
 
 def test_the_history_is_bounded_by_its_size(monkeypatch):
-    monkeypatch.setattr(history, "MOST_CHECKPOINTS", 10)
+    monkeypatch.setattr(history, "MOST_MEASUREMENTS", 160)
     estimator = PoseEstimator(ALPHA)
     for k in range(500):
         estimator.feed(TrackSpeeds(EPOCH + 1000 * k, 0.1, 0.1))
     measurements, checkpoints = kept(estimator)
-    assert checkpoints <= 10
-    assert measurements <= 11 * history.CHECKPOINT_EVERY
+    assert checkpoints <= 12
+    assert measurements <= 160 + 2 * history.CHECKPOINT_EVERY
     assert estimator.feed(TrackSpeeds(EPOCH + 500, 0.1, 0.1)) is False
     assert estimator.health.rejections() == {"tracks: history is full": 1}
     assert estimator.feed(TrackSpeeds(EPOCH + 1000 * 480 + 500, 0.1, 0.1)) is True
