@@ -19,8 +19,8 @@ from icreckon.estimator.calibration.ground_forces import GroundForces
 from icreckon.estimator.log.lag import (
     LEAST_TURN,
     WINDOW,
-    NoLag,
     Curve,
+    NoLag,
     find_lag,
     heading_of,
     turned,

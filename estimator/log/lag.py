@@ -1,9 +1,10 @@
 """Lag of one series behind another, for inspect, calibrate and replay.
 
-Changes over short windows are compared, so that drift and frames do not matter: turns of angles, distances of
-places. At each candidate lag a straight line is fitted, since units, scale and bias may differ. The cost is
-the mean absolute residual: jumps of a truth and slip of a track do not move its minimum. A standard error
-follows from leaving out blocks of the windows. A lag that the data do not show is a `NoLag`.
+Changes over short windows are compared, so that drift and frames do not matter: turns of angles,
+distances of places. At each candidate lag a straight line is fitted, since units, scale and bias may
+differ. The cost is the mean absolute residual: jumps of a truth and slip of a track do not move its
+minimum. A standard error follows from leaving out blocks of the windows. A lag that the data do not
+show is a `NoLag`.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.lag import LEAST_TURN, Lag, NoLag, Curve, find_lag, places_of, turned
+from icreckon.estimator.log.lag import LEAST_TURN, Curve, Lag, NoLag, find_lag, places_of, turned
 from icreckon.estimator.log.series import PoseSeries
 
 RATE = 50.0
