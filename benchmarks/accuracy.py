@@ -44,6 +44,7 @@ from _study import bootstrap, ratio_of_sums, spread, table
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative
 from icreckon.estimator.calibration import calibrate
+from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import drift, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries
@@ -54,7 +55,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison.truth_alignment import align_truth
 from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
-from icreckon.replay.inspection.latency import track_latency
+from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.reading.read_log import read_log
 
 HORIZONS = (30.0, 10.0)
@@ -213,7 +214,7 @@ def calibrated(data: Path, fold: Fold) -> tuple[Robot, Robot]:
         if log.imu is None or mounting is None:
             raise ValueError(f"{piece.log} has no IMU with accelerometers")
         latency = track_latency(log.tracks, log.imu, vertical_rate(log.imu, mounting))
-        if latency is not None and latency.clear:
+        if isinstance(latency, Lag) and not objection(latency):
             late.append(latency.seconds)
     makers = with_latency(robot, float(np.mean(late)) if late else 0.0)
     logs = [cut(read_log(data / piece.log, makers), piece) for piece in fold.training]

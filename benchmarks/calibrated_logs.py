@@ -38,7 +38,7 @@ def found_row(name: str, found: Calibration) -> list[str]:
         sigma = "" if one.sigma is None else f" ± {one.sigma:.{digits}f}"
         return f"{one.value:.{digits}f}{sigma}"
 
-    lags = [log.lag[0] for log in found.logs]
+    lags = [log.lag[0] for log in found.logs if log.lag is not None]
     low, high = min(lags), max(lags)
     return [
         name,

@@ -120,7 +120,7 @@ def estimates(found: Calibration) -> dict[str, tuple[float, float, str]]:
     """Value, standard error and status of each parameter that a case knows the truth of."""
     result = {one.name: (one.value, one.sigma or np.inf, one.status) for one in found.parameters}
     first = found.logs[0]
-    result["truth.lag"] = (*first.lag, "shown")
+    result["truth.lag"] = (*(first.lag or (0.0, np.inf)), "shown")
     result["gyro_bias"] = (*first.gyro_bias, "shown")
     return result
 

@@ -50,7 +50,9 @@ def drift_row(log: Log, robot: Robot) -> list[str]:
     drifts = paired_drifts(found.runs, truths_of(found), scored_intervals(found.log))
     scores = drift_scores(drifts, VARIANT, VARIANT)
     alignment = found.alignment
-    lag = "-" if alignment is None else f"{alignment.lag:.2f} ± {alignment.lag_sigma or np.nan:.2f}"
+    lag = "-"
+    if alignment is not None and alignment.lag is not None:
+        lag = f"{alignment.lag:.2f} ± {alignment.lag_sigma or np.nan:.2f}"
     return [*(f"{scores[f'drift_percent_{time}_mean']:.2f}" for time in ("10s", "30s", "60s")), lag]
 
 

@@ -17,6 +17,7 @@ import msgspec
 from _logs import logs_without
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.lag import NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -75,7 +76,9 @@ def main() -> None:
         whole = track_latency(log.tracks, log.imu, models.yaw_rates(log.imu.angular_velocity))
         cells, end, seconds = watch(log, models)
         spent, duration = spent + seconds, duration + log.duration
-        of_whole = "-" if whole is None else shown(TrackLatency(whole.seconds, whole.sigma))
+        of_whole = (
+            "-" if isinstance(whole, NoLag) else shown(TrackLatency(whole.seconds, whole.sigma))
+        )
         print(" | ".join([name.removesuffix(".bag"), of_whole, *cells, end]))
     print(f"cost: {1e3 * spent / duration:.2f} ms of processor time for each second of a log")
 

@@ -373,12 +373,12 @@ def _logs(main: Fit) -> tuple[OfLog, ...]:
     speeds = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
     result = []
     for log, motion in enumerate(recording.motions):
-        own = recording.log == log
+        own, lag = recording.log == log, f"lag[{log}]"
         result.append(
             OfLog(
                 motion.log.name,
                 (main.value(f"gyro_bias[{log}]"), finite(main.sigma(f"gyro_bias[{log}]"))),
-                (main.value(f"lag[{log}]"), finite(main.sigma(f"lag[{log}]"))),
+                (main.value(lag), finite(main.sigma(lag))) if main.is_free(lag) else None,
                 int((own & recording.moving).sum()),
                 int((own & ~recording.moving).sum()),
                 float(main.value("scale") * speeds[own & recording.moving].sum()),

@@ -18,7 +18,8 @@ from icreckon.estimator.calibration.models import MODELS, model_of
 from icreckon.estimator.calibration.position_truth import with_headings
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
-from icreckon.estimator.calibration.segments import Recording, motion_of, record
+from icreckon.estimator.calibration.segments import Motion, Recording, motion_of, record
+from icreckon.estimator.log.lag import NOWHERE
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 
@@ -66,7 +67,8 @@ def calibrate(
 
     Raises:
         EstimatorError: no log, a log without truth, IMU or tracks, too little driving or turning,
-            signs that contradict each other, or an invalid option.
+            signs that contradict each other, a truth that turns otherwise than the gyro, or an
+            invalid option.
     """
     require_robot(robot)
     chosen = _models(models)
@@ -94,6 +96,7 @@ def calibrate(
     # First with the initial lag; then the truth is carried over to knots with the estimated lag.
     first_problem = problem("constant", recording, robot)
     _check_signs(first_problem)
+    _check_lags(motions)
     first = fit(first_problem)
     motions = [
         replace(motion, lag=first.value(f"lag[{log}]"), bias=first.value(f"gyro_bias[{log}]"))
@@ -172,6 +175,20 @@ def _check_signs(problem: Problem) -> None:
             "the tracks drove against the truth; the sign of the track speeds, or the truth's yaw, is "
             "reversed"
         )
+
+
+def _check_lags(motions: Sequence[Motion]) -> None:
+    """Reject a truth that turns otherwise than the gyro at any lag.
+
+    Raises:
+        EstimatorError: one does.
+    """
+    for motion in motions:
+        if motion.no_lag == NOWHERE:
+            raise EstimatorError(
+                f"log {motion.log.name!r}: truth and gyro turn otherwise, at whatever lag: "
+                f"{motion.no_lag.reason}; check topic, yaw and clock of [log.truth]"
+            )
 
 
 def _correlation(a: Floats, b: Floats) -> float:

@@ -5,22 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
-
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.lag_search import beside_lowest
+from icreckon.estimator.log.lag import LEAST_SPEEDING, NoLag, find_lag, places_of, plain_path
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
-from icreckon.estimator.log.scores import even_grid, interpolate_poses
-from icreckon.estimator.log.series import ImuSeries, PoseSeries
+from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
-
-LAGS = np.arange(-0.5, 1.2001, 0.02)
-"""Candidate lags of the positions [s]."""
-WINDOW, SPACING = 1.0, 0.25
-"""Length and spacing of the windows over which distances are compared [s]."""
 
 
 def with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
@@ -39,8 +31,9 @@ def with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     fault = heading_fault(truth) if truth.headings else "are missing"
     if fault is None:
         return log, ()
-    path = _path(log, imu, robot)
-    late = round(_lag(truth.poses, path) / NANOSECOND)
+    path = plain_path(log.tracks, imu, SensorModels(robot).yaw_rates(imu.angular_velocity))
+    lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
+    late = 0 if isinstance(lag, NoLag) else round(lag.seconds / NANOSECOND)
     found = headings_by_path(truth.poses, PoseSeries(path.stamps + late, path.poses))
     if found is None:
         raise EstimatorError(
@@ -55,39 +48,3 @@ def with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     # Twists of such a truth are not used.
     truth = replace(truth, poses=found.poses, twists=None, headings=True)
     return replace(log, truth=truth), (remark,)
-
-
-def _path(log: Log, imu: ImuSeries, robot: Robot) -> PoseSeries:
-    """Path at the stamps of the IMU: heading by the gyro, speed by the tracks."""
-    from scipy.integrate import cumulative_trapezoid
-
-    seconds = (imu.stamps - imu.stamps[0]) * NANOSECOND
-    rate = SensorModels(robot).yaw_rates(imu.angular_velocity)
-    yaw = cumulative_trapezoid(rate, seconds, initial=0.0)
-    speed = np.interp(imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
-    velocity = speed[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
-    places = cumulative_trapezoid(velocity, seconds, axis=0, initial=0.0)
-    return PoseSeries(imu.stamps, np.column_stack([places, yaw]))
-
-
-def _lag(places: PoseSeries, path: PoseSeries) -> float:
-    """Lag [s] at which distances of positions and path agree best."""
-    margin = float(np.abs(LAGS).max())
-    low = max(places.stamps[0], path.stamps[0]) + round(margin / NANOSECOND)
-    high = min(places.stamps[-1], path.stamps[-1]) - round((margin + WINDOW) / NANOSECOND)
-    starts = even_grid(low, high, round(SPACING / NANOSECOND), path.stamps)
-    if len(starts) < 8:
-        return 0.0
-
-    def moved(series: PoseSeries, lag: float) -> Floats:
-        at = starts - round(lag / NANOSECOND)
-        step = interpolate_poses(series, at + round(WINDOW / NANOSECOND)) - interpolate_poses(
-            series, at
-        )
-        return np.asarray(np.hypot(step[:, 0], step[:, 1]))
-
-    true = moved(places, 0.0)
-    costs = np.array([np.mean(np.abs(moved(path, float(lag)) - true)) for lag in LAGS])
-    best = int(np.clip(np.argmin(costs), 1, len(LAGS) - 2))
-    beside = float(np.clip(beside_lowest(costs, best), -1.0, 1.0))
-    return float(LAGS[best]) + beside * float(LAGS[1] - LAGS[0])

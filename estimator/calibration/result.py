@@ -49,7 +49,7 @@ class OfLog:
     Attributes:
         name: name of the log.
         gyro_bias: bias of the rate about the vertical, and its standard error [rad/s].
-        lag: delay of the truth's stamps, and its standard error [s].
+        lag: delay of the truth's stamps, and its standard error [s]; None if it was not found.
         segments: number of moving segments used.
         still: number of standing segments used.
         distance: distance of the moving segments [m].
@@ -57,7 +57,7 @@ class OfLog:
 
     name: str
     gyro_bias: tuple[float, float]
-    lag: tuple[float, float]
+    lag: tuple[float, float] | None
     segments: int
     still: int
     distance: float

@@ -16,6 +16,15 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative
 from icreckon.estimator.calibration.ground_forces import GroundForces
+from icreckon.estimator.log.lag import (
+    LEAST_TURN,
+    WINDOW,
+    Curve,
+    NoLag,
+    find_lag,
+    heading_of,
+    turned,
+)
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries
@@ -36,10 +45,8 @@ FEWEST_FOR_LINE, ASIDE = 4, 0.03
 """Least number of poses for a line, if their squared mean is at most this share of their variance."""
 STILL = 0.005
 """Speeds up to this share of the fastest count as standstill [-]."""
-LAGS = np.arange(-0.5, 1.2001, 0.02)
-"""Candidate lags of the truth [s]."""
-LAG_WINDOW = 1.0
-"""Window over which rotations are compared to find the lag [s]."""
+LEAST_SHARED = 5.0
+"""Least time that truth and IMU share [s]."""
 LEAST_SEGMENTS = 10
 """Least number of moving segments for a calibration."""
 LEAST_TURNING = 1.0
@@ -62,7 +69,8 @@ class Motion:
         pushed: (i, 2) integral of the specific force forward and left [m/s], or None.
         truth_times: (t,) times of the truth, as stamped [s].
         truth: (t, 3) x, y [m], yaw [rad], unwrapped.
-        lag: initial estimate of the truth's lag [s].
+        lag: initial estimate of the truth's lag [s]; 0 if none was found.
+        no_lag: reason why none was found; None if it was.
         bias: initial estimate of the gyro's bias [rad/s].
         forces: forces that the ground balances; None before they are estimated.
     """
@@ -76,6 +84,7 @@ class Motion:
     truth_times: Floats
     truth: Floats
     lag: float
+    no_lag: NoLag | None
     bias: float
     forces: GroundForces | None = None
 
@@ -250,8 +259,6 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     Raises:
         EstimatorError: there is no truth, no IMU, or too little of a stream.
     """
-    from scipy.integrate import cumulative_trapezoid
-
     if log.truth is None or len(log.truth.poses.stamps) < 2:
         raise EstimatorError(
             f"log {log.name!r} holds no pose truth, so nothing to calibrate from; name its topic in "
@@ -273,20 +280,28 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     # As the filter takes them: each speed holds until the next. Latency is found against the same.
     steps = np.diff(track_times)[:, None] * log.tracks.speeds[:-1]
     ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    turned = cumulative_trapezoid(_vertical(log.imu, robot), imu_times, initial=0.0)
+    shared = min(log.imu.stamps[-1], poses.stamps[-1]) - max(log.imu.stamps[0], poses.stamps[0])
+    if shared * NANOSECOND < LEAST_SHARED:
+        raise EstimatorError(
+            f"truth and IMU of log {log.name!r} share only {max(0.0, shared * NANOSECOND):.1f} s; "
+            "nothing can be calibrated from that"
+        )
+    gyro, heading = turned(log.imu.stamps, _vertical(log.imu, robot)), heading_of(poses)
+    found = find_lag(heading, gyro, least=LEAST_TURN)
+    lag = 0.0 if isinstance(found, NoLag) else found.seconds
     truth_times = _seconds(poses.stamps, log.start)
-    lag, bias = _first_lag(truth_times, truth[:, 2], imu_times, turned, log.name)
     return Motion(
         log,
         track_times,
         ways,
         imu_times,
-        turned,
+        gyro.values,
         _pushed(log.imu, imu_times, robot),
         truth_times,
         truth,
         lag,
-        bias,
+        found if isinstance(found, NoLag) else None,
+        _bias(heading, gyro, lag),
     )
 
 
@@ -490,33 +505,10 @@ def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
     return np.asarray(cumulative_trapezoid(whole, times, axis=0, initial=0.0))
 
 
-def _first_lag(
-    truth_times: Floats, yaw: Floats, imu_times: Floats, turned: Floats, name: str
-) -> tuple[float, float]:
-    """Lag [s] and gyro bias [rad/s] at which rotations of truth and gyro agree best."""
-    low = max(truth_times[0], imu_times[0] + LAGS[-1])
-    high = min(truth_times[-1], imu_times[-1] + LAGS[0]) - LAG_WINDOW
-    starts = even_grid(low, high, 0.25, imu_times)
-    if len(starts) < 8:
-        raise EstimatorError(
-            f"truth and IMU of log {name!r} share only {max(0.0, high + LAG_WINDOW - low):.1f} s; "
-            "nothing can be calibrated from that"
-        )
-    between = np.searchsorted(truth_times, starts + LAG_WINDOW) - np.searchsorted(
-        truth_times, starts
-    )
-    starts = starts[between >= 2] if (between >= 2).sum() >= 8 else starts
-    by_truth = np.interp(starts + LAG_WINDOW, truth_times, yaw) - np.interp(
-        starts, truth_times, yaw
-    )
-    best = (np.inf, 0.0, 0.0)
-    for lag in LAGS:
-        by_gyro = np.interp(starts + LAG_WINDOW - lag, imu_times, turned) - np.interp(
-            starts - lag, imu_times, turned
-        )
-        apart = by_gyro - by_truth
-        bias = float(np.median(apart)) / LAG_WINDOW
-        cost = float(np.mean(np.abs(apart - bias * LAG_WINDOW)))
-        if cost < best[0]:
-            best = (cost, float(lag), bias)
-    return best[1], best[2]
+def _bias(truth: Curve, gyro: Curve, lag: float) -> float:
+    """Median rate [rad/s] by which the gyro turns more than a truth of such a lag [s]."""
+    origin = int(truth.stamps[0])
+    seconds = (truth.stamps - origin) * NANOSECOND
+    starts = even_grid(0.0, seconds[-1] - WINDOW, 0.25, seconds)
+    apart = gyro.changes(origin, starts - lag) - truth.changes(origin, starts)
+    return float(np.median(apart)) / WINDOW

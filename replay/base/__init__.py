@@ -1,4 +1,4 @@
-"""Lowest room of replay: errors, output files, units, colours, lag search.
+"""Lowest room of replay: errors, output files, units, colours.
 
 Below: `estimator`.
 """

@@ -73,10 +73,11 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
 def _of_logs(found: Calibration) -> list[str]:
     lines = []
     for log in found.logs:
-        (bias, bias_sigma), (lag, lag_sigma) = log.gyro_bias, log.lag
+        bias, bias_sigma = log.gyro_bias
+        lag = "lag not found" if log.lag is None else f"{log.lag[0]:.3f} ± {log.lag[1]:.3f} s late"
         lines.append(
-            f"{log.name}: {log.distance:.0f} m, gyro bias {bias:.5f} ± {bias_sigma:.5f} rad/s, truth "
-            f"{lag:.3f} ± {lag_sigma:.3f} s late"
+            f"{log.name}: {log.distance:.0f} m, gyro bias {bias:.5f} ± {bias_sigma:.5f} rad/s, "
+            f"truth {lag}"
         )
     return lines
 

@@ -155,7 +155,7 @@ def _aligned(
         return log, None
     unaided = _Task(replace(log, fixes=None), robot, settings, engine=engine)
     reckoned = _first_found(variants, unaided.only_run)
-    found = align_truth(truth, reckoned.trajectory)
+    found = align_truth(truth, reckoned.trajectory, imu=log.imu)
     if not truth.headings and found.headings is None:
         note = (
             "the truth has no headings, and the robot moves too little to find them from its path: the "

@@ -15,15 +15,20 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import relative, rotate
-from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
+from icreckon.estimator.log.lag import (
+    LEAST_SPEEDING,
+    LEAST_TURN,
+    NoLag,
+    find_lag,
+    heading_of,
+    places_of,
+)
 from icreckon.estimator.log.path_heading import PathHeadings, headings_by_path
 from icreckon.estimator.log.scores import even_grid, interpolate_poses, pieces
-from icreckon.estimator.log.series import PoseSeries, Truth
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
-LAGS = np.arange(-0.3, 1.0, 0.01)
 GRID_STEP = 0.1
-LAG_WINDOW = 1.0
 LEVER_WINDOW = 2.0
 # Windows across a longer gap in the truth are omitted [s].
 LARGEST_HOLE = 0.5
@@ -35,12 +40,6 @@ LOGGED_START_SIGMA = (0.02, 0.01)
 TRIMMED_SHARE = 0.8
 # Least turning within windows at which a lever arm is observable, root mean square [rad].
 LEAST_TURNING = 0.1
-# Least turning at which a lag may be observable, root mean square [rad]; its standard error decides.
-LEAST_TURNING_FOR_LAG = 0.02
-# Least change of speed at which a lag of positions may be observable, root mean square [m/s].
-LEAST_SPEEDING = 0.05
-# Lags with a smaller standard error [s] are removed even if they are within it.
-CERTAIN = 0.04
 
 
 @dataclass(frozen=True)
@@ -48,17 +47,20 @@ class TruthAlignment:
     """Lag and lever arm removed from a truth.
 
     Attributes:
-        lag: latency of its stamps [s]; 0 if not observable.
+        lag: delay of its stamps against the gyro, or of positions against the path [s]; None if it could
+            not be found, and the truth is used as stamped.
         lever_arm: position of the tracked point in base_link: x forward, y left [m].
         truth: the corrected truth of `base_link`.
-        lag_sigma: standard error of the lag [s], or None if the log shows none.
+        lag_sigma: standard error of the lag [s]; None if it was not found, or not searched.
+        no_lag: reason why the lag was not found, empty if it was.
         headings: headings that were found from the path, None if the truth has its own.
     """
 
-    lag: float
+    lag: float | None
     lever_arm: tuple[float, float]
     truth: Truth
     lag_sigma: float | None = None
+    no_lag: str = ""
     headings: PathHeadings | None = None
 
     @property
@@ -71,11 +73,10 @@ class TruthAlignment:
                 "position). They are aligned by headings from the path of tracks and gyro, "
                 f"± {math.degrees(self.headings.sigma):.1f}°"
             )
-        if not self.lag:
-            error = "" if self.lag_sigma is None else f" (standard error {self.lag_sigma:.2f} s)"
-            what = "too little turning" if self.headings is None else "too even a speed"
+        if self.no_lag:
             found.append(
-                f"whether the truth is late cannot be seen: {what}{error}; it is taken as it is stamped"
+                f"the lag of the truth was not found: {self.no_lag}; it is used as stamped, and drift "
+                "includes the way driven in the lag. If you know it, set latency in [log.truth]"
             )
         return tuple(found)
 
@@ -89,21 +90,36 @@ class TruthAlignment:
         return place, place, turn
 
 
-def align_truth(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
+def align_truth(
+    truth: Truth, reckoned: Trajectory, *, imu: ImuSeries | None = None
+) -> TruthAlignment:
     """Estimate and remove lag and lever arm of a truth.
+
+    A filter uses each sample of the gyro for the step that ends with it, so its headings are half an
+    interval of the IMU ahead. This part is removed, too, but it is none of the truth's lag.
 
     Args:
         truth: poses of some point of the robot, late by an unknown lag.
         reckoned: dead reckoning over the same time.
+        imu: the IMU that it is from, None for tracks alone.
 
     Returns:
-        The alignment; zero lag or lever arm if not observable (log too short, no turning). A truth
+        The alignment; no lag or zero lever arm if not observable (log too short, no turning). A truth
         without headings stays without them if the robot moves too little to see any.
     """
-    lag, sigma = _lag(truth, reckoned.pose_series)
-    shifted = PoseSeries(truth.poses.stamps - round(lag / NANOSECOND), truth.poses.poses)
-    aligned = align_place(replace(truth, poses=shifted), reckoned)
-    return replace(aligned, lag=lag, lag_sigma=sigma)
+    path = reckoned.pose_series
+    ahead = 0.0
+    if truth.headings:
+        found = find_lag(heading_of(truth.poses), heading_of(path), least=LEAST_TURN)
+        if imu is not None and len(imu.stamps) > 1:
+            ahead = 0.5 * float(np.median(np.diff(imu.stamps))) * NANOSECOND
+    else:
+        found = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
+    if isinstance(found, NoLag):
+        return replace(align_place(truth, reckoned), lag=None, no_lag=found.reason)
+    stamps = truth.poses.stamps - round(found.seconds / NANOSECOND)
+    aligned = align_place(replace(truth, poses=PoseSeries(stamps, truth.poses.poses)), reckoned)
+    return replace(aligned, lag=found.seconds - ahead, lag_sigma=found.sigma)
 
 
 def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
@@ -132,55 +148,17 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     return TruthAlignment(0.0, (float(lever[0]), float(lever[1])), moved, headings=headings)
 
 
-def _windows(
-    truth: PoseSeries, reckoned: PoseSeries, window: float, margin: float
-) -> tuple[Stamps, Stamps]:
+def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:
     """Starts and ends [ns] of windows on an even grid that both series cover."""
-    low = max(truth.stamps[0], reckoned.stamps[0]) + int(margin / NANOSECOND)
-    high = min(truth.stamps[-1], reckoned.stamps[-1]) - int((margin + window) / NANOSECOND)
+    low = max(truth.stamps[0], reckoned.stamps[0])
+    high = min(truth.stamps[-1], reckoned.stamps[-1]) - int(LEVER_WINDOW / NANOSECOND)
     starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), truth.stamps)
-    ends = starts + int(window / NANOSECOND)
+    ends = starts + int(LEVER_WINDOW / NANOSECOND)
     holes = pieces(truth.stamps, LARGEST_HOLE)
     first = np.searchsorted(truth.stamps, starts, side="right") - 1
     last = np.minimum(np.searchsorted(truth.stamps, ends), len(holes) - 1)
     whole = holes[first] == holes[last]
     return starts[whole], ends[whole]
-
-
-def _lag(truth: Truth, reckoned: PoseSeries) -> tuple[float, float | None]:
-    """Lag [s] with the smallest misfit of yaw changes, and its standard error.
-
-    Of a truth without headings it is the misfit of distances. If the lag is neither beyond its error nor
-    certain, it is not observable, and zero.
-    """
-    starts, ends = _windows(truth.poses, reckoned, LAG_WINDOW, margin=float(LAGS[-1]))
-    if len(starts) < 10:
-        return 0.0, None
-
-    def moved(series: PoseSeries, shift: float) -> Floats:
-        offset = round(shift / NANOSECOND)
-        step = interpolate_poses(series, ends - offset) - interpolate_poses(series, starts - offset)
-        return np.asarray(step[:, 2] if truth.headings else np.hypot(step[:, 0], step[:, 1]))
-
-    true = moved(truth.poses, 0.0)
-    if truth.headings and np.sqrt(np.mean(true**2)) < LEAST_TURNING_FOR_LAG:
-        return 0.0, None
-    if not truth.headings and np.std(true) < LEAST_SPEEDING * LAG_WINDOW:
-        return 0.0, None
-    squares = np.array([(true - moved(reckoned, float(lag))) ** 2 for lag in LAGS])
-    lag = _lowest(squares.mean(axis=1))
-    blocks = np.array_split(np.arange(len(starts)), BLOCKS)
-    sigma = jackknife_sigma(
-        np.array([_lowest(np.delete(squares, block, axis=1).mean(axis=1)) for block in blocks])
-    )
-    return (lag if sigma <= CERTAIN or abs(lag) > BEYOND * sigma else 0.0), sigma
-
-
-def _lowest(costs: Floats) -> float:
-    """Lag [s] of the lowest of the costs at `LAGS`, refined by a parabola."""
-    best = int(np.clip(np.argmin(costs), 1, len(LAGS) - 2))
-    beside = np.clip(beside_lowest(costs, best), -1.0, 1.0)
-    return float(LAGS[best] + beside * (LAGS[1] - LAGS[0]))
 
 
 def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
@@ -189,7 +167,7 @@ def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
     Relative to its start, a point at l in base_link moves by the motion of base_link plus (R - I) l,
     with R the rotation within the window.
     """
-    starts, ends = _windows(truth, reckoned, LEVER_WINDOW, margin=0.0)
+    starts, ends = _windows(truth, reckoned)
     if len(starts) < 10:
         return np.zeros(2)
     steps = [

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
@@ -27,7 +28,7 @@ from icreckon.replay.inspection.imu_mounting import (
     estimate_mounting,
     vertical_rate,
 )
-from icreckon.replay.inspection.latency import Latency, heading_latency, track_latency
+from icreckon.replay.inspection.latency import objection, track_latency, truth_lag
 from icreckon.replay.inspection.robot_file import has_tracks, in_rates, robot_file_text
 from icreckon.replay.inspection.topic_survey import Survey, TopicReport, survey_bag
 from icreckon.replay.inspection.wheels import (
@@ -120,7 +121,7 @@ def inspect(
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
     mounting = estimate_mounting(log) if log is not None else None
     estimates = NO_ESTIMATES
-    latencies: dict[str, Latency | None] = {}
+    latencies: dict[str, Lag | NoLag] = {}
     wander: FixWanderEstimate | str | None = None
     if log is not None:
         vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
@@ -160,16 +161,18 @@ def inspect(
     )
 
 
-def _latencies(log: Log, vertical: Floats | None) -> dict[str, Latency | None]:
-    """Latencies of streams against the gyro, by purpose; None if not observable."""
+def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
+    """Latencies of streams against the gyro, by purpose."""
     if log.imu is None or vertical is None:
         return {}
-    found = {}
+    found: dict[str, Lag | NoLag] = {}
     if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= ABSURD:
         found["tracks"] = track_latency(log.tracks, log.imu, vertical)
-    if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
-        truth = log.truth.poses
-        found["truth"] = heading_latency(truth.stamps, truth.poses[:, 2], log.imu, vertical)
+    truth = log.truth
+    if truth is not None:
+        if truth.headings and heading_fault(truth) is not None:
+            truth = truth.positions_alone()
+        found["truth"] = truth_lag(truth, log.tracks, log.imu, vertical)
     return found
 
 
@@ -215,7 +218,7 @@ def _findings(
     mounting: Mounting | None,
     estimates: WheelEstimates,
     clocks: dict[str, Choice],
-    latencies: dict[str, Latency | None],
+    latencies: dict[str, Lag | NoLag],
 ) -> Iterator[str]:
     for purpose, choice in clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
@@ -228,23 +231,25 @@ def _findings(
         )
     if log is None:
         return
+    fault = None
     if log.truth is not None:
         fault = heading_fault(log.truth) if log.truth.headings else "are missing"
         if fault is not None:
             yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
     for purpose, latency in latencies.items():
-        if latency is None:
+        if isinstance(latency, NoLag):
             yield (
-                f"{purpose}: whether stamps are late against the gyro's cannot be seen: the log is too "
-                "short, turns too little, or turns otherwise than the gyro"
+                f"{purpose}: whether stamps are late against the gyro's cannot be seen: {latency.reason}"
             )
             continue
         late = "late" if latency.seconds > 0.0 else "early"
+        places = purpose == "truth" and fault is not None
+        against = "the tracks', by what both drive" if places else "the gyro's, by what both turn"
+        why = objection(latency)
         yield (
             f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
-            "the gyro's, by what both turn"
-            + (f"; {latency.reason}: no latency is proposed" if latency.reason else "")
+            f"{against}" + (f"; {why}: no latency is proposed" if why else "")
         )
     if len(log.tracks.stamps):
         stops = standstills(log)

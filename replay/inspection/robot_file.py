@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate
 from icreckon.replay.inspection.imu_mounting import Mounting
-from icreckon.replay.inspection.latency import Latency
+from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import WheelEstimates
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import TopicMap
@@ -38,7 +39,7 @@ def robot_file_text(
     estimates: WheelEstimates,
     clocks: Mapping[str, Choice],
     heading_offset: float | None,
-    track_latency: Latency | None = None,
+    track_latency: Lag | NoLag | None = None,
     wander: FixWanderEstimate | None = None,
 ) -> str:
     """Format a robot file that `load_robot` and `topic_map` accept.
@@ -213,13 +214,13 @@ def _turning_comment(correlation: float | None) -> str:
     return f"{text}: too little to check the sign of turning."
 
 
-def _latency_lines(latency: Latency | None) -> list[str]:
-    if latency is None:
+def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
+    if not isinstance(latency, Lag):
         return []
-    if latency.reason:
+    if why := objection(latency):
         return [
-            f"# Latency against the gyro: {latency.seconds:.3f} ± {latency.sigma:.3f} s, "
-            f"{latency.reason}: not written."
+            f"# Latency against the gyro: {latency.seconds:.3f} ± {latency.sigma:.3f} s, {why}: not "
+            "written."
         ]
     return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.3f}: late against the gyro"]
 

@@ -44,6 +44,12 @@ def _parameters(results: Results) -> Table:
     return table
 
 
+def _lag(log: Results) -> str:
+    if log["truth_lag_s"] is None:
+        return "not found"
+    return f"{log['truth_lag_s']:.3f} ± {log['truth_lag_sigma_s']:.3f}"
+
+
 def _logs(results: Results) -> Table:
     table = Table(title="logs", title_justify="left")
     table.add_column("log", no_wrap=True)
@@ -53,7 +59,7 @@ def _logs(results: Results) -> Table:
         table.add_row(
             one["name"],
             f"{one['gyro_bias_rad_s']:.5f} ± {one['gyro_bias_sigma_rad_s']:.5f}",
-            f"{one['truth_lag_s']:.3f} ± {one['truth_lag_sigma_s']:.3f}",
+            _lag(one),
             f"{one['distance_m']:.0f}",
             f"{one['moving_segments']}, {one['still_segments']}",
         )

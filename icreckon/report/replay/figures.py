@@ -96,7 +96,12 @@ def _draw_paths(axes: Axes, results: Results) -> None:
         axes.plot(
             truth["x_m"], truth["y_m"], color=TRUTH_COLOUR, lw=2.5, alpha=0.8, label="ground truth"
         )
-        axes.plot(truth["x_m"][0], truth["y_m"][0], "o", color=TRUTH_COLOUR, ms=8, label="start")
+        # A truth may begin after the log.
+        known = [
+            place for place in zip(truth["x_m"], truth["y_m"], strict=True) if None not in place
+        ]
+        if known:
+            axes.plot(*known[0], "o", color=TRUTH_COLOUR, ms=8, label="start")
     if "fixes" in series and series["fixes"]["x_m"]:
         axes.plot(
             series["fixes"]["x_m"],

@@ -138,14 +138,23 @@ def scored_text(results: Results) -> str:
     return f"{what}; segments without fixes: {parts or 'none that is long enough'}."
 
 
+def lag_text(truth: Results) -> str:
+    """Lag that was removed from a truth, or that none was found."""
+    if truth["lag_s"] is None:
+        return "no lag, since none was found (a note says why)"
+    sigma = truth.get("lag_sigma_s")
+    error = "" if sigma is None else f" (± {sigma:.3f})"
+    return f"{truth['lag_s']:.2f} s{error} of lag"
+
+
 def notes(results: Results) -> list[str]:
     """Findings about the log, and the corrections made."""
     lines, truth = [], results["truth"]
     if truth:
         x, y = truth["lever_arm_m"]
-        if truth["lag_s"] or x or y:
+        if truth["lag_s"] != 0.0 or x or y:
             lines.append(
-                f"Truth ({truth['source']}): {truth['lag_s']:.2f} s of lag and a lever arm of {x:.2f} m "
+                f"Truth ({truth['source']}): {lag_text(truth)} and a lever arm of {x:.2f} m "
                 f"forward and {y:.2f} m left were estimated and removed. Scores estimate the lever arm "
                 "anew for each variant, since the position of base_link depends on the filter."
             )

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.page_text import failures, has_yaw_errors
+from icreckon.report.replay.page_text import failures, has_yaw_errors, lag_text
 
 # Heading, key, digits.
 SCORE_COLUMNS = (
@@ -83,12 +83,10 @@ def _footnotes(results: Results) -> list[str]:
         parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
         drifts = "Drift and yaw drift" if has_yaw_errors(results) else "Drift"
         lines.append(f"{drifts}: without fixes, {parts or 'nowhere long enough'}.")
-        if truth["lag_s"] or any(truth["lever_arm_m"]):
+        if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
             x, y = truth["lever_arm_m"]
-            sigma = truth.get("lag_sigma_s")
-            error = "" if sigma is None else f" (± {sigma:.3f})"
             lines.append(
-                f"Taken out of the truth: {truth['lag_s']:.2f} s{error} of lag, "
+                f"Taken out of the truth: {lag_text(truth)}, "
                 f"a lever arm of {x:.2f} m forward and {y:.2f} m left (scores: each variant's own)."
             )
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]

@@ -17,6 +17,7 @@ from conftest import sample_log
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.calibration import Calibration, calibrate
+from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -175,7 +176,7 @@ def test_latency_means_the_same_as_for_inspect_and_the_filter(
     calibrated = calibrate([log], case.robot, models=("constant", "inertia"))
     vertical = log.imu.angular_velocity @ case.robot.imu_rotation[2]
     shown = track_latency(coarse, log.imu, vertical)
-    assert shown is not None
+    assert isinstance(shown, Lag)
     # The yaw rate follows the tracks with the lag of the forces, too, which is latency to inspect.
     assert calibrated.parameter("track_latency").value == pytest.approx(shown.seconds, abs=0.035)
     before = found.parameter("track_latency").value

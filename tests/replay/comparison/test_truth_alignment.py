@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.series import PoseSeries, Truth
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
@@ -52,19 +52,32 @@ def test_the_lag_is_found_however_little_it_turns(turning: float) -> None:
     assert found.notes == ()
 
 
-def test_a_lag_that_does_not_show_is_taken_as_zero_with_a_word() -> None:
-    """Noise larger than all turning; and no turning at all."""
+def test_a_lag_that_does_not_show_is_none_with_a_reason() -> None:
+    """Noise larger than all turning; no turning at all; a clock that is far off."""
     reckoned, poses = weaving(0.04)
-    found = align_truth(late(poses, 0.3, 0.2), reckoned)
-    assert found.lag == 0.0
-    assert found.lag_sigma is not None
-    assert found.lag_sigma > 0.1
-    assert "cannot be seen" in found.notes[0]
-    reckoned, poses = weaving(0.0)
-    found = align_truth(late(poses, 0.3, 0.0), reckoned)
-    assert found.lag == 0.0
-    assert found.lag_sigma is None
-    assert "cannot be seen" in found.notes[0]
+    straight, straight_poses = weaving(0.0)
+    for path, truth, reason in (
+        (reckoned, late(poses, 0.3, 0.2), "nothing agrees"),
+        (straight, late(straight_poses, 0.3, 0.0), "too little"),
+        (reckoned, late(poses, 60.0, 0.0), "nothing agrees"),
+    ):
+        found = align_truth(truth, path)
+        assert found.lag is None
+        assert found.lag_sigma is None
+        np.testing.assert_array_equal(found.truth.poses.stamps, truth.poses.stamps)
+        (note,) = found.notes
+        assert "the lag of the truth was not found" in note
+        assert reason in note
+
+
+def test_a_filter_is_half_an_interval_ahead_of_the_gyro() -> None:
+    """This is no lag of the truth, though it is removed for the scores."""
+    reckoned, poses = weaving(0.3)
+    imu = ImuSeries(reckoned.stamps, np.zeros((len(reckoned.stamps), 3)), None)
+    truth = late(poses, 0.3, 0.0)
+    plain, found = align_truth(truth, reckoned), align_truth(truth, reckoned, imu=imu)
+    assert found.lag == pytest.approx(plain.lag - 0.5 / RATE)
+    np.testing.assert_array_equal(found.truth.poses.stamps, plain.truth.poses.stamps)
 
 
 def test_fixes_from_a_truth_without_headings_have_none(robot: Robot) -> None:

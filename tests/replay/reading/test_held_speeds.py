@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from conftest import sample_log
 from icreckon.estimator.base.frames import relative
+from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
@@ -87,8 +88,8 @@ def test_the_latency_stays_what_it_is(driven: Log) -> None:
         track_latency(log.tracks, driven.imu, vertical)
         for log in (held, without_holding(held, "auto"))
     ]
-    assert late[0] is not None
-    assert late[1] is not None
+    assert isinstance(late[0], Lag)
+    assert isinstance(late[1], Lag)
     assert late[1].seconds == pytest.approx(late[0].seconds, abs=0.012)
     assert late[0].seconds > 0.08
 

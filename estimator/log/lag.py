@@ -1,0 +1,216 @@
+"""Lag of one series behind another, for inspect, calibrate and replay.
+
+Changes over short windows are compared, so that drift and frames do not matter: turns of angles,
+distances of places. At each candidate lag a straight line is fitted, since units, scale and bias may
+differ. The cost is the mean absolute residual: jumps of a truth and slip of a track do not move its
+minimum. A standard error follows from leaving out blocks of the windows. A lag that the data do not
+show is a `NoLag`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
+from icreckon.estimator.log.scores import even_grid, pieces
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries
+
+NEAR = np.arange(-0.5, 1.2001, 0.02)
+"""Candidate lags [s]; negative if the reference is late."""
+FAR = np.arange(-10.0, 10.001, 0.05)
+"""Candidate lags [s] if none of those agrees: a clock that is off."""
+AROUND = np.arange(-0.3, 0.3001, 0.02)
+"""Grid about a lag of `FAR` [s]."""
+WINDOW, SPACING = 1.0, 0.1
+"""Length of the windows, and least distance between them [s]."""
+FEWEST, FEWEST_FAR, MOST = 10 * BLOCKS, 300, 20_000
+"""Least numbers of windows for lags of `NEAR` and `FAR`, and the most that are used."""
+LARGEST_HOLE = 0.5
+"""Windows with a longer gap between samples are left out [s]."""
+LEAST_AGREEMENT, LEAST_FAR = 0.1, 0.5
+"""Share of the spread that the line has to explain, at lags of `NEAR` and `FAR` [-]."""
+CERTAIN = 0.04
+"""Standard error up to which a lag counts even if it is within it [s]."""
+LEAST_TURN, LEAST_SPEEDING = 0.02, 0.05
+"""Least spread of turns [rad] and of distances [m] over the windows at which a lag may show."""
+ROUNDS = 5
+"""Rounds of the line of least absolute residuals."""
+
+
+class Lag(NamedTuple):
+    """Lag of a series behind its reference, and its standard error [s]."""
+
+    seconds: float
+    sigma: float
+
+
+class NoLag(NamedTuple):
+    """Reason why the data show no lag, as the end of a sentence."""
+
+    reason: str
+
+
+NOWHERE = NoLag(
+    f"nothing agrees at {NEAR[0]:g} to {NEAR[-1]:g} s, nor clearly at ten seconds either way"
+)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Angle or place over time.
+
+    Attributes:
+        stamps: (n,) [ns].
+        values: (n,) an angle, not wrapped, or (n, 2) places; in any unit.
+    """
+
+    stamps: Stamps
+    values: Floats
+
+    def changes(self, origin: int, starts: Floats) -> Floats:
+        """Changes (k,) over windows that begin at some times after a stamp [s]."""
+        seconds = (self.stamps - origin) * NANOSECOND
+        columns = self.values if self.values.ndim > 1 else self.values[:, None]
+        steps = [
+            np.interp(starts + WINDOW, seconds, column) - np.interp(starts, seconds, column)
+            for column in columns.T
+        ]
+        return np.asarray(steps[0] if self.values.ndim == 1 else np.hypot(*steps))
+
+
+def turned(stamps: Stamps, rates: Floats) -> Curve:
+    """Angle by rates (n,) that change steadily between samples, as a gyro's [rad/s]."""
+    steps = np.diff(stamps) * NANOSECOND * 0.5 * (rates[1:] + rates[:-1])
+    return Curve(stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(stamps)])
+
+
+def turned_by_tracks(tracks: TrackSpeedSeries) -> Curve:
+    """Angle by track speeds, in their unit [x s]; each holds until the next."""
+    difference = tracks.speeds[:, 1] - tracks.speeds[:, 0]
+    steps = np.diff(tracks.stamps) * NANOSECOND * difference[:-1]
+    return Curve(tracks.stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(difference)])
+
+
+def heading_of(poses: PoseSeries) -> Curve:
+    """Headings of a series of poses."""
+    return Curve(poses.stamps, np.unwrap(poses.poses[:, 2]))
+
+
+def places_of(poses: PoseSeries) -> Curve:
+    """Places of a series of poses."""
+    return Curve(poses.stamps, poses.poses[:, :2])
+
+
+def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseSeries:
+    """Path at the stamps of the IMU, by the gyro and the mean of the tracks.
+
+    Args:
+        tracks: the track speeds, at least one.
+        imu: the IMU, for its stamps.
+        rates: (n,) its rate about the vertical [rad/s].
+    """
+    yaw = turned(imu.stamps, rates).values
+    speed = np.interp(imu.stamps, tracks.stamps, tracks.speeds.mean(axis=1))
+    velocity = speed[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    steps = np.diff(imu.stamps)[:, None] * NANOSECOND * 0.5 * (velocity[1:] + velocity[:-1])
+    places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    return PoseSeries(imu.stamps, np.column_stack([places, yaw]))
+
+
+def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLag:
+    """Find the lag of a series behind a reference.
+
+    Args:
+        late: the series whose stamps may be late.
+        reference: the same motion, perhaps in another unit or frame.
+        least: least spread of the reference's changes over a window at which a lag may show, in its unit.
+
+    Returns:
+        The lag, or the reason why there is none: too short, too little motion, no agreement at any lag,
+        or an error that is larger than both `CERTAIN` and the lag.
+    """
+    if min(len(late.stamps), len(reference.stamps)) < 2:
+        return NoLag("there are no samples")
+    found = _search(late, reference, NEAR, FEWEST, LEAST_AGREEMENT, least)
+    if found != NOWHERE:
+        return found
+    far = _search(late, reference, FAR, FEWEST_FAR, LEAST_FAR, least)
+    if isinstance(far, Lag):
+        far = _search(late, reference, far.seconds + AROUND, FEWEST_FAR, LEAST_FAR, least)
+    return far if isinstance(far, Lag) else NOWHERE
+
+
+def _search(
+    late: Curve,
+    reference: Curve,
+    lags: Floats,
+    fewest: int,
+    least_agreement: float,
+    least: float,
+) -> Lag | NoLag:
+    """Search lags (m,) [s]; `NOWHERE` if none agrees, or the best is at an end."""
+    origin = int(late.stamps[0])
+    starts = _windows(late, reference, origin, lags)
+    if len(starts) < fewest:
+        return NoLag(f"the log is too short, with {len(starts) * SPACING:.0f} s to compare")
+    true = late.changes(origin, starts)
+    if np.std(reference.changes(origin, starts)) < least or np.ptp(true) == 0.0:
+        return NoLag("the robot turns or speeds up too little")
+    residuals = np.array(
+        [_residuals(true, reference.changes(origin, starts - lag)) for lag in lags]
+    )
+    costs = residuals.mean(axis=1)
+    agreement = 1.0 - costs.min() / np.mean(np.abs(true - np.median(true)))
+    if agreement < least_agreement or int(np.argmin(costs)) in (0, len(lags) - 1):
+        return NOWHERE
+    blocks = np.array_split(np.arange(len(starts)), BLOCKS)
+    without = [_lowest(np.delete(residuals, block, axis=1).mean(axis=1), lags) for block in blocks]
+    found = Lag(_lowest(costs, lags), jackknife_sigma(np.array(without)))
+    if found.sigma > CERTAIN and abs(found.seconds) <= BEYOND * found.sigma:
+        return NoLag(f"{found.seconds:.2f} ± {found.sigma:.2f} s is within its error")
+    return found
+
+
+def _windows(late: Curve, reference: Curve, origin: int, lags: Floats) -> Floats:
+    """Starts (k,) of windows [s] that both series cover without a gap, at all lags."""
+    ours = np.asarray((late.stamps - origin) * NANOSECOND, dtype=float)
+    theirs = np.asarray((reference.stamps - origin) * NANOSECOND, dtype=float)
+    low = max(ours[0], theirs[0] + lags[-1])
+    high = min(ours[-1], theirs[-1] + lags[0]) - WINDOW
+    starts = even_grid(low, high, max(SPACING, (high - low) / MOST), ours)
+    inside = _whole(late.stamps, ours, starts, starts + WINDOW)
+    inside &= _whole(reference.stamps, theirs, starts - lags[-1], starts + WINDOW - lags[0])
+    return np.asarray(starts[inside])
+
+
+def _whole(stamps: Stamps, seconds: Floats, begins: Floats, ends: Floats) -> NDArray[np.bool_]:
+    """Mask (k,) of the intervals [s] without a gap between stamps (n,)."""
+    holes = pieces(stamps, LARGEST_HOLE)
+    first = np.clip(np.searchsorted(seconds, begins, side="right") - 1, 0, None)
+    last = np.minimum(np.searchsorted(seconds, ends), len(holes) - 1)
+    return np.asarray(holes[first] == holes[last])
+
+
+def _residuals(values: Floats, by: Floats) -> Floats:
+    """Absolute residuals (n,) of the straight line with the smallest sum of them."""
+    smallest = 0.01 * np.std(values)
+    weights = np.ones(len(values))
+    for _ in range(ROUNDS):
+        weights /= weights.sum()
+        x, y = by - weights @ by, values - weights @ values
+        square = weights @ x**2
+        residuals = np.abs(y - (weights @ (x * y) / square if square > 0.0 else 0.0) * x)
+        weights = 1.0 / np.maximum(residuals, smallest)
+    return np.asarray(residuals)
+
+
+def _lowest(costs: Floats, lags: Floats) -> float:
+    """Lag [s] of the lowest cost, refined by a parabola."""
+    at = int(np.clip(np.argmin(costs), 1, len(lags) - 2))
+    beside = float(np.clip(beside_lowest(costs, at), -1.0, 1.0))
+    return float(lags[at]) + beside * float(lags[1] - lags[0])

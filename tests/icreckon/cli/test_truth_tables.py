@@ -1,0 +1,182 @@
+"""Truth in tables: one lag for all commands, or none with a reason; yaw that is none is not scored."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from command_line import icreckon
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+VARIANT = "constant-online"
+COLUMNS = """[log.columns]
+time = "t"
+time_unit = "ns"
+[log.columns.tracks]
+left = ["left"]
+right = ["right"]
+[log.columns.imu]
+angular_velocity = ["gx", "gy", "gz"]
+linear_acceleration = ["ax", "ay", "az"]
+[log.columns.truth]
+x = "truth_x"
+y = "truth_y"
+yaw = "truth_yaw"
+"""
+
+
+def driven(trajectory: str = "aggressive", **options: object) -> Log:
+    return simulate(
+        Scenario(
+            duration=90.0, seed=5, trajectory=trajectory, fix_rate=0.0, truth="kinematic", **options
+        ),
+        ALPHA,
+    )
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return driven()
+
+
+def late(log: Log, seconds: float, yaw: str = "true") -> Log:
+    """The log with a truth at 10 Hz that is late, with noise, and perhaps with a yaw that is none."""
+    rng = np.random.default_rng(4)
+    assert log.truth is not None
+    stamps, poses = log.truth.poses.stamps, log.truth.poses.poses
+    every = max(1, round(1e8 / np.median(np.diff(stamps))))
+    stamps, poses = stamps[::every], poses[::every].copy()
+    poses += rng.normal(0.0, [0.01, 0.01, 0.003], poses.shape)
+    if yaw == "random":
+        poses[:, 2] = rng.uniform(-np.pi, np.pi, len(poses))
+    elif yaw != "true":
+        poses[:, 2] = float(yaw)
+    moved = PoseSeries(stamps + round(seconds * 1e9), poses)
+    return replace(log, truth=replace(log.truth, poses=moved))
+
+
+def table(log: Log, path: Path) -> tuple[str, ...]:
+    """Write a log as a table, a row for each sample; the words that name it for a command."""
+    assert log.imu is not None
+    assert log.truth is not None
+    parts = (
+        (log.tracks.stamps, ("left", "right"), log.tracks.speeds),
+        (log.imu.stamps, ("gx", "gy", "gz"), log.imu.angular_velocity),
+        (log.imu.stamps, ("ax", "ay", "az"), log.imu.linear_acceleration),
+        (log.truth.poses.stamps, ("truth_x", "truth_y", "truth_yaw"), log.truth.poses.poses),
+    )
+    stamps = np.unique(np.concatenate([own for own, _, _ in parts]))
+    columns = {"t": pa.array(stamps)}
+    for own, names, values in parts:
+        rows = np.full((len(stamps), len(names)), np.nan)
+        rows[np.searchsorted(stamps, own)] = values
+        for name, column in zip(names, rows.T, strict=True):
+            columns[name] = pa.array(column, from_pandas=True)
+    if path.suffix == ".csv":
+        pyarrow.csv.write_csv(pa.table(columns), path)
+    else:
+        pyarrow.parquet.write_table(pa.table(columns), path)
+    robot = path.with_suffix(".toml")
+    text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
+    robot.write_text(text[: text.index("[log.fixes]")] + COLUMNS, encoding="utf-8")
+    return str(path), "--robot", str(robot)
+
+
+def replayed(words: tuple[str, ...], cwd: Path):
+    done = icreckon("replay", *words, "--variants", VARIANT, "--json", cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def inspected(words: tuple[str, ...], cwd: Path) -> str:
+    done = icreckon("inspect", words[0], cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize("yaw", ["true", "0.0"], ids=["headings", "positions"])
+def test_all_commands_find_the_same_lag(log: Log, yaw: str, tmp_path: Path) -> None:
+    words = table(late(log, 0.35, yaw), tmp_path / "run.parquet")
+    truth = replayed(words, tmp_path)["truth"]
+    done = icreckon("calibrate", *words, "--models", "constant", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (of_log,) = json.loads(done.stdout)["logs"]
+    text = inspected(words, tmp_path).split("truth: stamps are ")[1]
+    # Positions are late against the tracks, which the body follows with the lag of its forces.
+    for seconds, sigma in (
+        (truth["lag_s"], truth["lag_sigma_s"]),
+        (of_log["truth_lag_s"], of_log["truth_lag_sigma_s"]),
+        (float(text.split()[0]), float(text.split("(± ")[1].split(")")[0])),
+    ):
+        assert sigma < 0.05
+        assert seconds == pytest.approx(0.35 if yaw == "true" else truth["lag_s"], abs=0.01)
+        assert seconds == pytest.approx(0.35, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "seconds", "reason"),
+    [
+        ("straight", 0.35, "the robot turns or speeds up too little"),
+        ("aggressive", 40.0, "nothing agrees at -0.5 to 1.2 s"),
+    ],
+)
+def test_a_lag_that_does_not_show_is_not_zero(
+    trajectory: str, seconds: float, reason: str, tmp_path: Path
+) -> None:
+    words = table(late(driven(trajectory), seconds), tmp_path / "run.csv")
+    results = replayed(words, tmp_path)
+    assert results["truth"]["lag_s"] is None
+    assert results["truth"]["lag_sigma_s"] is None
+    (note,) = [one for one in results["log"]["notes"] if "lag of the truth" in one]
+    assert reason in note
+    assert "drift includes the way driven in the lag" in note
+    assert (
+        f"truth: whether stamps are late against the gyro's cannot be seen: {reason}"
+        in inspected(words, tmp_path)
+    )
+    done = icreckon("replay", *words, "--variants", VARIANT, cwd=tmp_path)
+    assert "0.00 s of lag" not in done.stdout
+    assert "no lag, since none was found" in " ".join(done.stdout.split())
+
+
+def test_a_clock_that_is_seconds_off_costs_no_accuracy(log: Log, tmp_path: Path) -> None:
+    drifts = []
+    for number, seconds in enumerate((0.35, 3.2)):
+        words = table(late(log, seconds), tmp_path / f"run{number}.csv")
+        results = replayed(words, tmp_path)
+        assert results["truth"]["lag_s"] == pytest.approx(seconds, abs=0.02)
+        drifts.append(results["variants"][VARIANT]["drift_percent_10s_mean"])
+    assert drifts[1] == pytest.approx(drifts[0], rel=0.15)
+
+
+@pytest.mark.parametrize("yaw", ["0.0", "1.3", "random"])
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_yaw_that_is_none_is_not_scored(log: Log, yaw: str, suffix: str, tmp_path: Path) -> None:
+    words = table(late(log, 0.1, yaw), tmp_path / f"run{suffix}")
+    results = replayed(words, tmp_path)
+    scores, notes = results["variants"][VARIANT], " ".join(results["log"]["notes"])
+    assert results["truth"]["headings"] is False
+    assert ("do not follow its path" if yaw == "random" else "all the same") in notes
+    assert "scored are positions" in notes
+    assert scores["yaw_drift_deg_per_m"] is None
+    assert scores["drift_percent_30s_mean"] < 5.0
+    found = inspected(words, tmp_path)
+    assert "a replay scores positions alone" in found
+    assert "the tracks', by what both drive" in found
+    if suffix == ".csv":
+        return
+    done = icreckon("calibrate", *words, "--models", "constant", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert any("found from the path" in note for note in json.loads(done.stdout)["notes"])
