@@ -24,6 +24,8 @@ LEFT, UNKNOWN, RIGHT = -1, 0, 1
 # What slip explains beyond the turning of the robot's own bends, as a share of it: so many standard
 # deviations of its bends, at least, and at most below and above.
 SIGMAS, LEAST_SHARE, MOST_BELOW, MOST_ABOVE = 5.0, 0.15, 0.4, 0.7
+# The same once a track whose speed jumped is found: it goes on until the speeds agree well.
+SIGMAS_FOUND = 2.0
 # Turning after which the robot's own bends count, and over which they are forgotten [rad].
 ENOUGH, MEMORY = 3.0, 20.0
 # Longest interval between samples of the gyro that counts as turning [s].
@@ -118,19 +120,20 @@ def spread_of_bends(spin: SpinRecord) -> float:
     return math.sqrt(max(0.0, spin.of_turning * spin.of_rate / explained - 1.0))
 
 
-def unexplained(spin: SpinRecord, left: float, right: float) -> float:
+def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIGMAS) -> float:
     """Difference of the track speeds that no slip in bends explains [m/s].
 
     Args:
         spin: record, with the yaw rate.
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
+        sigmas: standard deviations of the robot's own bends that slip explains.
     """
     width = width_of_bends(spin)
     if width == 0.0:
         return 0.0
     turning, expected = right - left, width * spin.rate
-    share = SIGMAS * spread_of_bends(spin)
+    share = sigmas * spread_of_bends(spin)
     below = min(MOST_BELOW, max(LEAST_SHARE, share)) * abs(expected)
     above = min(MOST_ABOVE, max(LEAST_SHARE, share)) * abs(expected)
     low, high = (below, above) if expected > 0.0 else (above, below)
@@ -269,7 +272,9 @@ def watch_spin(
     spin.stamp, spin.rate = stamp, rate
     if force == force:
         spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
-    mismatch = unexplained(spin, spin.left, spin.right)
+    was_found = is_found(spin)
+    sigmas = SIGMAS_FOUND if was_found and spin.jumped else SIGMAS
+    mismatch = unexplained(spin, spin.left, spin.right, sigmas)
     limit = least_mismatch(fastest)
     if abs(mismatch) <= limit:
         spin.gyro_jumped = 0
@@ -277,9 +282,8 @@ def watch_spin(
         spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > OF_JUMP * limit)
     if width_of_bends(spin) == 0.0:
         remember_jump(spin, stamp, change_left, change_right, fastest)
-    # Tracks at rest do not spin; the robot is pushed or carried.
-    turns = max(abs(spin.left), abs(spin.right)) > limit
-    was_found = is_found(spin)
+    # Tracks at rest do not begin to spin; the robot is pushed or carried.
+    turns = was_found or max(abs(spin.left), abs(spin.right)) > limit
     least = GONE * limit if was_found else limit
     counts = turns and not spin.gyro_jumped and abs(mismatch) > least
     same = spin.since == NEVER or mismatch * spin.mismatch > 0.0

@@ -425,8 +425,8 @@ class Reckoning:
         """Return True if nothing is to follow each part of a whole step to a stamp [ns]."""
         record, ekf = self._record, self.ekf
         is_whole = NEVER != record.stamp < stamp and not record.step_under_way
-        is_alone = ekf.clones is None and ekf.observer is None
-        return is_whole and is_alone and not self.by_parts
+        by_parts = self.by_parts or ekf.clones is not None or ekf.observer is not None
+        return is_whole and not by_parts
 
     def _update_standstill(self) -> None:
         """Update with the zero twist of a standing robot."""

@@ -159,6 +159,7 @@ class TrackLatencyEstimator:
         self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
         self._open = np.zeros((6, len(SHIFTS)))
         self._turned = 0.0
+        self._next: float | None
         self._begin()
 
     def take_tracks(self, stamp: int, left: float, right: float) -> bool:
@@ -233,7 +234,7 @@ class TrackLatencyEstimator:
     def _begin(self) -> None:
         """Begin new windows; completed blocks stay."""
         self._gyro, self._tracks = _Angle(held=False), _Angle(held=True)
-        self._next: float | None = None
+        self._next = None
 
     def _use_windows(self, newest: float) -> bool:
         """Use windows that both angles cover; return True if a block was completed."""
