@@ -29,7 +29,7 @@ from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from icreckon.estimator.base.atomic_write import write_whole
+from icreckon.estimator.base.atomic_write import remove_abandoned, write_whole
 
 CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
@@ -102,6 +102,7 @@ class KernelCache(_Cache):
         payload: bytes = dumps((key, data._reduce()))  # type: ignore[no-untyped-call]
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
+            _tidy_once(self._folder)
             write_whole(self._path(key), CHECKSUM(payload).digest() + payload)
         except OSError as error:
             _warn_once(str(cache_folder()), error.strerror or "no room")
@@ -131,11 +132,23 @@ def cache_folder() -> Path:
 def keeps_kernels() -> bool:
     """Try to write to the cache folder; return True if that works."""
     try:
-        cache_folder().mkdir(parents=True, exist_ok=True)
-        write_whole(cache_folder() / "writable", b"")
+        _try_folder()
     except OSError:
         return False
     return True
+
+
+def warn_unless_kept() -> None:
+    """Warn once if the cache folder cannot be written; workers do not warn."""
+    try:
+        _try_folder()
+    except OSError as error:
+        _warn_once(str(cache_folder()), error.strerror or "no room")
+
+
+def _try_folder() -> None:
+    cache_folder().mkdir(parents=True, exist_ok=True)
+    write_whole(cache_folder() / "writable", b"")
 
 
 @cache
@@ -159,6 +172,12 @@ def environment_digest(package: str) -> str:
         for path in sorted(root.rglob("*.py")):
             digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:DIGITS]
+
+
+@cache
+def _tidy_once(folder: Path) -> None:
+    """Remove what killed processes left in a folder."""
+    remove_abandoned(folder)
 
 
 def _short_digest(text: bytes) -> str:

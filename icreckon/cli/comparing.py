@@ -12,6 +12,7 @@ from icreckon.cli.console import FAILED, messages, progress, results, worker_cou
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
 from icreckon.replay.comparison.results import summarise
@@ -47,6 +48,7 @@ def compare_and_report(
     Returns:
         Messages on variants without a result, for `exit_if_failed`.
     """
+    warn_unless_kept()
     title = f"filtering {log.duration:.0f} s of {log.name}"
     with progress(title, log.duration) as report_progress:
         comparison = compare(

@@ -114,8 +114,10 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
 
 
 def _first_free(default: str) -> Path:
+    from icreckon.replay.base.outputs import is_being_written
+
     folder, number = Path(default), 1
-    while folder.exists():
+    while folder.exists() or is_being_written(folder):
         number += 1
         folder = Path(f"{default}-{number}")
     return folder
@@ -132,6 +134,14 @@ def explain(problem: Exception) -> int:
     if isinstance(problem, IcreckonError):
         line = " ".join(str(problem).splitlines())
         console.print(f"icreckon: {line}", style="red", markup=False, soft_wrap=True)
+        return 1
+    from icreckon.replay.base.outputs import NO_ROOM
+
+    if isinstance(problem, OSError) and problem.errno in NO_ROOM:
+        place = problem.filename or "output"
+        console.print(
+            f"icreckon: {place}: cannot be written: {problem.strerror}", style="red", soft_wrap=True
+        )
         return 1
     console.print(
         f"icreckon: internal error: {type(problem).__name__}: {problem} "

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from icreckon import __version__
+from icreckon.cli.stopping import Stop, stopped_in_one_line, warned_in_one_line
 
 app = typer.Typer(
     help="Dead reckoning for tracked and skid-steer robots whose ICRs move with inertia.",
@@ -503,11 +504,12 @@ def main() -> None:
         # Of characters that the terminal lacks question marks are shown.
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
-    try:
-        app()
-    except Exception as problem:
-        if debug:
-            raise
-        from icreckon.cli.console import explain
+    with warned_in_one_line(), stopped_in_one_line():
+        try:
+            app()
+        except Exception as problem:
+            if debug or Stop.number:
+                raise
+            from icreckon.cli.console import explain
 
-        sys.exit(explain(problem))
+            sys.exit(explain(problem))

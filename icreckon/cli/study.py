@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -15,12 +14,13 @@ from rich.table import Table
 from rich.text import Text
 
 from icreckon.cli.console import FAILED, messages, results
+from icreckon.cli.stopping import Stop
+from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.report.study.folder import PAGE, run_study
 from icreckon.report.study.text import failures, headline, notes, same_results, summary_tables
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.runner import Progress as Done
 from icreckon.simulation.running.store import RESULTS
-from icreckon.simulation.running.workers import threads_at_work
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import Study, load_study, study_names
 from icreckon.simulation.study.results import Results
@@ -28,7 +28,6 @@ from icreckon.simulation.study.results import Results
 FOLDER = "icreckon-study"
 # Interval of the lines of progress if there is no terminal for a bar [s].
 LINE_EVERY = 30.0
-INTERRUPTED = 130
 
 
 def run_study_command(
@@ -56,6 +55,7 @@ def run_study_command(
         loaded = msgspec.structs.replace(loaded, runs=runs)
     folder = out if out is not None else Path(FOLDER) / loaded.name
     reporter = _Reporter(loaded.name)
+    warn_unless_kept()
     try:
         with reporter:
             found = run_study(
@@ -69,7 +69,8 @@ def run_study_command(
                 remark=reporter.remark,
             )
     except KeyboardInterrupt:
-        _leave(folder, reporter)
+        Stop.advice = _advice(folder, reporter)
+        raise
     if as_json:
         typer.echo((folder / RESULTS).read_text(encoding="utf-8"), nl=False)
     else:
@@ -140,23 +141,14 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
-def _leave(folder: Path, reporter: _Reporter) -> None:
-    """Print how to continue, and exit without waiting for the blocks in progress."""
+def _advice(folder: Path, reporter: _Reporter) -> str:
+    """Text on how to continue an interrupted study."""
     there = "" if reporter.done is None else f" of {reporter.done.all_blocks}"
     blocks = 0 if reporter.done is None else reporter.done.blocks
-    messages().print(
-        f"interrupted; {blocks}{there} blocks are in {folder}/. Go on with the same command: "
-        f"{shlex.join(['icreckon', *sys.argv[1:]])}",
-        markup=False,
-        soft_wrap=True,
+    return (
+        f"{blocks}{there} blocks are in {folder}/. Go on with the same command: "
+        f"{shlex.join(['icreckon', *sys.argv[1:]])}"
     )
-    if threads_at_work():
-        # Threads cannot be stopped otherwise, and the interpreter's exit may stumble over the one that
-        # ends the processes; they have nothing on disk.
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(INTERRUPTED)
-    raise typer.Exit(INTERRUPTED)
 
 
 def _summary(found: Results) -> Group:

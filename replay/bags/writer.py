@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -86,7 +87,7 @@ def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bo
             opened(new) as (writer, messages),
         ):
             _send(outboxes, writer, messages)
-    except (OSError, rosbag1.WriterError, rosbag2.WriterError) as problem:
+    except (OSError, sqlite3.Error, rosbag1.WriterError, rosbag2.WriterError) as problem:
         raise ReplayError(f"{path}: cannot be written: {problem}") from problem
     return path
 

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import errno
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from icreckon.estimator.base.owned_files import alone_in, is_held, owned
 from icreckon.replay.base.errors import ReplayError
+
+# Suffixes of files beside the new output in its temporary folder: the lock, and what it replaces.
+OWNER, REPLACED = ".owner", ".replaced"
+# Errors of a file system that takes no more.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 @contextmanager
@@ -22,7 +30,8 @@ def written_beside(
     """Yield a temporary path and move it to `path` if the block succeeds.
 
     The temporary path has the same name, in a temporary folder beside `path` that is always
-    removed. If the block raises, `path` is left unchanged. Missing parent folders are made.
+    removed; if the process is killed, by the next one that writes to `path`. If the block raises, `path`
+    is left unchanged. Missing parent folders are made.
 
     Args:
         path: target, a file or a folder.
@@ -36,20 +45,67 @@ def written_beside(
         The path to write to; nothing is there yet.
 
     Raises:
-        ReplayError: something is there and may not be replaced, or the file system refuses.
+        ReplayError: something is there and may not be replaced, another process writes to `path`, or
+            the file system refuses.
     """
     check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-    except OSError as problem:
-        raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
-    try:
+    with ExitStack() as held:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with alone_in(path.parent):
+                if is_being_written(path):
+                    raise ReplayError(
+                        f"{path} is being written by another process; wait, or give another path"
+                    )
+                _remove_abandoned(path)
+                scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+                held.callback(shutil.rmtree, scratch, ignore_errors=True)
+                held.enter_context(owned(scratch / f"{path.name}{OWNER}"))
+        except OSError as problem:
+            raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
         new = scratch / path.name
-        yield new
-        check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
-        _move(new, path, scratch / "replaced")
-    finally:
+        with _named(new, path):
+            yield new
+            check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
+            _move(new, path, scratch / f"{path.name}{REPLACED}")
+
+
+@contextmanager
+def _named(new: Path, path: Path) -> Iterator[None]:
+    """Report errors of the temporary path as those of the target."""
+    try:
+        yield
+    except ReplayError as problem:
+        # The temporary place means nothing to a reader.
+        raise ReplayError(str(problem).replace(str(new), str(path))) from problem
+    except OSError as problem:
+        if problem.errno not in NO_ROOM and new.parent.exists():
+            raise
+        raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from problem
+
+
+def is_being_written(path: Path) -> bool:
+    """Return True if a process that still runs writes an output to a path."""
+    return any(is_held(scratch / f"{path.name}{OWNER}") for scratch in _scratches(path))
+
+
+def _scratches(path: Path) -> list[Path]:
+    """Temporary folders of an output at a path."""
+    name = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}")
+    try:
+        return [one for one in path.parent.iterdir() if name.fullmatch(one.name)]
+    except OSError:
+        return []
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove temporary folders whose process was killed; put back what it moved."""
+    for scratch in _scratches(path):
+        if is_held(scratch / f"{path.name}{OWNER}") is not False:
+            continue
+        aside = scratch / f"{path.name}{REPLACED}"
+        if aside.exists() and not path.exists():
+            aside.rename(path)
         shutil.rmtree(scratch, ignore_errors=True)
 
 

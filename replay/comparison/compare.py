@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, wait
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, ClassVar, TypeVar
 
 from icreckon.estimator.base.errors import IcreckonError, nearest_hint
+from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import interpolate_poses
@@ -321,7 +322,7 @@ def _in_processes(
     context = multiprocessing.get_context("spawn")
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
     count = min(workers, len(variants))
-    with ProcessPoolExecutor(count, context, _Worker.begin, (task, slots)) as pool:
+    with worker_processes(count, _Worker.begin, (task, slots)) as pool:
         futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
         waiting = set(futures)
         while waiting:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import time
 import zipfile
-from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.atomic_write import TEMPORARY, write_whole
+from icreckon.estimator.base.atomic_write import remove_abandoned, write_whole
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.manifest import as_json, differences
 from icreckon.simulation.study.cells import Plan
@@ -25,8 +23,6 @@ from icreckon.simulation.study.cells import Plan
 BLOCKS = "blocks"
 MANIFEST = "manifest.json"
 RESULTS = "results.json"
-# A temporary file older than this is abandoned [s].
-ABANDONED = 3600.0
 # Errors of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
 # Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
@@ -113,10 +109,8 @@ class BlockStore:
 
     def tidy(self) -> None:
         """Remove temporary files of interrupted commands, not those being written now."""
-        for path in (self.folder / BLOCKS).glob(f"*{TEMPORARY}"):
-            with suppress(OSError):
-                if time.time() - path.stat().st_mtime > ABANDONED:
-                    path.unlink()
+        for folder in (self.folder, self.folder / BLOCKS):
+            remove_abandoned(folder)
 
 
 def open_store(

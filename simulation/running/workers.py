@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
 import socket
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from typing import Any
 from urllib.parse import urlsplit
 
+from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.simulation.base.errors import SimulationError
 
 # Blocks queued per worker: it is never idle, and little is lost if it dies.
@@ -107,12 +103,6 @@ def _require_listener(address: str) -> None:
         raise SimulationError(f"no cluster at {address!r}: {problem}") from None
 
 
-def threads_at_work() -> bool:
-    """Return True if threads still compute blocks or end processes."""
-    own = threading.current_thread()
-    return any(thread is not own and not thread.daemon for thread in threading.enumerate())
-
-
 @contextmanager
 def _threads(workers: int) -> Iterator[Workplace]:
     pool = ThreadPoolExecutor(workers, THREADS)
@@ -126,30 +116,5 @@ def _threads(workers: int) -> Iterator[Workplace]:
 
 @contextmanager
 def _processes(workers: int) -> Iterator[Workplace]:
-    context = multiprocessing.get_context("spawn")
-    # Nothing is ever sent: the workers detect that this end is closed, also if this process dies.
-    theirs, ours = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(workers, context, _begin_worker, (theirs,))
-    try:
+    with worker_processes(workers) as pool:
         yield Workplace(pool, lambda: AHEAD * workers)
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    else:
-        pool.shutdown()
-    finally:
-        ours.close()
-        theirs.close()
-
-
-def _begin_worker(closes: Connection) -> None:
-    """Leave Ctrl-C to the parent, and exit when it closes the pipe, or is killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_leave_with, args=(closes,), daemon=True).start()
-
-
-def _leave_with(closes: Connection) -> None:
-    try:
-        closes.recv_bytes()
-    except (EOFError, OSError):
-        os._exit(1)

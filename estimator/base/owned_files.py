@@ -1,0 +1,66 @@
+"""Locks on files that a process holds until it ends, however it ends.
+
+They show whether what a process was writing is still being written. On systems without such locks, and on
+file systems that refuse them, nothing is known.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+if sys.platform != "win32":
+    import fcntl
+
+
+@contextmanager
+def owned(mark: Path) -> Iterator[None]:
+    """Hold a file while the block runs; it has its name only once it is held."""
+    if sys.platform == "win32":
+        yield
+        return
+    unheld = mark.with_name(f"{mark.name}-")
+    with unheld.open("wb") as file:
+        hold(file)
+        unheld.rename(mark)
+        yield
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other processes out of such blocks for the same folder."""
+    if sys.platform == "win32":
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def hold(file: IO[Any]) -> None:
+    """Lock an open file until it is closed, or the process ends."""
+    if sys.platform != "win32":
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_held(path: Path) -> bool | None:
+    """Return whether a process holds the lock of a file; None if unknown."""
+    if sys.platform == "win32":
+        return None
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return None
+    return False

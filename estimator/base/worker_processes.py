@@ -1,0 +1,101 @@
+"""Worker processes that end with their parent, and leave interrupts to it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from typing import Any
+
+Begin = Callable[..., None]
+STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
+class _Pool(ProcessPoolExecutor):
+    """Pool whose workers never see Ctrl-C, from their first instruction on."""
+
+    def submit(self, *call: Any, **options: Any) -> Future[Any]:
+        """Submit a call, as `ProcessPoolExecutor.submit`, which may start a worker."""
+        with _postponed(), _blocked():
+            return super().submit(*call, **options)
+
+
+@contextmanager
+def _blocked() -> Iterator[None]:
+    """Block Ctrl-C in this thread; a process that is started inherits that."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _postponed() -> Iterator[None]:
+    """Handle signals after the block, so that no process is left half started."""
+    came: list[int] = []
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in STOPS:
+            if callable(signal.getsignal(number)):
+                before[number] = signal.signal(number, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+@contextmanager
+def worker_processes(
+    count: int, begin: Begin | None = None, arguments: tuple[Any, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """Open a pool of processes; kill them if the block raises, or this process dies.
+
+    Args:
+        count: number of processes.
+        begin: function that each calls first, with the arguments.
+        arguments: arguments of that function; those that only a parent can hand on are allowed.
+    """
+    context = multiprocessing.get_context("spawn")
+    # Nothing is ever sent: the workers detect that this end is closed, also if this process dies.
+    theirs, ours = context.Pipe(duplex=False)
+    others = multiprocessing.active_children()
+    pool = _Pool(count, context, _begin, (theirs, begin, arguments))
+    try:
+        yield pool
+    except BaseException:
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.kill()
+        pool.shutdown(cancel_futures=True)
+        raise
+    else:
+        pool.shutdown()
+    finally:
+        ours.close()
+        theirs.close()
+
+
+def _begin(closes: Connection, begin: Begin | None, arguments: tuple[Any, ...]) -> None:
+    """Exit when the parent closes the pipe, or is killed."""
+    threading.Thread(target=_leave_with, args=(closes,), daemon=True).start()
+    if begin is not None:
+        begin(*arguments)
+
+
+def _leave_with(closes: Connection) -> None:
+    try:
+        closes.recv_bytes()
+    except (EOFError, OSError):
+        os._exit(1)

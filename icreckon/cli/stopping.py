@@ -1,0 +1,112 @@
+"""Ctrl-C and SIGTERM: cleaned up, one line, exit status 128 and the signal."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+NAMES = {
+    "SIGINT": "interrupted",
+    "SIGTERM": "terminated",
+    "SIGHUP": "terminated: its terminal is gone",
+}
+
+# Time after which a swallowed signal is sent again [s].
+SOON = 0.05
+
+
+class Stop:
+    """Signal that stops a command, and what to say of it.
+
+    Attributes:
+        number: the signal, 0 if none came.
+        advice: how to go on, set by the command.
+    """
+
+    number = 0
+    advice = ""
+
+    @classmethod
+    def handle(cls, number: int, _: FrameType | None) -> None:
+        """Unwind the command once; the next signal ends it at once."""
+        cls.number = number
+        for name in NAMES:
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    @classmethod
+    def repeat(cls, ignored: sys.UnraisableHookArgs) -> None:
+        """Unwind the command again if a callback or finalizer has swallowed that."""
+        if ignored.exc_type is not KeyboardInterrupt or not cls.number:
+            sys.__unraisablehook__(ignored)
+            return
+        signal.signal(cls.number, cls.handle)
+        again = threading.Timer(SOON, os.kill, (os.getpid(), cls.number))
+        again.daemon = True
+        again.start()
+
+
+@contextmanager
+def stopped_in_one_line() -> Iterator[None]:
+    """Clean up what runs in the block if a signal stops it, print a line, and exit.
+
+    Signals that are ignored, as behind `nohup`, stay so. In a thread nothing is changed.
+    """
+    Stop.number, Stop.advice = 0, ""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in NAMES:
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) not in (signal.SIG_IGN, None):
+                before[number] = signal.signal(number, Stop.handle)
+    hook, sys.unraisablehook = sys.unraisablehook, Stop.repeat
+    try:
+        yield
+    except BaseException as end:
+        # Libraries turn the interrupt into errors of their own.
+        if not Stop.number or (isinstance(end, SystemExit) and not end.code):
+            raise
+        _leave()
+    finally:
+        sys.unraisablehook = hook
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _leave() -> None:
+    """Print why, and exit; not held up by threads that cannot be stopped."""
+    what = NAMES[signal.Signals(Stop.number).name]
+    advice = f"; {Stop.advice}" if Stop.advice else ""
+    sys.stderr.write(f"icreckon: {what}{advice}\n")
+    status = 128 + Stop.number
+    own = threading.current_thread()
+    if any(one is not own and not one.daemon for one in threading.enumerate()):
+        # They have nothing on disk, and the interpreter's exit would wait for them.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
+
+
+@contextmanager
+def warned_in_one_line() -> Iterator[None]:
+    """Show warnings on one line, and none of matplotlib on its cache folder."""
+
+    def one_line(message: Warning | str, *_: object, **_more: object) -> str:
+        return f"icreckon: {message}\n"
+
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    before = warnings.formatwarning
+    warnings.formatwarning = one_line
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before

@@ -1,0 +1,138 @@
+"""Commands that a signal stops: cleaned up, one line, and no process left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+
+from command_line import icreckon
+from icreckon.cli.stopping import warned_in_one_line
+from icreckon.replay.base.outputs import is_being_written
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
+
+# Started in the background, the tests hand on that interrupts are ignored.
+MAIN = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "from icreckon.cli.main import main; main()"
+)
+
+
+def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
+    """Start a command that writes to `out`, until it has begun to."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", MAIN, *map(str, words), "--out", "out"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60.0
+    while not is_being_written(cwd / "out"):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return process
+
+
+def living(session: int) -> list[str]:
+    """Processes of a session that are no zombies."""
+    listed = subprocess.run(
+        ["ps", "-o", "stat=", "-g", str(session)], capture_output=True, text=True, check=False
+    )
+    return [line for line in listed.stdout.split("\n") if line.strip() and line.strip()[0] != "Z"]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("drive")
+    done = icreckon("simulate", "--out", "drive", "--duration", "200", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "drive"
+
+
+@pytest.mark.parametrize(
+    ("number", "word"), [(signal.SIGTERM, "terminated"), (signal.SIGINT, "interrupted")]
+)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_signal_leaves_one_line_and_nothing_else(
+    bag: Path, tmp_path: Path, number: signal.Signals, word: str, workers: int
+) -> None:
+    """Ctrl-C reaches all processes of the terminal, SIGTERM the command alone."""
+    with begin("replay", bag, "--robot", "auriga-alpha", "--workers", workers, cwd=tmp_path) as one:
+        time.sleep(1.5)
+        if number is signal.SIGINT:
+            os.killpg(one.pid, number)
+        else:
+            one.send_signal(number)
+        _, told = one.communicate(timeout=60)
+    assert one.returncode == 128 + number
+    lines = [line for line in told.splitlines() if line and not line.startswith("read ")]
+    assert lines == [f"icreckon: {word}"]
+    assert not list(tmp_path.iterdir())
+    deadline = time.monotonic() + 10.0
+    while living(one.pid):
+        assert time.monotonic() < deadline, "a process outlives the command"
+        time.sleep(0.05)
+
+
+def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
+    with begin("simulate", "--duration", "2000", cwd=tmp_path) as one:
+        one.kill()
+        one.communicate()
+    assert [path.name[:5] for path in tmp_path.iterdir()] == [".out."]
+    done = icreckon("simulate", "--duration", "3", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("simulate", "--duration", "30", "--out", "out"),
+        ("simulate", "--duration", "30", "--format", "sqlite3", "--out", "out"),
+        ("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag"),
+        ("paper", "--out", "out"),
+        ("replay", "BAG", "--robot", "auriga-alpha", "--variants", "gyro", "--out", "out"),
+        ("inspect", "BAG", "--write", "robot.toml"),
+    ],
+    ids=lambda words: "-".join(words[:5:4]),
+)
+def test_no_room_is_one_line_and_leaves_nothing(
+    words: tuple[str, ...], bag: Path, tmp_path: Path
+) -> None:
+    """No file may be longer than a kilobyte; the compile cache has what they need, or does without."""
+    limited = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "from icreckon.cli.main import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", limited, *(str(bag) if word == "BAG" else word for word in words)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 1, done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    name = "robot.toml" if "inspect" in words else "out"
+    assert last.startswith(f"icreckon: {name}"), done.stderr
+    assert "cannot be written" in last
+    assert not list(tmp_path.iterdir())
+
+
+def test_warnings_are_one_line_without_source() -> None:
+    with warned_in_one_line():
+        assert (
+            warnings.formatwarning("so it is", UserWarning, "file.py", 3) == "icreckon: so it is\n"
+        )
+    assert "file.py" in warnings.formatwarning("so it is", UserWarning, "file.py", 3)

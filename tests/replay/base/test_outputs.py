@@ -1,0 +1,125 @@
+"""Outputs of commands that are killed, run at once, or find no room."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import is_being_written, written_beside
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from icreckon.replay.base.outputs import written_beside
+with written_beside(Path(sys.argv[1]), overwrite=True) as new:
+    new.mkdir()
+    (new / "metadata.yaml").write_text("half")
+    print("writes", flush=True)
+    time.sleep(60)
+"""
+
+
+def begin(path: Path) -> subprocess.Popen[bytes]:
+    process = subprocess.Popen([sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    return process
+
+
+def write(path: Path, text: str, *, overwrite: bool = False) -> None:
+    with written_beside(path, overwrite=overwrite) as new:
+        new.mkdir()
+        (new / "metadata.yaml").write_text(text, encoding="utf-8")
+
+
+def test_what_a_killed_process_left_goes_with_the_next_run(tmp_path: Path) -> None:
+    """Others' folders stay, however alike their names; so do those of processes that still run."""
+    path = tmp_path / "out"
+    foreign, other = tmp_path / ".out.abcdefgh", tmp_path / ".out.backup"
+    for folder in (foreign, other):
+        folder.mkdir()
+    with begin(path) as killed, begin(tmp_path / "out2") as running:
+        killed.kill()
+        killed.wait()
+        write(path, "whole")
+        assert is_being_written(tmp_path / "out2")
+        left = sorted(one.name.split(".")[1] for one in tmp_path.iterdir() if one.name[0] == ".")
+        assert left == ["out", "out", "out2"]
+        assert foreign.exists()
+        assert other.exists()
+        running.kill()
+
+
+def test_what_was_moved_aside_by_a_killed_process_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    write(path, "old")
+    with begin(path) as killed:
+        (scratch,) = tmp_path.glob(".out.*")
+        path.rename(scratch / "out.replaced")
+        killed.kill()
+        killed.wait()
+    with (
+        pytest.raises(ReplayError, match="no result"),
+        written_beside(path, overwrite=True),
+    ):
+        raise ReplayError("no result")
+    assert (path / "metadata.yaml").read_text(encoding="utf-8") == "old"
+    assert [one.name for one in tmp_path.iterdir()] == ["out"]
+
+
+def test_two_never_write_to_one_path(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    with begin(path) as first:
+        with pytest.raises(ReplayError, match="is being written by another process"):
+            write(path, "second", overwrite=True)
+        assert is_being_written(path)
+        first.kill()
+        first.wait()
+        write(path, "second")
+    assert not is_being_written(path)
+
+
+def test_errors_name_the_target_and_leave_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    for number in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT):
+        with (
+            pytest.raises(ReplayError, match=f"^{path}: cannot be written: {os.strerror(number)}"),
+            written_beside(path),
+        ):
+            raise OSError(number, os.strerror(number))
+    with (
+        pytest.raises(ReplayError, match=f"^{path}/x: cannot be written"),
+        written_beside(path) as new,
+    ):
+        raise ReplayError(f"{new}/x: cannot be written")
+    # Errors of reading are none of the output.
+    with pytest.raises(FileNotFoundError), written_beside(path):
+        (tmp_path / "log").read_bytes()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_deleted_meanwhile_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+
+    def write_into_nothing() -> None:
+        with written_beside(path) as new:
+            shutil.rmtree(new.parent)
+            new.write_bytes(b"lost")
+
+    def move_nothing() -> None:
+        with written_beside(path) as new:
+            shutil.rmtree(new.parent)
+
+    for lose in (write_into_nothing, move_nothing):
+        with pytest.raises(ReplayError, match=f"^{path}: cannot be written: No such file"):
+            lose()
+    assert not list(tmp_path.iterdir())
