@@ -15,7 +15,7 @@ of drives in which `health` shows the fault at its end.
 In the second table the gyro's bias jumps by 0.02 rad/s after 40 s, under fixes of 5 cm each second: yaw
 error and own standard deviation so many seconds later, and the share of the jump in the estimated bias.
 In the third the IMU is tilted by 10 degrees, which the robot file does not have: what `health.tilt` shows
-after 60 s.
+after 48 s.
 
 LOGS is the folder of the sample logs: each time that the gyro is found failing in them is counted, and
 each time that the robot is found carried. None of them has such a fault that is known.
