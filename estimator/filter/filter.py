@@ -22,11 +22,10 @@ from icreckon.estimator.filter.health import (
     Health,
     Judged,
     SensorHealth,
+    add_estimates,
     add_gyro_faults,
     noise_health,
     slip_health,
-    tilt_health,
-    wander_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import RejectedFix, beside_wander, relocation
@@ -181,9 +180,8 @@ class Reckoning:
         health, record = self._judged_counts(), self._record
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
         health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
-        health.wander = wander_health(self.ekf.x, self.ekf.P)
         add_gyro_faults(health, self._tracks)
-        health.tilt = tilt_health(self.ekf.x, np.sqrt(self.ekf.P.diagonal()), self._prior)
+        add_estimates(health, self.ekf.x, self.ekf.P, self._prior)
         return health
 
     def _judged_counts(self) -> Health:
@@ -425,8 +423,7 @@ class Reckoning:
         """Return True if nothing is to follow each part of a whole step to a stamp [ns]."""
         record, ekf = self._record, self.ekf
         is_whole = NEVER != record.stamp < stamp and not record.step_under_way
-        by_parts = self.by_parts or ekf.clones is not None or ekf.observer is not None
-        return is_whole and not by_parts
+        return is_whole and not (self.by_parts or ekf.clones or ekf.observer)
 
     def _update_standstill(self) -> None:
         """Update with the zero twist of a standing robot."""

@@ -304,7 +304,7 @@ def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
 
 
 class TiltHealth(NamedTuple):
-    """Tilt of the IMU beyond that of the robot file, as the accelerometers' biases show it.
+    """Tilt of the IMU beyond that of the robot file, by the accelerometers' biases.
 
     Attributes:
         roll_deg: to be added to the roll of `rotation_rpy_deg` [deg].
@@ -438,6 +438,19 @@ class Health:
         self.stuck_tracks += other.stuck_tracks
         self.clock_steps += other.clock_steps
         self.noise.update(other.noise)
+
+
+def add_estimates(health: Health, x: Floats, P: Floats, imu: Imu) -> None:
+    """Add the wander of the fixes and the tilt of the IMU to health.
+
+    Args:
+        health: health, changed in place.
+        x: (n,) the state.
+        P: (n, n) its covariance.
+        imu: the robot file's `[imu]`.
+    """
+    health.wander = wander_health(x, P)
+    health.tilt = tilt_health(x, np.sqrt(P.diagonal()), imu)
 
 
 @dataclass(frozen=True)

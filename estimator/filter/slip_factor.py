@@ -1,4 +1,4 @@
-"""Factor on the slip, and doubt of the gyro's bias: what successive fixes show of the model.
+"""Factor on the slip, and doubt of the gyro's bias, by successive fixes.
 
 The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
 larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
@@ -145,7 +145,7 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> float:
 
 
 def doubt(ekf: IcrEkf, variance: float) -> None:
-    """Inflate the gyro's bias by a variance [rad²/s²], and the yaw with it; see `bias_doubt`."""
+    """Inflate the gyro's bias by a variance [rad²/s²], and the yaw with it."""
     if variance > 0.0:
         if s.GYRO_BIAS not in ekf.considered:
             ekf.inflate(s.GYRO_BIAS, variance=variance)

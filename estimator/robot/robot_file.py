@@ -267,7 +267,7 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class UndetectedSlip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Slip of both tracks that no sensor shows: slowly beginning, as at a wall or in mud.
+    """Slip of both tracks that no sensor shows, as at a wall or in mud.
 
     The position grows uncertain along the robot by `share` of the tracks' speed, as of slip that lasts
     for `time`.

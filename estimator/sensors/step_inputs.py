@@ -107,7 +107,7 @@ def step_inputs(
 
 
 def hidden_density(held: TrackRecord, settings: InputSettings) -> float:
-    """Error density of the forward speed by slip of both tracks that nothing shows [m²/s]."""
+    """Error density of the forward speed, by slip that nothing shows [m²/s]."""
     slip = settings.undetected_share * 0.5 * (abs(held.smooth_left) + abs(held.smooth_right))
     return 2.0 * settings.undetected_time * slip * slip
 
