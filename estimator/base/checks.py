@@ -33,6 +33,10 @@ def is_finite(value: object) -> bool:
         return False
 
 
+# Largest coordinate or standard deviation of a start [m, rad]: squares of it are far from overflow.
+LARGEST = 1e10
+
+
 class Bound(NamedTuple):
     """Allowed numbers of a field, as `Annotated[float, Bound("at least 1 s", 1.0)]`.
 
@@ -179,11 +183,13 @@ def three_numbers(
         least: lower bound of each.
 
     Raises:
-        SettingError: they are not three, or one is not a finite number or too small.
+        SettingError: they are not three, or one is not a finite number, too small, or beyond `LARGEST`.
     """
     listed = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
     items: list[Any] = list(cast(Iterable[Any], value)) if listed else []
     if len(items) != 3 or not all(is_finite(item) and item >= least for item in items):
         raise SettingError(f"{name} must be {wanted}, found {value!r}")
     x, y, yaw = (float(item) for item in items)
+    if max(abs(x), abs(y), abs(yaw)) > LARGEST:
+        raise SettingError(f"{name} must be {wanted}, none beyond {LARGEST:g}, found {value!r}")
     return x, y, yaw

@@ -14,9 +14,10 @@ from icreckon.estimator.engine.model import bias_doubt, slip_factor_after, trend
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import DOUBTED_TIME, REJECTED_FIXES
+from icreckon.estimator.filter.update import LEAST_VARIANCE
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel
-from icreckon.estimator.tracing.trace import Traced, minimum, select
+from icreckon.estimator.tracing.trace import Traced, maximum, minimum, select
 
 # Modes of an update with a fix: none, with the gate, or re-acquisition whatever its innovation is.
 SKIPPED, GATED, FORCED = range(3)
@@ -52,9 +53,10 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     before = x.copy()
     z = lane.input("fix_x") - values[s.X], lane.input("fix_y") - values[s.Y]
     of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
-    xx = dot(of_x, rows[s.X]) + covariance[s.X][s.X] + variance
+    R = [maximum(variance + covariance[axis][axis], LEAST_VARIANCE) for axis in (s.X, s.Y)]
+    xx = dot(of_x, rows[s.X]) + R[s.X]
     xy = dot(of_x, rows[s.Y]) + covariance[s.X][s.Y]
-    yy = dot(of_y, rows[s.Y]) + covariance[s.Y][s.Y] + variance
+    yy = dot(of_y, rows[s.Y]) + R[s.Y]
     by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
     nis = (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
     admitted = nis <= lane.constant("position_threshold")
@@ -70,8 +72,8 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     P.add(s.Y, s.Y, added)
     for axis in (s.X, s.Y):
         rest = z[axis] - shift_of(rows[axis], x, before)
-        R = variance + covariance[axis][axis]
-        lane.update(rest, rows[axis], R, fixed=shape.considered, only=used)
+        lane.update(rest, rows[axis], R[axis], fixed=shape.considered, only=used)
+    lane.cover_rounding()
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, tested)
     smooth = lane.input("smooth_left"), lane.input("smooth_right")
@@ -111,11 +113,12 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         "heading",
         turned - 2.0 * math.pi * trace.rounded(turned * (0.5 / math.pi)),
         rows[s.YAW],
-        lane.input("yaw_variance") + covariance[s.YAW][s.YAW],
+        maximum(lane.input("yaw_variance") + covariance[s.YAW][s.YAW], LEAST_VARIANCE),
         inflated=s.YAW,
         fixed=shape.considered,
         only=lane.input("fix_mode") > 0.5,
     )
+    lane.cover_rounding()
     lane.keep_inside_bounds()
     return _finished(lane, name, (), kind)
 

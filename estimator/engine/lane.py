@@ -12,6 +12,7 @@ from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
+from icreckon.estimator.filter.ekf import ROUNDING_SHARE, SHARP
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
@@ -80,6 +81,8 @@ class Lane:
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
         self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
+        # Number of sharp updates.
+        self._sharp: Any = trace.lift(0.0)
 
     def _start(self, index: int) -> Any:
         if index in self._states:
@@ -184,16 +187,19 @@ class Lane:
         """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
         cross = self.P.times(_rest(H, parts), *parts)
         inverse_S = 1.0 / (dot(cross, H) + R)
-        self._apply(z, cross, select(only, inverse_S, 0.0), fixed)
+        self._apply(z, cross, R, select(only, inverse_S, 0.0), fixed)
 
     def _apply(
         self,
         z: Any,
         cross: Vector,
+        R: Any,
         inverse_S: Any,
         fixed: Iterable[int],
         stand_in: tuple[int, Vector] | None = None,
     ) -> None:
+        is_sharp = (R * inverse_S < SHARP) & (inverse_S > 0.0)
+        self._sharp = self._sharp + select(is_sharp, 1.0, 0.0)
         for i, gain in self.P.update(cross, inverse_S, fixed, stand_in).items():
             self.x[i] = self.x[i] + gain * z
 
@@ -248,7 +254,7 @@ class Lane:
             cross[inflated] = cross[inflated] + added * along
         used = admitted | reacquired
         inverse_S = select(trace.lift_truth(only) & used, inverse_S, 0.0)
-        self._apply(z, cross, inverse_S, fixed, None if stand_in is None else (stand_in, H))
+        self._apply(z, cross, R, inverse_S, fixed, None if stand_in is None else (stand_in, H))
         self.count(sensor, nis, admitted, used, only)
 
     def count(self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any) -> None:
@@ -265,6 +271,14 @@ class Lane:
             ("nis", select(tested & admitted, nis, 0.0)),
         ):
             self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
+
+    def cover_rounding(self) -> None:
+        """Inflate the states after sharp updates, as `IcrEkf.update_scalar` after each.
+
+        Single precision is for studies, whose sensors are not sharp.
+        """
+        if self.shape.bits == 64:
+            self.P.inflate(ROUNDING_SHARE * self._sharp)
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `IcrEkf.keep_inside_bounds`, if a lane is outside."""

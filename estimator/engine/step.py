@@ -89,6 +89,7 @@ def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
         if kind.accelerometer:
             for axis in range(2):
                 step.update_accelerometer(axis)
+        lane.cover_rounding()
         lane.keep_inside_bounds(by_imu=True)
     if kind.moves:
         step.propagate()

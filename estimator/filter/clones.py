@@ -157,7 +157,15 @@ class Clones(msgspec.Struct, frozen=True):
         return Clones(self.stamps, self.poses, cross, self.covariance)
 
     def updated(
-        self, z: float, h: Floats, c: Floats, K: Floats, S: float, *, fixed: bool
+        self,
+        z: float,
+        h: Floats,
+        c: Floats,
+        K: Floats,
+        S: float,
+        *,
+        fixed: bool,
+        more: float = 0.0,
     ) -> Clones:
         """Update with a scalar measurement, see `IcrEkf.update_scalar`.
 
@@ -168,15 +176,19 @@ class Clones(msgspec.Struct, frozen=True):
             K: (SIZE,) gain of the filter.
             S: variance of the innovation.
             fixed: the poses are not to be moved; their covariance takes that into account.
+            more: share of its variances before the update by which the covariance is inflated.
         """
         own = (_each(self.cross) @ h).ravel()
         own_gain = np.zeros_like(own) if fixed else own / S
         half = np.outer(own_gain, own - 0.5 * S * own_gain)
+        covariance = self.covariance - (half + half.T)
+        if more:
+            covariance += more * np.diag(self.covariance.diagonal())
         return Clones(
             self.stamps,
             self.poses + z * own_gain.reshape(-1, 3),
             self.cross - np.outer(own, K) - np.outer(own_gain, c - S * K),
-            self.covariance - (half + half.T),
+            covariance,
         )
 
     def between(self, from_stamp: int, to_stamp: int | None, now: int) -> RelativeMotion:

@@ -45,6 +45,9 @@ from icreckon.estimator.sensors.measurement_models import POSE_FIXED, imu_fixed
 # so much that they are those of another motion.
 REGRESSOR_SMOOTHING = 0.05
 IDENTITY = np.eye(s.WANDER.stop)
+# A measurement whose variance is below this share of its innovation's is sharp. Such an update may leave
+# less of the variances than rounding does: each is inflated by a share of what it was before.
+SHARP, ROUNDING_SHARE = 1e-7, 2.0**-46
 # Ends of the derivatives by slip, parameters and track speeds among those of a twist.
 PARTS = (3, 3 + s.PARAMETER_COUNT, 5 + s.PARAMETER_COUNT)
 # Paper's axes to REP-103: forward is the paper's second, left is minus its first.
@@ -371,11 +374,17 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             fixed = (*fixed, s.WANDER_X, s.WANDER_Y)
         observer = self.observer
         before = self.x if observer is None else self.x.copy()
+        variances = self.P.diagonal()
         c, K, S = self._correct(z, h, r, fixed, stand_in)
+        is_sharp = r < SHARP * S
         if self.clones is not None:
-            self.clones = self.clones.updated(z, h, c, K, S, fixed=s.X in fixed)
+            more = ROUNDING_SHARE if is_sharp else 0.0
+            self.clones = self.clones.updated(z, h, c, K, S, fixed=s.X in fixed, more=more)
         if observer is not None:
             observer.updated(z, h, r, self.x - before)
+        if is_sharp:
+            for index, variance in enumerate((ROUNDING_SHARE * variances).tolist()):
+                self.inflate(index, variance=variance)
 
     def _correct(
         self, z: float, h: Floats, r: float, fixed: tuple[int, ...], stand_in: int | None

@@ -12,11 +12,14 @@ from collections.abc import Callable
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.ekf import ROUNDING_SHARE, IcrEkf
 from icreckon.estimator.filter.gate import Gate, inflation
 from icreckon.estimator.filter.health import REACQUIRED, REJECTED
 from icreckon.estimator.sensors.measurement_models import Linearised, MeasurementModel
 from icreckon.estimator.sensors.sensor_models import shift
+
+# Least variance of a measurement, in its unit squared: what is sharper, the state does not resolve.
+LEAST_VARIANCE = 1e-18
 
 
 def update(
@@ -41,6 +44,7 @@ def update(
     Returns:
         True if the measurement was used.
     """
+    linearised = _resolved(linearised)
     z, H, R = linearised
     S = ekf.innovation_covariance(H, R)
     nis = normalised_square(z, S)
@@ -66,7 +70,8 @@ def normalised_square(z: Floats, S: Floats) -> float:
     """Normalised innovation squared (NIS) of an innovation (n,) of covariance (n, n)."""
     if len(z) == 1:
         return z.item() * z.item() / S.item()
-    return float(z @ np.linalg.solve(S, z))
+    # The prediction alone may be singular, beside which a sharp measurement vanishes.
+    return float(z @ np.linalg.solve(S + ROUNDING_SHARE * np.diag(S.diagonal()), z))
 
 
 def correct(
@@ -101,11 +106,20 @@ def correct(
 
 def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
     """Transform a measurement to components of independent noise."""
-    root = np.linalg.cholesky(R)
+    # The noise of the motion ahead of the IMU alone may be singular.
+    root = np.linalg.cholesky(R + ROUNDING_SHARE * np.diag(R.diagonal()))
     sigmas = root.diagonal()
     L = root / sigmas
     mixed = np.linalg.solve(L, np.column_stack((z, H)))
     return Linearised(np.asarray(mixed[:, 0]), mixed[:, 1:], np.diag(sigmas * sigmas))
+
+
+def _resolved(linearised: Linearised) -> Linearised:
+    """Limit the variances of a measurement to those that the state resolves."""
+    missing = LEAST_VARIANCE - linearised.R.diagonal()
+    if missing.max() <= 0.0:
+        return linearised
+    return linearised._replace(R=linearised.R + np.diag(np.maximum(missing, 0.0)))
 
 
 def _inflated(ekf: IcrEkf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:

@@ -134,6 +134,8 @@ def test_settings_from_a_file_are_checked_alike(text: str, said: str) -> None:
         ({"start_sigma": (0, math.nan, 0)}, "start_sigma must be three finite"),
         ({"start_sigma": (0, 0, math.inf)}, "start_sigma must be three finite"),
         ({"start_sigma": 0.1}, "start_sigma must be three finite"),
+        ({"start_sigma": (0, 0, 1e200)}, "none beyond 1e\\+10, found"),
+        ({"start": (0, -1e11, 0)}, "none beyond 1e\\+10, found"),
     ],
 )
 def test_what_an_estimator_cannot_be_made_of_is_refused(
