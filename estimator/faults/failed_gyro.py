@@ -196,8 +196,3 @@ def is_over(
             return True
     gyro.agreed = gyro.agreed + dt if agrees else 0.0
     return gyro.agreed > AGREES
-
-
-def is_failed(gyro: GyroRecord) -> bool:
-    """Return True while the gyro's readings are not used."""
-    return gyro.fault != WORKS

@@ -229,7 +229,7 @@ def _float(value: Any) -> float:
     try:
         return float(value)
     except OverflowError:
-        return -math.inf if str(value).startswith("-") else math.inf
+        return math.inf if value > 0 else -math.inf  # type: ignore[operator]
 
 
 def _number(name: str, value: Any) -> float:

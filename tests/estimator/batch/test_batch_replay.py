@@ -209,7 +209,14 @@ def test_gates_that_refuse_and_give_in() -> None:
     spiky = replace(log, imu=replace(log.imu, angular_velocity=rates))
     runs = assert_same(spiky, "inertia-online", settings=Settings(gates=GateSettings(patience=8)))
     gyro = runs["inertia-online"].health.sensors["gyro"]
-    assert gyro.rejected["gate"] >= 3 + 8
+    assert gyro.rejected["jumped"] >= 3 + 20
+    # Of one that comes slowly, the gate refuses the first ones and then gives in.
+    rates = log.imu.angular_velocity.copy()
+    rates[1500:1540, 2] += 6.0 - np.abs(np.linspace(-6.0, 6.0, 40))
+    slowly = replace(log, imu=replace(log.imu, angular_velocity=rates))
+    runs = assert_same(slowly, "inertia-online", settings=Settings(gates=GateSettings(patience=8)))
+    gyro = runs["inertia-online"].health.sensors["gyro"]
+    assert gyro.rejected["gate"] >= 8
     assert gyro.reacquired > 0
 
 

@@ -97,7 +97,7 @@ IN_ORDER = known(feed_all(MEASUREMENTS))
 
 def test_the_measurements_of_these_tests_are_gated_and_coincide():
     rejections = IN_ORDER[2].rejections()
-    assert rejections["gyro: gate"] > 2
+    assert rejections["gyro: jumped"] > 2
     assert rejections["position: gate"] > 2
     stamps = [m.stamp for m in MEASUREMENTS]
     assert len(set(stamps)) < len(stamps) - 50

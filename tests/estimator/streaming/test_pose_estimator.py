@@ -352,7 +352,7 @@ def test_what_is_no_measurement_is_an_error(thing):
 
 # The slip that is redrawn with each sample has a standard deviation of 0.2 rad/s in this bend.
 @pytest.mark.parametrize("spike", [1.0, -1.0, 2.0, -2.0, 20.0, -20.0, 95.0])
-def test_spike_of_the_gyro_is_gated_and_moves_nothing(spike):
+def test_spike_of_the_gyro_is_a_jump_and_moves_nothing(spike):
     estimator = PoseEstimator(ALPHA)
     stamp = drive(estimator, EPOCH, 5.0, 0.3, 0.6)
     x, P = estimator.state, estimator.covariance
@@ -360,7 +360,7 @@ def test_spike_of_the_gyro_is_gated_and_moves_nothing(spike):
     v_x, v_y, _ = estimator.twist
     sample = ImuSample(stamp + STEP, (0.0, 0.0, w + spike), (-w * v_y, w * v_x, GRAVITY))
     assert estimator.feed(sample) is False
-    assert estimator.health.rejections() == {"gyro: gate": 1}
+    assert estimator.health.rejections() == {"gyro: jumped": 1}
     # Its accelerometer, which is right, may stay; nothing else does.
     sigma = np.sqrt(np.diagonal(P))[s.PARAMETERS.start :]
     moved = np.abs(estimator.state - x)[s.PARAMETERS.start :]
