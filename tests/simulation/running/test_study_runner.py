@@ -186,7 +186,9 @@ def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
 
 def test_half_written_files_are_tidied_away(tmp_path, undisturbed):
     folder = tmp_path / "undisturbed"
-    left, written_now = (folder / "blocks" / f"00000-0000000.npz.{name}.tmp" for name in "ab")
+    left, written_now = (
+        folder / "blocks" / f"00000-0000000.npz.{32 * letter}.tmp" for letter in "ab"
+    )
     for path in (left, written_now):
         path.write_bytes(b"half")
     hours_ago = time.time() - 2.0 * 3600.0
