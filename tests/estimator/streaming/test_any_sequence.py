@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
@@ -44,6 +44,7 @@ DELAYS = st.one_of(
     st.integers(-(10**9), 10**9),
     st.sampled_from([-(10**12), 10**11, 10**15, -(2**62), 2**62, 2**63, 10**400, 0.5, None]),
 )
+PHASES = [Phase.explicit, Phase.generate]
 SIGMAS = st.sampled_from([0.0, 1e-3, 10.0, 1e6])
 
 
@@ -239,6 +240,7 @@ def test_any_sequence_of_calls(tmp_path):
         deadline=None,
         derandomize=True,
         database=None,
+        phases=PHASES,
         suppress_health_check=list(HealthCheck),
     )
     from hypothesis.stateful import run_state_machine_as_test
