@@ -9,7 +9,7 @@ attributes, for numba an array on its memory (`array_on`).
 from __future__ import annotations
 
 import ctypes
-from typing import Any, ClassVar, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, cast, get_type_hints
 
 import msgspec
 import numpy as np
@@ -19,6 +19,11 @@ Record = TypeVar("Record")
 
 # Stamp of a sample that has not come yet [ns]; its age exceeds 140 years at any stamp after 1970.
 NEVER = -(2**62)
+# Fields of records, as they are checked in files.
+Flag = Annotated[int, msgspec.Meta(ge=0, le=1)]
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Size = Annotated[float, msgspec.Meta(ge=0.0)]
+Interval = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
 # C type of each type of record. Layouts are the same object, which numba recognises fast.
 MEMORIES: dict[type, Any] = {}
 

@@ -11,11 +11,12 @@ The functions are written for plain Python and for numba, see `estimator.base.re
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Size, plain_copy
 
 WORKS, JUMPED, REPEATS, BEYOND = 0, 1, 2, 3
 # Least jump between two samples [rad/s]: this much, a change that fast [rad/s²], or so many times their
@@ -61,20 +62,20 @@ class GyroRecord(msgspec.Struct):
 
     stamp: int = NEVER
     rate: float = 0.0
-    size: float = AT_START
+    size: Size = AT_START
     turning: float = 0.0
-    changes: int = 0
-    repeats: int = 0
-    most_repeats: int = 0
-    fault: int = WORKS
+    changes: Count = 0
+    repeats: Count = 0
+    most_repeats: Count = 0
+    fault: Annotated[int, msgspec.Meta(ge=WORKS, le=BEYOND)] = WORKS
     since: int = NEVER
     before: float = 0.0
     jump: float = 0.0
-    agreed: float = 0.0
-    times: int = 0
-    jumped: int = 0
-    repeated: int = 0
-    beyond: int = 0
+    agreed: Size = 0.0
+    times: Count = 0
+    jumped: Count = 0
+    repeated: Count = 0
+    beyond: Count = 0
 
     def shifted(self, by: int) -> GyroRecord:
         """Copy for a clock that is ahead by so much [ns]."""

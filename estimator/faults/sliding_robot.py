@@ -16,7 +16,7 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Interval, Size, plain_copy
 
 # Time over which a difference of velocity is forgotten, and over which gravity is averaged [s].
 FORGETTING, GRAVITY_AVERAGING = 0.3, 2.0
@@ -53,11 +53,11 @@ class SlideRecord(msgspec.Struct):
     tracks: float = 0.0
     mean: float = 0.0
     difference: float = 0.0
-    square: float = RMS_AT_START * RMS_AT_START
-    averaged: float = TIME_AT_START
+    square: Size = RMS_AT_START * RMS_AT_START
+    averaged: Interval = TIME_AT_START
     since: int = NEVER
     speed: float = 0.0
-    times: int = 0
+    times: Count = 0
 
     def shifted(self, by: int) -> SlideRecord:
         """Copy for a clock that is ahead by so much [ns]."""

@@ -14,13 +14,15 @@ The functions are written for plain Python and for numba, see `estimator.base.re
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Flag, Size, plain_copy
 
 LEFT, UNKNOWN, RIGHT = -1, 0, 1
+Side = Annotated[int, msgspec.Meta(ge=LEFT, le=RIGHT)]
 # What slip explains beyond the turning of the robot's own bends, as a share of it: so many standard
 # deviations of its bends, at least, and at most below and above.
 SIGMAS, LEAST_SHARE, MOST_BELOW, MOST_ABOVE = 5.0, 0.15, 0.4, 0.7
@@ -80,21 +82,21 @@ class SpinRecord(msgspec.Struct):
     rate: float = 0.0
     force: float = 0.0
     mismatch: float = 0.0
-    side: int = UNKNOWN
-    jumped: int = 0
+    side: Side = UNKNOWN
+    jumped: Flag = 0
     jump: float = 0.0
-    jump_side: int = UNKNOWN
+    jump_side: Side = UNKNOWN
     jump_stamp: int = NEVER
     since: int = NEVER
     newest: int = NEVER
     way: float = 0.0
-    gyro_jumped: int = 0
-    times: int = 0
+    gyro_jumped: Flag = 0
+    times: Count = 0
     stamp: int = NEVER
     turned: float = 0.0
     by_rate: float = 0.0
-    of_rate: float = 0.0
-    of_turning: float = 0.0
+    of_rate: Size = 0.0
+    of_turning: Size = 0.0
 
     def shifted(self, by: int) -> SpinRecord:
         """Copy for a clock that is ahead by so much [ns]."""

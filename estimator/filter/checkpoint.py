@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -10,12 +10,13 @@ from msgspec.structs import replace
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import NEVER, assign
+from icreckon.estimator.base.records import NEVER, Count, assign
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.filter.reacquisition import RejectedFix
+from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.motion.motion_model import NO_MEMORY
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_clock import ClockRecord
@@ -87,14 +88,14 @@ class FilterCheckpoint(
     tracks: TrackRecord
     standstill: StandstillMemory
     imu: ClockRecord
-    rejected_in_a_row: dict[str, int]
+    rejected_in_a_row: dict[str, Count]
     health: Health
     clones: Clones | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
     regressors: np.ndarray[Any, Any] | None = None
     rejected_fixes: tuple[RejectedFix, ...] = ()
     stood_at: int | None = None
-    slip_factor: float = 1.0
+    slip_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     fix_trend: tuple[float, float, float] = (0.0, 0.0, 1.0)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     wander_stamp: int | None = None

@@ -91,11 +91,12 @@ class Clones(msgspec.Struct, frozen=True):
         """
         cross = by_state @ P
         with_others = (_each(self.cross) @ by_state.T).reshape(-1, 3)
+        own = cross @ by_state.T
         return Clones(
             (*self.stamps, stamp),
             np.vstack([self.poses, motion]),
             np.vstack([self.cross, cross]),
-            np.block([[self.covariance, with_others], [with_others.T, cross @ by_state.T]]),
+            np.block([[self.covariance, with_others], [with_others.T, 0.5 * (own + own.T)]]),
         )
 
     def without(self, stamp: int) -> Clones | None:
@@ -219,7 +220,7 @@ class Clones(msgspec.Struct, frozen=True):
         jacobian[:, 3 * end : 3 * end + 3] += by_end
         covariance = jacobian @ self.covariance @ jacobian.T
         relative = np.array([pose[0] - x, pose[1] - y, pose[2] - back[2]])
-        return RelativeMotion(from_stamp, to_stamp, relative, covariance)
+        return RelativeMotion(from_stamp, to_stamp, relative, 0.5 * (covariance + covariance.T))
 
     def place(self, stamp: int) -> int:
         """Index of the clone of a stamp [ns].

@@ -175,7 +175,11 @@ class Gate:
         )
 
     def restore(self, health: SensorHealth, rejected_in_a_row: int) -> None:
-        """Restore the counts of a checkpoint."""
+        """Restore the counts of a checkpoint.
+
+        Raises:
+            ValueError: its newest innovation is not of this gate.
+        """
         counts = GateRecord(
             rejected_in_a_row,
             health.judged_count,
@@ -189,5 +193,13 @@ class Gate:
         )
         assign(self.counts, counts)
         if health.newest_judged is not None:
-            stamp, verdict, z, S = health.newest_judged
-            self.keep(stamp, verdict, np.array(z), np.array(S))
+            stamp, verdict, *values = health.newest_judged
+            z, S = map(np.array, values)
+            n = self._degrees
+            if (
+                z.shape != (n,)
+                or S.shape != (n, n)
+                or verdict not in (ADMITTED, REJECTED, REACQUIRED)
+            ):
+                raise ValueError(f"an innovation of {n} components and its verdict are needed")
+            self.keep(stamp, verdict, z, S)

@@ -10,7 +10,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
@@ -79,16 +79,16 @@ class SensorHealth:
         reacquired: number of measurements that were used after too many rejections in a row.
     """
 
-    used: int = 0
-    rejected: dict[str, int] = field(default_factory=dict)
-    nis_sum: float = 0.0
-    degrees: int = 0
-    late: int = 0
-    judged_count: int = 0
+    used: Count = 0
+    rejected: dict[str, Count] = field(default_factory=dict)
+    nis_sum: Size = 0.0
+    degrees: Count = 0
+    late: Count = 0
+    judged_count: Count = 0
     newest_nis: float | None = None
     recent_nis: float | None = None
     newest_judged: Judged | None = None
-    reacquired: int = 0
+    reacquired: Count = 0
 
     @property
     def too_late(self) -> int:
@@ -389,10 +389,10 @@ class Health:
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
-    standstill_updates: int = 0
-    track_gaps: int = 0
-    stuck_tracks: int = 0
-    clock_steps: int = 0
+    standstill_updates: Count = 0
+    track_gaps: Count = 0
+    stuck_tracks: Count = 0
+    clock_steps: Count = 0
     track_latency: TrackLatencyHealth = TrackLatencyHealth()
     noise: dict[str, NoiseHealth] = field(default_factory=dict)
     slip: SlipHealth = SlipHealth()

@@ -66,11 +66,12 @@ def trend_after(
     cos, sin = heading
     forward, left = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0]
     xx, xy, yy = S
-    variance = cos * cos * xx + 2.0 * cos * sin * xy + sin * sin * yy
+    least = ROUNDING * (xx + yy)
+    variance = max(cos * cos * xx + 2.0 * cos * sin * xy + sin * sin * yy, least)
     shared = cos * sin * (yy - xx) + (cos * cos - sin * sin) * xy
     # What is new in the left component, and its variance: Cholesky's factors of the covariance.
     rest = left - shared / variance * forward
-    rest_variance = max((xx * yy - xy * xy) / variance, ROUNDING * (xx + yy))
+    rest_variance = max((xx * yy - xy * xy) / variance, least)
     ahead, beside = forward / math.sqrt(variance), rest / math.sqrt(rest_variance)
     return (
         trend[0] + TREND_WEIGHT * (ahead - trend[0]),

@@ -10,7 +10,7 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, plain_copy
+from icreckon.estimator.base.records import NEVER, Interval, plain_copy
 from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
 from icreckon.estimator.faults.spinning_tracks import (
@@ -65,7 +65,7 @@ class TrackRecord(msgspec.Struct):
     stamp: int = NEVER
     left: float = 0.0
     right: float = 0.0
-    interval: float = USUAL_TRACK_INTERVAL
+    interval: Interval = USUAL_TRACK_INTERVAL
     acceleration_left: float = 0.0
     acceleration_right: float = 0.0
     smooth_left: float = 0.0

@@ -10,7 +10,7 @@ from typing import Protocol
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, Interval
 
 # Assumed interval before it is measured [s].
 USUAL_INTERVAL = 0.01
@@ -34,7 +34,7 @@ class ClockRecord(msgspec.Struct):
     """
 
     stamp: int = NEVER
-    interval: float = USUAL_INTERVAL
+    interval: Interval = USUAL_INTERVAL
 
     def shifted(self, by: int) -> ClockRecord:
         """Copy for a clock that is ahead by so much [ns]."""

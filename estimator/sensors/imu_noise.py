@@ -9,12 +9,12 @@ Python and for numba, see `estimator.base.records`.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, Count, Flag, Size
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, is_carried, tracks_rest
 
@@ -51,8 +51,8 @@ class Pace(msgspec.Struct):
     """
 
     stamp: int = NEVER
-    interval: float = 0.0
-    run: int = 0
+    interval: Size = 0.0
+    run: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
 
     def shifted(self, by: int) -> Pace:
         """Copy for a clock that is ahead by so much [ns]."""
@@ -72,8 +72,8 @@ class Differences(msgspec.Struct, array_like=True):
 
     newest: float = 0.0
     change: float = 0.0
-    size: float = 0.0
-    count: int = 0
+    size: Size = 0.0
+    count: Count = 0
 
 
 class AxisNoise(msgspec.Struct):
@@ -103,8 +103,8 @@ class NoiseRecord(msgspec.Struct):
         accelerometer_y: noise of the specific force to the left.
     """
 
-    is_first: int = 1
-    in_block: int = 0
+    is_first: Flag = 1
+    in_block: Count = 0
     readings: Pace = msgspec.field(default_factory=Pace)
     blocks: Pace = msgspec.field(default_factory=Pace)
     gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from icreckon.estimator.log.input_checks import (
     Admission,
     as_plain,
     as_stamp,
+    event_of,
     event_row,
     key_of,
     measurement_of,
@@ -48,6 +50,7 @@ from icreckon.estimator.streaming.save import (
     robot_constants,
     write_saved,
 )
+from icreckon.estimator.streaming.saved_checks import require_sound
 from icreckon.estimator.streaming.warm_up import warm_up
 
 
@@ -446,7 +449,8 @@ class PoseEstimator:
 
         Raises:
             EstimatorError: the file is missing, damaged or of an unknown version, or it was saved for
-                another robot or by another variant.
+                another robot or by another variant, or it holds what no estimator knows: variances below
+                zero, states out of bounds.
         """
         require_robot(robot)
         saved = read_saved(Path(path))
@@ -507,11 +511,22 @@ class PoseEstimator:
         )
 
     def _continue(self, saved: SavedEstimator) -> None:
+        for checkpoint in (saved.now, saved.history.checkpoint):
+            require_sound(checkpoint, self._reckoning.ekf)
+        rows = (*saved.history.measurements, *saved.behind)
+        for event in map(event_of, rows):
+            reason = None if isinstance(event, Mark) else self._admission.objection(event)
+            if reason is not None:
+                raise EstimatorError(f"a measurement at {event.stamp}: {reason}")
+        behind = [measurement_of(row) for row in saved.behind]
+        for stream, count in Counter(STREAMS[type(one)] for one in behind).items():
+            if saved.arrivals.sensor(stream).rejected.get(TOO_OLD, 0) < count:
+                raise EstimatorError(f"{stream}: more is too old than was counted")
         self._reckoning.restore(saved.now)
         self._history.restore(saved.history)
         self._arrivals = saved.arrivals
         self._admission.witnesses = dict(saved.witnesses)
-        self._admission.behind = [measurement_of(row) for row in saved.behind]
+        self._admission.behind = behind
         self._stamps = StampCorrection(
             self.robot, saved.latencies, saved.estimated_latency, saved.watch
         )
@@ -565,6 +580,10 @@ class PoseEstimator:
             start=start,
             start_sigma=start_sigma,
         )
+        try:
+            require_sound(saved.now, estimator._reckoning.ekf, to_continue=False)
+        except ValueError as problem:
+            raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
         estimator._start_with(saved.now, off)
         wanted = saved.latencies if latencies is None else latencies
         estimated = saved.estimated_latency if wanted.estimate_tracks else 0.0

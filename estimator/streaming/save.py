@@ -23,7 +23,9 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.atomic_write import write_whole
+from icreckon.estimator.base.checks import Latency, check_bounds
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.records import Count
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.robot.robot_file import Robot
@@ -32,6 +34,7 @@ from icreckon.estimator.robot.variants import find_variant, state_names
 from icreckon.estimator.sensors.track_latency import TrackLatencyMemory
 from icreckon.estimator.streaming.late_measurements import HistoryCheckpoint
 from icreckon.estimator.streaming.latencies import Latencies
+from icreckon.estimator.streaming.saved_checks import require_64_bits
 
 FORMAT = "icreckon estimator"
 VERSION = 4
@@ -75,11 +78,14 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     now: FilterCheckpoint
     history: HistoryCheckpoint
     arrivals: Health
-    witnesses: dict[str, tuple[int, int]]
+    witnesses: dict[str, tuple[Count, int]]
     latencies: Latencies = Latencies()
-    estimated_latency: float = 0.0
+    estimated_latency: Latency = 0.0
     behind: tuple[tuple[Any, ...], ...] = ()
     watch: TrackLatencyMemory | None = None
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
     def require_fit(
         self, robot: Robot, variant: str | None, source: str, *, to_continue: bool
@@ -173,6 +179,7 @@ def read_saved(path: Path) -> SavedEstimator:
     if document.get("checksum") != _checksum(content):
         raise EstimatorError(f"{path}: damaged, or changed by hand: the checksum does not fit")
     try:
+        require_64_bits(content)
         names = state_names(find_variant(content["variant"]))
         for checkpoint in (content["now"], content["history"]["memory"]):
             state = checkpoint["state"]

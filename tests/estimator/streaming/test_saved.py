@@ -11,17 +11,26 @@ import pytest
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    HeadingFix,
+    ImuSample,
+    PoseFix,
+    PositionFix,
+    TrackSpeeds,
+    ZeroVelocity,
+)
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings, StandstillSettings
+from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings, StandstillSettings
 from icreckon.estimator.robot.variants import VARIANTS, Adaptation
+from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
-STEP = 10_000_000
+EPOCH, STEP = 1_700_000_000_000_000_000, 10_000_000
 SCENARIO = Scenario(
     duration=8.0,
     trajectory="aggressive",
@@ -185,6 +194,247 @@ CHANGES = {
     "a wrong setting": lambda c: c["settings"].update(history=-1.0),
     "a wrong gate": lambda c: c["settings"]["gates"].update(patience=-1),
 }
+
+
+def now(change):
+    """A change of the filter's checkpoint."""
+    return lambda content: change(content["now"])
+
+
+def set_entry(row, column, value):
+    def change(checkpoint):
+        checkpoint["covariance"][row][column] = checkpoint["covariance"][column][row] = value
+
+    return now(change)
+
+
+def of_record(*path, value):
+    """A value of one of the records of the filter's checkpoint."""
+
+    def change(checkpoint):
+        *parts, last = path
+        for part in parts:
+            checkpoint = checkpoint[part]
+        checkpoint[last] = value
+
+    return now(change)
+
+
+NONSENSE = {
+    "a negative variance": (set_entry(0, 0, -1e-9), "variances must be from 0 to 1e.40"),
+    "a huge variance": (set_entry(0, 0, 1e300), "variances must be from 0 to 1e.40"),
+    "too much correlation": (set_entry(3, 5, 1e3), "is not positive semidefinite"),
+    "an exact state that correlates": (set_entry(0, 0, 0.0), "a state without variance"),
+    "no symmetry": (
+        now(lambda c: c["covariance"][3].__setitem__(4, 1e-3)),
+        "the covariance is not symmetric",
+    ),
+    "a covariance of the history": (
+        lambda c: c["history"]["memory"]["covariance"][4].__setitem__(4, -1.0),
+        "variances must be from 0",
+    ),
+    "a state off the map": (now(lambda c: c["state"].update(x=1e200)), "a value of the state"),
+    "parameters out of bounds": (now(lambda c: c["state"].update(eta0=0.5)), "out of bounds: 0.5"),
+    "another motion model": (now(lambda c: c["model"].append(0.0)), "motion model remembers"),
+    "a lost motion model": (now(lambda c: c["model"].__setitem__(0, 1e200)), "of the motion model"),
+    "states of another filter": (
+        now(
+            lambda c: (
+                c["state"].update(wander_x=0.0, wander_y=0.0),
+                [row.extend([0.0, 0.0]) for row in c["covariance"]],
+                c["covariance"].extend([[0.0] * 28, [0.0] * 28]),
+            )
+        ),
+        "the filter has 26 states, found 28",
+    ),
+    "a slip factor": (of_record("slip_factor", value=0.5), r">= 1.0 - at `\$.now.slip_factor`"),
+    "an interval": (
+        of_record("tracks", "interval", value=-0.01),
+        r"> 0.0 - at `\$.now.tracks.interv",
+    ),
+    "no interval": (of_record("imu", "interval", value=0.0), r"> 0.0 - at `\$.now.imu.interval`"),
+    "a count": (of_record("noise", "in_block", value=-1), r">= 0 - at `\$.now.noise.in_block`"),
+    "a size": (of_record("noise", "gyro", "readings", value=[0.0, 0.0, -1.0, 3]), ">= 0.0"),
+    "rejections": (of_record("rejected_in_a_row", "gyro", value=-3), ">= 0"),
+    "uses": (of_record("health", "sensors", "gyro", "used", value=-1), ">= 0"),
+    "an innovation": (
+        of_record("health", "sensors", "gyro", "newest_judged", value=[0, 0, [0.0] * 2, [[1.0]]]),
+        "an innovation of 1 components",
+    ),
+    "a verdict": (
+        of_record("health", "sensors", "gyro", "newest_judged", value=[0, 7, [0.0], [[1.0]]]),
+        "and its verdict",
+    ),
+    "a stamp": (of_record("stamp", value=2**63), "64 bits"),
+    "a speed": (lambda c: tracks_row(c).__setitem__(2, 1e9), "absurdly fast"),
+    "a witness": (lambda c: c.update(witnesses={"imu": [-1, 0]}), ">= 0"),
+    "a latency": (lambda c: c.update(estimated_latency=1e9), "estimated_latency must be"),
+    "measurements behind": (
+        lambda c: c.update(behind=[["tracks", 0, 0.0, 0.0]]),
+        "tracks: more is too old than was counted",
+    ),
+    "a mark behind": (lambda c: c.update(behind=[["mark", 0]]), "no measurement"),
+    "a watch that goes back": (
+        lambda c: c["watch"]["gyro"].update(seconds=[1.0, 0.0], values=[0.0, 0.0]),
+        "times of an angle must rise",
+    ),
+    "a watch of other blocks": (
+        lambda c: c["watch"].update(blocks=[[1.0, 2.0]]),
+        "blocks of turning need",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", NONSENSE)
+def test_what_no_estimator_knows_is_refused(saved, what):
+    change, message = NONSENSE[what]
+    rewrite(saved, change)
+    with pytest.raises(EstimatorError, match=r"saved\.json: not as icreckon writes it: ") as found:
+        PoseEstimator.restore(saved, ALPHA)
+    assert re.search(message, str(found.value)), str(found.value)
+    assert "\n" not in str(found.value)
+
+
+def test_marks_that_no_estimator_has_are_refused(half_way, tmp_path):
+    path = tmp_path / "saved.json"
+    for count in range(2):
+        half_way.mark(half_way.stamp - count * STEP)
+    feed_all(half_way, MEASUREMENTS[HALF:])
+    for change, message in (
+        (lambda m: m["covariance"][0].__setitem__(0, -1.0), "variances must be from 0"),
+        (lambda m: m["cross"][3].__setitem__(3, 1e3), "is not positive semidefinite"),
+        (lambda m: m["poses"][1].__setitem__(0, 1e300), "the motion since a mark"),
+        (lambda m: m["stamps"].__setitem__(1, m["stamps"][0]), "different marks"),
+    ):
+        half_way.save(path, overwrite=True)
+        rewrite(path, now(lambda c, change=change: change(c["marks"])))
+        with pytest.raises(EstimatorError, match=message):
+            PoseEstimator.restore(path, ALPHA)
+
+
+def test_a_warm_start_refuses_nonsense_too(saved):
+    rewrite(saved, set_entry(20, 20, -1.0))
+    with pytest.raises(EstimatorError, match="variances must be from 0"):
+        PoseEstimator.warm_start(saved, ALPHA, off=1.0)
+
+
+# --- exact continuation of what is under way ---------------------------------------------------------
+
+
+def random_drive(rng, count):
+    """Measurements as they arrive: late, of clocks that jump, with gaps; marks and what drops them."""
+    offset, time, arriving = 0, MEASUREMENTS[0].stamp, []
+    steps = [0.2, 2.0, 30.0]
+    while len(arriving) < count:
+        time += STEP * 2 if rng.random() > 0.01 else round(1e9 * rng.choice(steps))
+        if rng.random() < 0.01:
+            offset += round(rng.choice([-1e15, -3e9, 3e9, 1e12]))
+        stamp, at = time + offset, len(arriving)
+        left, right = rng.normal(0.5, 0.2, 2) if at % 200 < 120 else (0.0, 0.0)
+        force = tuple(rng.normal([0.0, 0.0, 9.81], 0.1)) if rng.random() < 0.9 else None
+        fresh = [
+            TrackSpeeds(stamp, float(left), float(right)),
+            ImuSample(stamp + 3, (0.0, 0.0, float(0.5 * (right - left))), force),
+        ]
+        if rng.random() < 0.2:
+            where, sure = rng.normal(0.0, 0.5, 3).tolist(), float(rng.choice([1e-4, 1.0]))
+            fix = rng.integers(0, 5)
+            later = stamp + int(rng.integers(4, STEP))
+            fresh += [
+                [PositionFix(later, where[0], where[1], sure)],
+                [HeadingFix(later, where[2], sure)],
+                [BodyVelocity(later, *where[:2], sure)],
+                [PoseFix(later, *where, ((sure, 0.0, 0.0), (0.0, sure, 0.0), (0.0, 0.0, sure)))],
+                [ZeroVelocity(later)],
+            ][fix]
+        for m in fresh:
+            late = rng.choice([0.0, 0.3, 1.2]) if rng.random() < 0.05 else 0.0
+            arriving.append((time + round(1e9 * late), lambda e, m=m: e.feed(m)))
+        if rng.random() < 0.03:
+            back = round(1e9 * rng.uniform(0.0, 0.4))
+            arriving.append((time, lambda e, at=stamp - back: e.mark(at)))
+        if rng.random() < 0.03:
+            arriving.append((time, lambda e: e.forget(e.marks[0]) if e.marks else None))
+        if rng.random() < 0.005:
+            arriving.append((time, lambda e, at=stamp + 10**12: e.feed(HeadingFix(at, 0.0, 1.0))))
+    arriving.sort(key=lambda pair: pair[0])
+    return [act for _, act in arriving]
+
+
+def done(estimator, act):
+    try:
+        return act(estimator)
+    except EstimatorError as problem:
+        return str(problem)
+
+
+def all_known(estimator):
+    marks = [estimator.relative_motion(mark) for mark in estimator.marks]
+    of_marks = [(one.pose.tobytes(), one.covariance.tobytes()) for one in marks]
+    return known(estimator), estimator.marks, of_marks, estimator.latencies
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_random_drive_goes_on_alike_wherever_it_was_saved(seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    settings = Settings(
+        history=float(rng.choice([0.1, 1.0, 3.0])),
+        longest_gap=float(rng.choice([0.5, 5.0])),
+        gates=GateSettings(int(rng.choice([0, 3, 10]))),
+        wander=FixWander(1.0, 10.0) if seed % 2 else None,
+        engine="plain" if seed == 5 else "compiled",
+    )
+    latencies = Latencies(estimate_tracks=True) if seed % 2 else Latencies(tracks=0.05)
+    original = PoseEstimator(ALPHA, settings=settings, latencies=latencies, start_sigma=(0.1,) * 3)
+    acts = random_drive(rng, 250 if settings.engine == "plain" else 800)
+    saves = set(rng.choice(len(acts), 5, replace=False).tolist())
+    copies = []
+    for k, act in enumerate(acts):
+        if k in saves:
+            copies.append(through_a_file(original, tmp_path))
+        expected = done(original, act)
+        for copied in copies:
+            assert done(copied, act) == expected
+        if k % 25 == 0 or k in saves:
+            assert all(all_known(copied) == all_known(original) for copied in copies)
+    assert all(all_known(copied) == all_known(original) for copied in copies)
+
+
+def test_a_clock_that_is_being_set_back_is_set_back_after_a_copy(half_way, tmp_path):
+    def after(k):
+        stamp = MEASUREMENTS[0].stamp - 10**13 + k * STEP
+        return [TrackSpeeds(stamp, 0.3, 0.3), ImuSample(stamp + 3, (0.0, 0.0, 0.0), None)]
+
+    for k in range(5):
+        assert [half_way.feed(m) for m in after(k)] == [False, False]
+    copied = through_a_file(half_way, tmp_path)
+    for k in range(5, 12):
+        for m in after(k):
+            assert copied.feed(m) is half_way.feed(m)
+    assert half_way.health.clock_steps == 1
+    assert known(copied) == known(half_way)
+
+
+def test_a_latency_that_is_being_estimated_is_estimated_on(tmp_path):
+    robot, rng = ALPHA, np.random.default_rng(3)
+    original = PoseEstimator(robot, latencies=Latencies(estimate_tracks=True))
+    copied, rate, turns = None, 0.0, []
+    for k in range(3000):
+        stamp = EPOCH + k * STEP
+        rate += 0.02 * rng.normal() - 0.01 * rate
+        turns.append(rate)
+        late = turns[max(0, k - 15)]
+        for m in (
+            TrackSpeeds(stamp, 0.4 - late, 0.4 + late),
+            ImuSample(stamp + 3, (0.0, 0.0, 2.0 * rate)),
+        ):
+            used = original.feed(m)
+            assert copied is None or copied.feed(m) is used
+        if k == 1500:
+            copied = through_a_file(original, tmp_path)
+    assert original.health.track_latency.estimated is not None
+    assert copied.health.track_latency == original.health.track_latency
+    assert known(copied) == known(original)
 
 
 def test_a_wrong_setting_in_a_file_is_named_with_its_place(saved):
