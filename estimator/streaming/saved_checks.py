@@ -1,4 +1,4 @@
-"""Checks of a saved estimator: what no estimator knows is refused on loading.
+"""Checks of a saved estimator: its matrices, and that it fits the filter.
 
 The types of the records have the bounds of single values; here are those of whole matrices, and of what
 must fit the filter.
