@@ -19,8 +19,8 @@ FLOORS = {
     ],
     "simulation": ["base", "drives", "truth", "sensors", "", "study", "running", "paper"],
     "replay": [
-        "base", "bags", "mapping", "reading", "live", "inspection", "comparison", "calibration",
-        "export", "",
+        "base", "bags", "mapping", "reading", "live", "inspection", "comparison", "checking",
+        "calibration", "export", "",
     ],
     "icreckon": ["report", "ros2", "", "cli"],
 }  # fmt: skip

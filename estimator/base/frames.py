@@ -108,3 +108,11 @@ def rpy_to_matrix(roll: float, pitch: float, yaw: float) -> Floats:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def matrix_to_rpy(rotation: Floats) -> tuple[float, float, float]:
+    """Fixed-axis roll, pitch, yaw [rad] of a rotation matrix (3, 3)."""
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    return float(roll), float(pitch), float(yaw)

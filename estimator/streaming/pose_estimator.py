@@ -449,8 +449,8 @@ class PoseEstimator:
 
         Raises:
             EstimatorError: the file is missing, damaged or of an unknown version, or it was saved for
-                another robot or by another variant, or it holds what no estimator can have: variances below
-                zero, states out of bounds.
+                another robot or by another variant, or it holds values that no estimator has: variances
+                below zero, states out of bounds.
         """
         require_robot(robot)
         saved = read_saved(Path(path))

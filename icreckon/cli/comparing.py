@@ -10,9 +10,10 @@ import typer
 
 from icreckon.cli.console import FAILED, messages, progress, results, worker_count
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
 from icreckon.replay.comparison.results import summarise
@@ -74,6 +75,24 @@ def compare_and_report(
     else:
         results().print(results_table(summary))
     return failures(summary)
+
+
+def the_robot(name: str | None, paths: Sequence[Path]) -> Robot:
+    """Load the robot of the option --robot.
+
+    Args:
+        name: the option, None if it was left out.
+        paths: the logs, for the hint.
+
+    Raises:
+        IcreckonError: it was left out, or is no robot.
+    """
+    if name is None:
+        raise ReplayError(
+            f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
+            f"file, which `icreckon inspect {' '.join(map(str, paths))} --write robot.toml` proposes"
+        )
+    return load_robot(name)
 
 
 def exit_if_failed(failed: Sequence[str]) -> None:

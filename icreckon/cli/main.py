@@ -311,6 +311,29 @@ def inspect(
 
 
 @app.command()
+def check(
+    log: Logs,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
+    ] = None,
+    msg: Definitions = None,
+    unpacked_limit: UnpackedLimit = 0.5,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+) -> None:
+    """Check a robot file against a log: units, signs, mounting, latency.
+
+    Says what contradicts the log, worst first, what it costs, and what to set. The exit status is 1 if
+    anything does.
+    """
+    from icreckon.cli.check import run_check
+    from icreckon.replay.bags import unpacking as limits
+
+    with limits.unpacked_limit(unpacked_limit):
+        run_check(paths=log, message_files=msg or [], robot_name=robot, as_json=json)
+
+
+@app.command()
 def calibrate(
     log: Annotated[
         list[Path],
@@ -491,9 +514,9 @@ def ros2_node(
 
     Other arguments go to ROS, as --ros-args -p publish_tf:=false; docs/ros2.md lists the parameters.
     """
-    from icreckon.cli.ros2_node import run_ros2_node
+    from icreckon.ros2.node import run_node
 
-    run_ros2_node(robot=robot, variant=variant, arguments=context.args)
+    run_node(robot, variant, context.args)
 
 
 def main() -> None:

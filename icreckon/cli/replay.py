@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 
-from icreckon.cli.comparing import compare_and_report, exit_if_failed
+from icreckon.cli.comparing import compare_and_report, exit_if_failed, the_robot
 from icreckon.cli.console import messages, progress, results_folder
 from icreckon.estimator.base.errors import nearest_hint
-from icreckon.estimator.robot.robot_file import load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, ENGINES
 from icreckon.replay.comparison.fixes import parse_part
 from icreckon.replay.export.formats import parse_formats
@@ -37,12 +38,7 @@ def run_replay(
     workers: int | None,
 ) -> None:
     """Run `icreckon replay`; arguments as in its help."""
-    if robot_name is None:
-        raise ReplayError(
-            f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
-            f"file, which `icreckon inspect {' '.join(map(str, paths))} --write robot.toml` proposes"
-        )
-    robot = load_robot(robot_name)
+    robot = the_robot(robot_name, paths)
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)
@@ -61,6 +57,12 @@ def run_replay(
             markup=False,
             soft_wrap=True,
         )
+        problems = tuple(one.problem for one in check_robot(log, robot) if one.problem)
+        if problems:
+            hint = "icreckon check says what each of these costs, and what to set"
+            log = replace(
+                log, notes=(*log.notes, *(f"robot file: {one}" for one in problems), hint)
+            )
         failed = compare_and_report(
             log,
             robot,

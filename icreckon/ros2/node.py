@@ -61,9 +61,14 @@ def run_node(robot: str | None, variant: str | None, arguments: list[str]) -> No
         arguments: arguments for ROS, as `--ros-args -p publish_tf:=false`.
 
     Raises:
-        EstimatorError: no ROS 2, or an invalid parameter.
+        EstimatorError: no ROS 2, an argument that is not for ROS, or an invalid parameter.
         IcreckonError: a robot file or saved state that cannot be used.
     """
+    if arguments and arguments[0] != "--ros-args":
+        raise EstimatorError(
+            f"unknown argument {arguments[0]!r}: arguments of the command are --robot and --variant, "
+            "those of ROS come after --ros-args"
+        )
     try:
         import rclpy
         from rclpy.executors import ExternalShutdownException
@@ -76,6 +81,10 @@ def run_node(robot: str | None, variant: str | None, arguments: list[str]) -> No
         rclpy.spin(node.node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception:
+        # A signal that comes before the first wait leaves no valid context to wait in.
+        if node is None or rclpy.ok():
+            raise
     finally:
         if node is not None:
             node.close()

@@ -90,7 +90,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
         gyro_axes=gyro_axes,
         turning_correlation=turning_correlation(log.tracks, imu, vertical),
         gyro_bias=rates[still].mean(axis=0) if stood else None,
-        gyro_noise_density=_density(vertical, still, step) if stood else None,
+        gyro_noise_density=density(vertical, still, step) if stood else None,
         accelerometer_noise_density=_density_while_driving(
             log.tracks, imu.stamps, horizontal, vertical, still, step
         ),
@@ -202,7 +202,7 @@ def _density_while_driving(
     driving = ~still
     if driving.sum() <= 10:
         return None
-    fast = max(_density(axis, driving, step) for axis in horizontal.T)
+    fast = max(density(axis, driving, step) for axis in horizontal.T)
     width = max(1, round(SMOOTHING / step))
     count = (len(stamps) - 1) // width
     if count < 20 or len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
@@ -225,7 +225,7 @@ def _density_while_driving(
     return max(fast, slow)
 
 
-def _density(values: Floats, where: NDArray[np.bool_], step: float) -> float:
-    """White noise density of some samples, from the differences of neighbours."""
+def density(values: Floats, where: NDArray[np.bool_], step: float) -> float:
+    """White noise density where a mask (n,) is set, by differences of neighbours."""
     neighbours = where[1:] & where[:-1]
     return float(np.diff(values)[neighbours].std() / np.sqrt(2.0) * np.sqrt(step))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
 from functools import partial
@@ -38,7 +38,7 @@ from icreckon.replay.inspection.wheels import (
     unit_suspicions,
     wheel_estimates,
 )
-from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import as_paths, gather
 from icreckon.replay.reading.tables import Table, is_table
@@ -94,14 +94,7 @@ def inspect(
     paths = as_paths(path)
     surveys, notes, tables = _look_through(paths, definitions)
     reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
-    mapping = guess_topics(
-        {
-            survey.channel.topic: Sample(
-                survey.channel.msgtype, len(survey.recorded), survey.messages
-            )
-            for survey in surveys.values()
-        }
-    )
+    mapping = _guessed(surveys.values())
     if tables:
         mapping = replace(mapping, columns=guess_columns(tables))
         if mapping.columns is None:
@@ -158,6 +151,33 @@ def inspect(
             latencies.get("tracks"),
             wander if isinstance(wander, FixWanderEstimate) else None,
         ),
+    )
+
+
+def guess_mapping(
+    path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
+) -> TopicMap | None:
+    """Guess the topics of bags; None for tables, and for bags with their own mapping.
+
+    Args:
+        path: as of `inspect`.
+        definitions: as of `inspect`.
+
+    Raises:
+        ReplayError: no such file, or nothing of it is readable.
+    """
+    surveys, _, tables = _look_through(as_paths(path), definitions)
+    if tables or any(topic == MAPPING_TOPIC for topic, _ in surveys):
+        return None
+    return _guessed(surveys.values())
+
+
+def _guessed(surveys: Iterable[Survey]) -> TopicMap:
+    return guess_topics(
+        {
+            one.channel.topic: Sample(one.channel.msgtype, len(one.recorded), one.messages)
+            for one in surveys
+        }
     )
 
 

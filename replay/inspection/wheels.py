@@ -52,13 +52,16 @@ class WheelEstimates(NamedTuple):
     way_sigma: float | None = None
 
 
-def wheel_estimates(log: Log, vertical: Floats | None, correlation: float | None) -> WheelEstimates:
+def wheel_estimates(
+    log: Log, vertical: Floats | None, correlation: float | None, straight: float = STRAIGHT
+) -> WheelEstimates:
     """Estimate the effective radius and track.
 
     Args:
         log: the log; its track speeds may be rates.
         vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
         correlation: correlation of that rate with V_r - V_l, or None.
+        straight: largest turning of windows that count for the radius [rad].
     """
     track_ratio = None
     speeds = log.tracks.speeds
@@ -80,12 +83,12 @@ def wheel_estimates(log: Log, vertical: Floats | None, correlation: float | None
         source, stamps, places = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
     else:
         return WheelEstimates(None, "", track_ratio)
-    ratio, sigma = _distance_ratio(log, vertical, stamps, places, WINDOWS[source])
+    ratio, sigma = _distance_ratio(log, vertical, stamps, places, WINDOWS[source], straight)
     return WheelEstimates(ratio, source, track_ratio, sigma)
 
 
 def _distance_ratio(
-    log: Log, vertical: Floats, stamps: Stamps, places: Floats, window: float
+    log: Log, vertical: Floats, stamps: Stamps, places: Floats, window: float, turning: float
 ) -> tuple[float | None, float | None]:
     """Median ratio of chord to track distance over windows [s], and its error."""
     from scipy.integrate import cumulative_trapezoid
@@ -108,7 +111,7 @@ def _distance_ratio(
     shortened = np.sinc(np.diff(yaw) / (2.0 * np.pi))
     chords, arcs = np.hypot(*np.diff(at, axis=0).T), np.abs(np.diff(distance)) * shortened
     gaps = np.diff(np.searchsorted(stamps, edges)) < 2
-    straight = (np.diff(turned) < STRAIGHT) & (arcs > 0.3 * np.abs(mean).max() * window) & ~gaps
+    straight = (np.diff(turned) < turning) & (arcs > 0.3 * np.abs(mean).max() * window) & ~gaps
     if straight.sum() < FEWEST_WINDOWS:
         return None, None
     ratios = chords[straight] / arcs[straight]
@@ -157,7 +160,7 @@ def unit_suspicions(
     if mounting is not None:
         force = float(np.linalg.norm(mounting.specific_force))
         if abs(force - GRAVITY) > WRONG_GRAVITY * GRAVITY:
-            guess = _unit_of_gravity(force)
+            guess = unit_of_gravity(force)
             found.append(f"mean specific force is {force:.3g}, not {GRAVITY} m/s²{guess}")
     if log.imu is not None:
         fast = float(np.percentile(np.abs(log.imu.angular_velocity), 99))
@@ -197,7 +200,8 @@ def _turning_suspicion(log: Log, vertical: Floats) -> list[str]:
     return []
 
 
-def _unit_of_gravity(force: float) -> str:
+def unit_of_gravity(force: float) -> str:
+    """Question after the unit of a mean specific force, empty without a guess."""
     for unit, size in (("g", 1.0), ("mg", 1000.0), ("cm/s²", 981.0), ("ft/s²", 32.2)):
         if abs(force - size) <= 0.015 * size or (unit == "g" and abs(force - size) < 0.05):
             return f"; in {unit}?"

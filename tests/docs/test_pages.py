@@ -23,6 +23,7 @@ from readme import ROOT, blocks, code_blocks, run_page, says
 
 FIRST = "docs/first-bag.md"
 OTHER = "docs/from-robot-localization.md"
+CHECK = "docs/check.md"
 REAL, SIMULATED = "A log of a real robot", "A log with a ground truth"
 BOTH = "The same bag in both"
 
@@ -56,6 +57,11 @@ def test_a_simulated_log(evo: Path, tmp_path: Path) -> None:
     assert {"inertia-online", "constant-online"} <= {verdict["best"], *verdict["not_shown_worse"]}
     for name in ("page.html", "odometry.mcap", "odometry.bag", "inertia-online.kitti"):
         assert (tmp_path / "exported" / name).exists()
+
+
+@pytest.mark.slow
+def test_a_robot_file_with_errors(tmp_path: Path) -> None:
+    run_page(CHECK, tmp_path, "An example")
 
 
 @pytest.mark.slow

@@ -210,7 +210,9 @@ def test_a_saved_estimator_goes_on_with_it(tmp_path):
     assert before.health == restored.health
     unregister(GroundSpeed)
     try:
-        with pytest.raises(EstimatorError, match=r"not as icreckon writes it: no measurement: .'radar'"):
+        with pytest.raises(
+            EstimatorError, match=r"not as icreckon writes it: no measurement: .'radar'"
+        ):
             PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
     finally:
         register(GroundSpeed, Radar())

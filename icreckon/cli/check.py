@@ -1,0 +1,139 @@
+"""`icreckon check`: a robot file against a log."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.text import Text
+
+from icreckon.cli.comparing import the_robot
+from icreckon.cli.console import FAILED, progress, results
+from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.checking.check import Check
+from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
+from icreckon.replay.checking.worth import VARIANT, Worth, worth_of
+from icreckon.replay.comparison.results import json_types
+from icreckon.replay.inspection.inspect import guess_mapping
+from icreckon.replay.reading.gather import source_name
+from icreckon.replay.reading.read_log import read_log
+
+
+def run_check(
+    *, paths: list[Path], message_files: list[Path], robot_name: str | None, as_json: bool
+) -> None:
+    """Run `icreckon check`; arguments as in its help."""
+    robot = the_robot(robot_name, paths)
+    definitions = read_definitions(message_files)
+    with progress(f"reading {source_name(paths)}") as report:
+        log = read_log(paths, robot, definitions=definitions, progress=report)
+        guessed = guess_mapping(paths, definitions=definitions)
+    checks = check_robot(log, robot)
+    worth = None
+    if len(log.tracks.stamps) and log.imu is not None:
+        with progress("filtering, as the file is and mended") as report:
+            worth = worth_of(log, robot, checks, report)
+    left_out = [] if guessed is None else topics_left_out(guessed, robot)
+    if as_json:
+        typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
+    else:
+        _show(checks, worth, left_out, has_truth=log.truth is not None)
+    if any(one.problem for one in checks):
+        raise typer.Exit(FAILED)
+
+
+def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]]:
+    """Contradictions with their costs [% of distance], worst first; NaN for none."""
+    wrong = [one for one in checks if one.problem]
+    costs = [*(worth.costs if worth is not None else ())]
+    costs += [math.nan] * (len(wrong) - len(costs))
+    pairs = list(zip(costs, wrong, strict=True))
+    return sorted(pairs, key=lambda pair: math.inf if math.isnan(pair[0]) else -pair[0])
+
+
+def _show(
+    checks: list[Check], worth: Worth | None, left_out: list[str], *, has_truth: bool
+) -> None:
+    console = results()
+    for one in checks:
+        mark = "!" if one.problem else "-"
+        stated = f" (file: {one.in_file})" if one.in_file else ""
+        console.print(Text(f"{mark} {one.name}: {one.in_log}{stated}"))
+    wrong = _costs(checks, worth)
+    if not wrong:
+        console.print(Text("\nNothing in the log contradicts the robot file."))
+    else:
+        console.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
+    for number, (cost, one) in enumerate(wrong, 1):
+        costs = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
+        console.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
+        console.print(
+            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Mend: {one.remedy}")
+        )
+    if worth is not None and (text := _drift(worth, bool(wrong), has_truth=has_truth)):
+        console.print(Text(f"\n{text}"))
+    for hint in left_out:
+        console.print(Text(f"\nHint: {hint}"))
+
+
+def _headline(count: int, checks: list[Check]) -> str:
+    text = "One thing contradicts" if count == 1 else f"{count} things contradict"
+    of_another = is_of_another(checks)
+    return f"{text} the log, worst first" + (
+        ". Is this the file of another robot?" if of_another else ":"
+    )
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:] + ("" if text.endswith("?") else ".")
+
+
+def _cost(cost: float, worth: Worth) -> str:
+    if cost < 0.05:
+        return f"Costs nothing here after {worth.horizon:g} s without fixes."
+    return f"Costs {cost:.1f} % of the distance after {worth.horizon:g} s without fixes."
+
+
+def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
+    of = f"of {VARIANT} after {worth.horizon:g} s without fixes"
+    as_it_is = (
+        "no result" if math.isnan(worth.as_it_is) else f"{worth.as_it_is:.1f} % of the distance"
+    )
+    if not has_truth:
+        if not is_wrong:
+            return ""
+        return f"Path {of}, against that with all of this mended: {as_it_is} away."
+    if not is_wrong:
+        return f"Drift {of}: {as_it_is}."
+    text = f"Drift {of}: {as_it_is}, with all of this mended {worth.mended:.1f} %."
+    if worth.mended > worth.as_it_is:
+        text += " Mended it is worse: the file has an error that these checks do not see."
+    return text
+
+
+def _as_plain(checks: list[Check], worth: Worth | None, left_out: list[str]) -> Any:
+    costs = {id(one): cost for cost, one in _costs(checks, worth)}
+    return json_types(
+        {
+            "checks": [
+                {
+                    "name": one.name,
+                    "in_file": one.in_file,
+                    "in_log": one.in_log,
+                    "problem": one.problem,
+                    "remedy": one.remedy,
+                    "cost_percent": costs.get(id(one)),
+                }
+                for one in checks
+            ],
+            "left_out": left_out,
+            "is_of_another_robot": is_of_another(checks),
+            "variant": VARIANT,
+            "horizon_s": None if worth is None else worth.horizon,
+            "drift_percent_as_it_is": None if worth is None else worth.as_it_is,
+            "drift_percent_mended": None if worth is None else worth.mended,
+        }
+    )

@@ -1,0 +1,100 @@
+"""Record of a check, mending of a log or a robot, and the IMU in base_link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from msgspec import structs
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import matrix_to_rpy
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Imu, Robot
+from icreckon.replay.inspection.imu_mounting import ABSURD, ENOUGH_STILL, standstill
+
+# Standard errors from which a difference is one.
+SIGMAS = 3.0
+MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
+SCALE, TRACK = "scale of the tracks", "effective track"
+
+Mend = Callable[[Log, Robot], tuple[Log, Robot]]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One quantity of a robot file, compared with a log.
+
+    Attributes:
+        name: the quantity.
+        in_file: value of the file, with its unit.
+        in_log: value that the log shows, with its unit and error; empty if it shows none.
+        problem: what contradicts, in a sentence; empty if nothing does.
+        remedy: what to set in the file.
+        mend: log and robot with this mended, None if it cannot be.
+    """
+
+    name: str
+    in_file: str
+    in_log: str
+    problem: str = ""
+    remedy: str = ""
+    mend: Mend | None = None
+
+
+def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
+    """Yaw rate (n,) and specific force (n, 3) in base_link, by the robot file."""
+    rotation = robot.imu_rotation
+    rates = imu.angular_velocity
+    z_alone = robot.imu.gyro_axes == "z"
+    vertical = rates[:, 2] / rotation[2, 2] if z_alone else rates @ rotation[2]
+    force = imu.linear_acceleration
+    return np.asarray(vertical), None if force is None else np.asarray(force @ rotation.T)
+
+
+def tracks_usable(log: Log) -> bool:
+    """True if track speeds are there, and none is absurd."""
+    return len(log.tracks.stamps) > 1 and bool(np.abs(log.tracks.speeds).max() <= ABSURD)
+
+
+def still_samples(log: Log) -> NDArray[np.bool_] | None:
+    """IMU samples (n,) at standstill, None if there are too few."""
+    if log.imu is None or len(log.imu.stamps) < 2 or not tracks_usable(log):
+        return None
+    still = standstill(log.tracks, log.imu.stamps)
+    step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
+    return still if float(still.sum()) * step >= ENOUGH_STILL else None
+
+
+def with_imu(**values: object) -> Mend:
+    """Mending of the robot's IMU."""
+
+    def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        imu: Imu = structs.replace(robot.imu, **values)
+        return log, structs.replace(robot, imu=imu)
+
+    return mended
+
+
+def with_speeds(change: Callable[[Floats], Floats]) -> Mend:
+    """Mending of the track speeds (n, 2)."""
+
+    def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        tracks = TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))
+        return replace(log, tracks=tracks), robot
+
+    return mended
+
+
+def rounded_angles(rotation: Floats) -> tuple[float, ...]:
+    """Roll, pitch and yaw of a rotation (3, 3), to the tenth [deg]."""
+    return tuple(round(math.degrees(angle), 1) + 0.0 for angle in matrix_to_rpy(rotation))
+
+
+def angles_text(values: tuple[float, float, float]) -> str:
+    """Text of three angles [deg]."""
+    return f"{', '.join(f'{value:g}' for value in values)} deg"

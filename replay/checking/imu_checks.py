@@ -1,0 +1,194 @@
+"""Checks of the IMU in a robot file: unit, mounting, bias and noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
+from icreckon.replay.checking.check import (
+    FORWARD,
+    MOUNTING,
+    SIGMAS,
+    Check,
+    angles_text,
+    in_base,
+    rounded_angles,
+    still_samples,
+    tracks_usable,
+    with_imu,
+)
+from icreckon.replay.inspection.imu_mounting import density, estimate_mounting, forward_yaw
+from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
+
+# Smallest tilt of a mounting that is reported [deg], and that from which a mounting is another one.
+LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
+# Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
+LEAST_DRIVING = 0.3
+# Distance of the centre of turning from that of the robot [m].
+LEVER = 0.3
+# Factor between noise densities that is reported [-].
+OTHER_NOISE = 3.0
+
+
+def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
+    """Unit of the accelerometer, by the mean specific force."""
+    imu = log.imu
+    if imu is None or imu.linear_acceleration is None:
+        return
+    size = float(np.linalg.norm(np.nanmean(imu.linear_acceleration, axis=0)))
+    in_log = f"{size:.4g} m/s²"
+    if abs(size - GRAVITY) <= WRONG_GRAVITY * GRAVITY:
+        yield Check("mean specific force", f"{GRAVITY} m/s²", in_log)
+        return
+
+    def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        assert log.imu is not None  # noqa: S101 - checked above
+        assert log.imu.linear_acceleration is not None  # noqa: S101 - checked above
+        force = log.imu.linear_acceleration * (GRAVITY / size)
+        return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
+
+    yield Check(
+        "mean specific force",
+        f"{GRAVITY} m/s²",
+        in_log,
+        f"the accelerometer reads {size:.4g} m/s² on average, not {GRAVITY}{unit_of_gravity(size)}",
+        "the driver's unit, or acceleration_unit in [log.imu] for fields of a message",
+        scaled if size > 0.0 else None,
+    )
+
+
+def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
+    """Roll and pitch of the IMU, by gravity."""
+    if log.imu is None:
+        return
+    force = in_base(log.imu, robot)[1]
+    if force is None:
+        return
+    up = np.nanmean(force, axis=0)
+    if not np.linalg.norm(up) > 0.0:
+        return
+    up = up / np.linalg.norm(up)
+    tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
+    angles = angles_text(robot.imu.rotation_rpy_deg)
+    if tilt <= LEAST_TILT + _tilt_by_turning(log, robot):
+        yield Check(MOUNTING, angles, f"{tilt:.1f} deg beside it, by gravity")
+        return
+    turned = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
+    if tilt > ANOTHER_MOUNTING and (whole := estimate_mounting(log)) is not None:
+        turned = rounded_angles(rpy_to_matrix(*np.radians(whole.rotation_rpy_deg)))
+    roll, pitch, _ = np.radians(turned)
+    shows_turning = (
+        robot.imu.gyro_axes == "xyz" or abs(np.cos(roll) * np.cos(pitch)) >= LEAST_UPRIGHT
+    )
+    upside = " (upside down)" if tilt > 180.0 - ANOTHER_MOUNTING else ""
+    yield Check(
+        MOUNTING,
+        angles,
+        f"{tilt:.1f} deg beside it, by gravity",
+        f"gravity shows the IMU {tilt:.1f} deg beside its mounting in the file{upside}",
+        f"rotation_rpy_deg = {list(turned)} in [imu]",
+        with_imu(rotation_rpy_deg=turned) if shows_turning else None,
+    )
+
+
+def _tilt_by_turning(log: Log, robot: Robot) -> float:
+    """Tilt that the mean force of turning looks like [deg], at most."""
+    assert log.imu is not None  # noqa: S101 - checked by the caller
+    rate = in_base(log.imu, robot)[0]
+    forward, left, _ = robot.imu.position
+    force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
+    if tracks_usable(log):
+        speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
+        force += abs(float(np.mean(speed * rate)))
+    return math.degrees(math.atan(force / GRAVITY))
+
+
+def _turn_upright(up: Floats) -> Floats:
+    """Smallest rotation (3, 3) of a unit vector onto the z axis."""
+    x, y, z = up
+    if z < -1.0 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + z))
+
+
+def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
+    """Yaw of the IMU's mounting, to the next 90 degrees, by accelerations."""
+    if log.imu is None or len(log.imu.stamps) < 2 or not tracks_usable(log):
+        return
+    vertical, force = in_base(log.imu, robot)
+    speeds = log.tracks.speeds
+    drives = np.abs(speeds.mean(axis=1)).mean() > LEAST_DRIVING * np.abs(speeds).mean()
+    if force is None or not drives:
+        return
+    yaw = forward_yaw(log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical)
+    if yaw is None:
+        return
+    in_file = angles_text(robot.imu.rotation_rpy_deg)
+    if yaw == 0.0:
+        yield Check(FORWARD, in_file, "as the tracks accelerate")
+        return
+    about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
+    turned = rounded_angles(about_z @ robot.imu_rotation)
+    yield Check(
+        FORWARD,
+        in_file,
+        f"{yaw:+.0f} deg about the vertical",
+        f"the IMU is mounted {yaw:+.0f} deg about the vertical from what the file says, by its "
+        "accelerations",
+        f"rotation_rpy_deg = {list(turned)} in [imu]",
+        with_imu(rotation_rpy_deg=turned),
+    )
+
+
+def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
+    """Bias of the gyro at standstill."""
+    still = still_samples(log)
+    if log.imu is None or still is None:
+        return
+    rates = in_base(log.imu, robot)[0][still]
+    bias, sigma = float(rates.mean()), robot.imu.gyro_bias_sigma
+    seconds = len(rates) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
+    of_mean = robot.imu.gyro_noise_density / math.sqrt(seconds)
+    shown = f"{bias:+.5f} rad/s at standstill"
+    in_file = f"{robot.imu.gyro_bias:+.5f} ± {sigma:g} rad/s"
+    if abs(bias - robot.imu.gyro_bias) <= SIGMAS * math.hypot(sigma, of_mean):
+        yield Check("gyro bias", in_file, shown)
+        return
+    yield Check(
+        "gyro bias",
+        in_file,
+        shown,
+        f"the gyro reads {bias:+.5f} rad/s at standstill, the file says {in_file}",
+        f"gyro_bias = {bias:.5f} in [imu], or a larger gyro_bias_sigma",
+        with_imu(gyro_bias=min(1.0, max(-1.0, bias))),
+    )
+
+
+def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
+    """Noise of the gyro at standstill."""
+    still = still_samples(log)
+    if log.imu is None or still is None:
+        return
+    step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
+    found = density(in_base(log.imu, robot)[0], still, step)
+    stated = robot.imu.gyro_noise_density
+    in_file, shown = f"{stated:.2g} rad/s/√Hz", f"{found:.2g} rad/s/√Hz at standstill"
+    if found <= OTHER_NOISE * stated:
+        yield Check("gyro noise", in_file, shown)
+        return
+    yield Check(
+        "gyro noise",
+        in_file,
+        shown,
+        f"at standstill the gyro shakes {found / stated:.0f} times as much as the file says",
+        f"gyro_noise_density = {found:.2g} in [imu] (the filter measures noise, too)",
+        with_imu(gyro_noise_density=found),
+    )

@@ -1,0 +1,86 @@
+"""Check of a robot file against a log: scale, signs, mounting, latency, units.
+
+Every check compares what the file states with what the log shows, and can mend the difference. Checks
+run one after the other, each on the log and file as mended so far, so that one error (a radius that is
+a diameter) does not show up as several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check
+from icreckon.replay.checking.imu_checks import (
+    check_bias,
+    check_forward,
+    check_gravity,
+    check_mounting,
+    check_noise,
+)
+from icreckon.replay.checking.track_checks import (
+    check_latency,
+    check_scale,
+    check_track,
+    check_turning,
+)
+from icreckon.replay.mapping.topics import TopicMap, topic_map
+
+# Streams that a robot file can leave out, and what they are.
+STREAMS = {
+    "imu": "an IMU",
+    "fixes": "position fixes",
+    "heading": "a heading",
+    "truth": "a ground truth",
+}
+# In this order: each needs what those before it have mended.
+CHECKS = (
+    check_gravity,
+    check_mounting,
+    check_turning,
+    check_forward,
+    check_latency,
+    check_scale,
+    check_track,
+    check_bias,
+    check_noise,
+)
+
+
+def check_robot(log: Log, robot: Robot) -> list[Check]:
+    """Check a robot file against a log that was read with it.
+
+    Args:
+        log: the log, from `read_log` with this robot.
+        robot: the robot.
+    """
+    found: list[Check] = []
+    for look in CHECKS:
+        for one in look(log, robot):
+            found.append(one)
+            if one.mend is not None:
+                log, robot = one.mend(log, robot)
+    return found
+
+
+def is_of_another(checks: Sequence[Check]) -> bool:
+    """True if so much contradicts that the file seems to be that of another robot."""
+    names = {one.name for one in checks if one.problem}
+    return len([one for one in ({MOUNTING, FORWARD}, {SCALE}, {TRACK}) if names & one]) >= 2
+
+
+def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:
+    """Report streams of a bag that a robot file leaves out.
+
+    Args:
+        guessed: topics of the bag, from `guess_mapping`.
+        robot: the robot.
+    """
+    mapping = topic_map(robot, robot.name)
+    return [
+        f"the log holds {use} on {there.topic}, which the file leaves out: "
+        f'topic = "{there.topic}" in [log.{stream}], see icreckon inspect'
+        for stream, use in STREAMS.items()
+        if (there := getattr(guessed, stream)) is not None and getattr(mapping, stream) is None
+    ]

@@ -1,0 +1,336 @@
+"""Checks of the tracks in a robot file: sense, latency, scale, effective track."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from msgspec import structs
+from numpy.typing import NDArray
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import relative
+from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.log.lag import Lag
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import even_grid, interpolate_poses
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.checking.check import (
+    SCALE,
+    SIGMAS,
+    TRACK,
+    Check,
+    in_base,
+    tracks_usable,
+    with_speeds,
+)
+from icreckon.replay.inspection.imu_mounting import SMOOTHING, forward_yaw, turning_correlation
+from icreckon.replay.inspection.latency import objection, track_latency
+from icreckon.replay.inspection.robot_file import in_rates
+from icreckon.replay.inspection.wheels import CLEAR_TURNING, DEGREES, wheel_estimates
+from icreckon.replay.mapping.topics import topic_map
+
+# Turning of a window that hardly slips [rad], and error of a scale that counts in any case, in such
+# windows and in bends [-]: ground and slip change the distance by as much.
+STRAIGHT = 0.2
+LEAST_SCALE, LEAST_IN_BENDS = 0.03, 0.1
+# Factor between the effective tracks of the file and of the log that ground and steady bends do not
+# explain [-], and latency that is usual for a sampled speed [s].
+OTHER_TRACK = 1.8
+LEAST_LATENCY = 0.05
+# Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
+SCALE_BY_FORCE = 0.35
+# Usual errors of a scale, as true over assumed.
+USUAL_ERRORS = (
+    (0.5, "is the radius a diameter?"),
+    (2.0, "is the radius half of what it should be?"),
+    (0.001, "is a length or a speed in mm?"),
+    (0.01, "is a length or a speed in cm?"),
+    (1.0 / 3.6, "are the speeds in km/h?"),
+    (0.44704, "are the speeds in mph?"),
+    (2.0 * math.pi, "are the rates in turns per second?"),
+    (math.pi / 30.0, "are the rates in rpm?"),
+    (math.pi / 180.0, "are the rates in deg/s?"),
+)
+# Windows in which driving backward is looked for [s].
+BACKWARD_WINDOW = 0.5
+# Largest relative distance from a usual error [-].
+USUAL_ERROR = 0.04
+# Track gauge that no robot has [m].
+TOO_WIDE = 20.0
+
+
+def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
+    """Unit of the gyro, and its sense of rotation against that of the tracks."""
+    if log.imu is None or not tracks_usable(log):
+        return
+    vertical = in_base(log.imu, robot)[0]
+    correlation = turning_correlation(log.tracks, log.imu, vertical)
+    if correlation is None or abs(correlation) < CLEAR_TURNING:
+        shown = (
+            "nothing turns" if correlation is None else f"correlation {correlation:.2f}: unclear"
+        )
+        yield Check("sense of turning", "left is positive", shown)
+        return
+    turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
+    difference = float(turned.std()) / _effective_track(robot)
+    if difference > 0.0 and DEGREES[0] < float(vertical.std()) / difference < DEGREES[1]:
+        ratio = float(vertical.std()) / difference
+        yield Check(
+            "unit of the gyro",
+            "rad/s",
+            f"{ratio:.0f} times the tracks' turning",
+            f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s",
+            'the driver\'s unit, or rate_unit = "deg/s" in [log.imu] for fields of a message',
+            _in_radians,
+        )
+    backward = _drives_backward(log)
+    if correlation > 0.0 and not backward:
+        yield Check("sense of turning", "left is positive", f"correlation {correlation:.2f}")
+        return
+    if correlation > 0.0:
+        text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
+        remedy = "exchange left and right in [log.tracks], and the sign of both sides in the driver"
+        mend = with_speeds(lambda speeds: -speeds[:, ::-1])
+    elif backward or (backward is None and _accelerates_backward(log, robot, vertical)):
+        text = "both tracks count backward: they turn the other way than the gyro"
+        remedy = "the sign of both sides, in the driver"
+        mend = with_speeds(lambda speeds: -speeds)
+        if backward is None:
+            text += " and accelerate the other way than the IMU"
+            remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
+    else:
+        text = "left and right are swapped: the tracks turn the other way than the gyro"
+        remedy = "exchange left and right in [log.tracks] (or the gyro's z axis points down)"
+        mend = with_speeds(lambda speeds: speeds[:, ::-1].copy())
+    yield Check(
+        "sense of turning", "left is positive", f"correlation {correlation:.2f}", text, remedy, mend
+    )
+
+
+def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:
+    """True if the IMU accelerates backward where the tracks speed up."""
+    assert log.imu is not None  # noqa: S101 - checked by the caller
+    force = in_base(log.imu, robot)[1]
+    if force is None:
+        return False
+    yaw = forward_yaw(log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical)
+    return yaw is not None and abs(yaw) == 180.0
+
+
+def _drives_backward(log: Log) -> bool | None:
+    """True if the tracks drive backward where the truth drives forward; None if unknown."""
+    truth = log.truth
+    if truth is None or not truth.headings:
+        return None
+    stamps = even_grid(
+        max(truth.poses.stamps[0], log.start),
+        min(truth.poses.stamps[-1], log.end),
+        round(BACKWARD_WINDOW / NANOSECOND),
+        truth.poses.stamps,
+    )
+    if len(stamps) < 2:
+        return None
+    poses = interpolate_poses(truth.poses, stamps)
+    ahead = relative(poses[:-1], poses[1:])[:, 0]
+    speed = np.interp(
+        0.5 * (stamps[1:] + stamps[:-1]), log.tracks.stamps, log.tracks.speeds.mean(axis=1)
+    )
+    size = float(np.linalg.norm(ahead) * np.linalg.norm(speed))
+    if size == 0.0:
+        return None
+    agreement = float(ahead @ speed) / size
+    return agreement < 0.0 if abs(agreement) > CLEAR_TURNING else None
+
+
+def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    assert log.imu is not None  # noqa: S101 - checked by the caller
+    rates = np.radians(log.imu.angular_velocity)
+    return replace(log, imu=replace(log.imu, angular_velocity=rates)), robot
+
+
+def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
+    """Latency of the track speeds against the gyro, beyond that of the file."""
+    if log.imu is None or not tracks_usable(log):
+        return
+    late = track_latency(log.tracks, log.imu, in_base(log.imu, robot)[0])
+    if not isinstance(late, Lag):
+        yield Check("latency of the tracks", "", f"not seen: {late.reason}")
+        return
+    shown = f"{late.seconds:+.3f} ± {late.sigma:.3f} s left"
+    if objection(late) or abs(late.seconds) <= max(LEAST_LATENCY, SIGMAS * late.sigma):
+        yield Check("latency of the tracks", "taken off", shown)
+        return
+    by = late.seconds
+    word = "late" if by > 0.0 else "early"
+
+    def shifted(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        stamps = log.tracks.stamps - round(by / NANOSECOND)
+        return replace(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds)), robot
+
+    yield Check(
+        "latency of the tracks",
+        "taken off",
+        shown,
+        f"track speeds are stamped {abs(by):.2f} s {word} against the gyro, ± {late.sigma:.3f} s",
+        f"add {by:+.2f} to latency in [log.tracks]",
+        shifted,
+    )
+
+
+def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
+    """Scale of the track speeds, by truth, fixes or the accelerometer."""
+    if log.imu is None or not tracks_usable(log):
+        return
+    vertical = in_base(log.imu, robot)[0]
+    least = LEAST_SCALE
+    found = wheel_estimates(log, vertical, None, STRAIGHT)
+    if found.way_ratio is None:
+        found, least = wheel_estimates(log, vertical, None), LEAST_IN_BENDS
+    ratio, sigma, source = found.way_ratio, found.way_sigma, found.way_source
+    least = max(least, SIGMAS * robot.tracks.scale_sigma)
+    if ratio is None:
+        by_force = _scale_by_force(log, robot)
+        if by_force is None:
+            yield Check(SCALE, "1", "not seen: no truth, no fixes")
+            return
+        ratio, sigma, source, least = *by_force, "accelerometer", SCALE_BY_FORCE
+    error = "" if sigma is None else f" ± {sigma:.3f}"
+    shown = f"{ratio:.3f}{error}, {source} over tracks"
+    if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
+        yield Check(SCALE, "1", shown)
+        return
+    if source == "accelerometer":
+        text = (
+            f"accelerations are {ratio:.3g}{error} times the changes of the track speeds (suspensions "
+            "explain 1.2)"
+        )
+    else:
+        text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
+    yield Check(
+        SCALE,
+        "1",
+        shown,
+        text,
+        f"sprocket_radius = {ratio * robot.vehicle.sprocket_radius:.4g} in [vehicle]"
+        if _in_rates(robot)
+        else "the unit of the speeds in [log], or the driver's wheel radius",
+        with_speeds(lambda speeds: ratio * speeds),
+    )
+
+
+def _guess(ratio: float, robot: Robot) -> str:
+    """Question after the usual error next to a scale, true over assumed."""
+    radius = robot.vehicle.sprocket_radius
+    of_radius = (
+        (1.0 / radius, "are they m/s, read as rates in rad/s?")
+        if _in_rates(robot)
+        else (radius, "are they rates in rad/s, read as m/s?")
+    )
+    off, question = min(
+        (abs(math.log(ratio / size)), text) for size, text in (*USUAL_ERRORS, of_radius)
+    )
+    return f": {question}" if off < USUAL_ERROR else ""
+
+
+def _in_rates(robot: Robot) -> bool:
+    return in_rates(topic_map(robot, robot.name)) if robot.log else True
+
+
+def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:
+    """Scale by forward acceleration over the change of track speed, and its error."""
+    assert log.imu is not None  # noqa: S101 - checked by the caller
+    force = in_base(log.imu, robot)[1]
+    if force is None:
+        return None
+    stamps = log.imu.stamps
+    step = float(np.median(np.diff(stamps))) * NANOSECOND
+    width = max(1, round(SMOOTHING / step))
+    count = (len(stamps) - 1) // width
+    if count < 20 * BLOCKS:
+        return None
+    speed = np.interp(stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
+    edges = speed[: count * width + 1 : width]
+    change = np.diff(edges) / (np.diff(stamps[: count * width + 1 : width]) * NANOSECOND)
+    forward = force[: count * width, 0].reshape(count, width).mean(axis=1)
+    fine = np.isfinite(forward)
+    # Differences of neighbours: slopes and bias change slowly.
+    change, forward = np.diff(change[fine]), np.diff(forward[fine])
+
+    def slope(where: NDArray[np.int_]) -> float:
+        x, y = change[where], forward[where]
+        return float(x @ y / (x @ x))
+
+    every = np.arange(len(change))
+    if not change.any():
+        return None
+    without = [slope(np.delete(every, one)) for one in np.array_split(every, BLOCKS)]
+    sigma = jackknife_sigma(np.array(without))
+    ratio = slope(every)
+    return (ratio, sigma) if ratio > 0.0 and sigma < 0.1 * ratio else None
+
+
+def _effective_track(robot: Robot) -> float:
+    return robot.constant_indices.eta0 * robot.vehicle.track_gauge
+
+
+def check_track(log: Log, robot: Robot) -> Iterator[Check]:
+    """Effective track, by gyro and tracks."""
+    if log.imu is None or not tracks_usable(log):
+        return
+    vertical = in_base(log.imu, robot)[0]
+    correlation = turning_correlation(log.tracks, log.imu, vertical)
+    track = wheel_estimates(log, vertical, correlation).track_ratio
+    in_file = _effective_track(robot)
+    if track is None:
+        yield Check(TRACK, f"{in_file:.2f} m", "not seen: too little turning")
+        return
+    ratio = track / in_file
+    shown = f"{track:.2f} m by the gyro, {ratio:.2f} times"
+    gauge = robot.vehicle.track_gauge
+    if 1.0 / OTHER_TRACK < ratio < OTHER_TRACK and track > 0.9 * gauge:
+        yield Check(TRACK, f"{in_file:.2f} m", shown)
+        return
+    if gauge > TOO_WIDE:
+        in_metres = structs.replace(robot.vehicle, track_gauge=gauge / 1000.0)
+        yield Check(
+            TRACK,
+            f"{in_file:.4g} m",
+            shown,
+            f"track_gauge is {gauge:g} m, the effective track {track:.3g} m by the gyro: is it in mm?",
+            f"track_gauge = {gauge / 1000.0:g} in [vehicle]",
+            lambda log, robot: (log, structs.replace(robot, vehicle=in_metres)),
+        )
+        return
+    eta0 = track / gauge
+    if eta0 < 1.0:
+        yield Check(
+            TRACK,
+            f"{in_file:.2f} m",
+            shown,
+            f"the effective track is {track:.3g} m by the gyro, narrower than track_gauge = {gauge:g} m, "
+            "which no slip explains",
+            "measure track_gauge between the centrelines, and check sprocket_radius",
+            lambda log, robot: (log, _with_track(robot, track, 1.0)),
+        )
+        return
+    yield Check(
+        TRACK,
+        f"{in_file:.2f} m",
+        shown,
+        f"the effective track is {track:.2f} m by the gyro, {ratio:.2f} times that of the file",
+        f"eta0 = {eta0:.2f} in [indices], or calibrate; where sprocket_radius is wrong, this is, too",
+        lambda log, robot: (log, _with_track(robot, gauge, eta0)),
+    )
+
+
+def _with_track(robot: Robot, gauge: float, eta0: float) -> Robot:
+    return structs.replace(
+        robot,
+        vehicle=structs.replace(robot.vehicle, track_gauge=gauge),
+        indices=structs.replace(robot.indices, eta0=eta0),
+        constant_icr=None,
+    )

@@ -1,0 +1,107 @@
+"""Worth of what a check of a robot file found, as drift on the log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import drift
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.checking.check import Check
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.scores import truths_of
+
+VARIANT = "inertia-online"
+# Horizons of the drift, the first that fits the log [s].
+HORIZONS = (30.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Drift of dead reckoning, as the file is and with its contradictions mended.
+
+    Without a truth all is relative to the path with everything mended, whose own drift is unknown.
+
+    Attributes:
+        horizon: time without fixes after which drift is taken [s].
+        as_it_is: drift with the file as it is [% of distance]; NaN if the filter has no result.
+        mended: drift with everything mended [% of distance]; NaN without a truth.
+        costs: drift that each contradiction alone adds to that [% of distance], in the order of the
+            checks; NaN if it cannot be mended, or the filter has no result with it.
+    """
+
+    horizon: float
+    as_it_is: float
+    mended: float
+    costs: tuple[float, ...]
+
+
+def worth_of(
+    log: Log,
+    robot: Robot,
+    checks: Sequence[Check],
+    progress: Callable[[float], None] | None = None,
+) -> Worth:
+    """Run the filter with a robot file as it is, mended, and with each error alone.
+
+    Fixes are not used.
+
+    Args:
+        log: the log, as it was checked.
+        robot: the robot, as it was checked.
+        checks: result of `check_robot`.
+        progress: called with the share that is done, 0 to 1.
+
+    Raises:
+        ReplayError: the filter has no result with everything mended.
+    """
+    report = progress or (lambda _: None)
+    log = replace(log, fixes=None)
+    wrong = [one for one in checks if one.problem]
+    count = 2 + len(wrong)
+    horizon = next((one for one in HORIZONS if log.duration > 2.0 * one), HORIZONS[-1])
+    best, truth = _run(*_mended(log, robot, wrong))
+    reference = best if truth is None else truth
+    drift_of_best = drift(best, reference, horizon).percent_mean
+    report(1 / count)
+
+    def drift_without(mended: Sequence[Check]) -> float:
+        try:
+            path, own_truth = _run(*_mended(log, robot, mended))
+        except ReplayError:
+            return float("nan")
+        return drift(path, reference if own_truth is None else own_truth, horizon).percent_mean
+
+    costs = []
+    for place, one in enumerate(wrong):
+        cost = float("nan")
+        if one.mend is not None and len(wrong) > 1:
+            cost = drift_without([other for other in wrong if other is not one]) - drift_of_best
+        costs.append(cost)
+        report((2 + place) / count)
+    as_it_is = drift_without([]) if wrong else drift_of_best
+    if len(wrong) == 1 and wrong[0].mend is not None:
+        costs = [as_it_is - drift_of_best]
+    report(1.0)
+    return Worth(horizon, as_it_is, drift_of_best if truth is not None else np.nan, tuple(costs))
+
+
+def _mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
+    for one in checks:
+        if one.mend is not None:
+            log, robot = one.mend(log, robot)
+    return log, robot
+
+
+def _run(log: Log, robot: Robot) -> tuple[PoseSeries, PoseSeries | None]:
+    """Path of the filter, and the truth aligned to it, if there is one."""
+    found = compare(log, robot, (VARIANT,))
+    path = found.runs[VARIANT].trajectory.pose_series
+    if found.log.truth is None:
+        return path, None
+    return path, truths_of(found)[VARIANT].truth.poses

@@ -1,0 +1,78 @@
+"""`icreckon check` and what a replay notes of a robot file that does not fit its log."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from command_line import fails, icreckon
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from icreckon.replay.export.log_bag import write_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with a bag, the file of its robot, and one in which the radius is a diameter."""
+    path = tmp_path_factory.mktemp("check")
+    robot = load_robot("auriga-alpha")
+    scenario = Scenario(duration=90.0, seed=2, trajectory="random", fix_rate=1.0)
+    write_log(simulate(scenario, robot), path / "drive", "mcap", robot)
+    text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
+    (path / "right.toml").write_text(text, encoding="utf-8")
+    assert "sprocket_radius = 0.1 " in text
+    wrong = text.replace("sprocket_radius = 0.1 ", "sprocket_radius = 0.2 ")
+    (path / "wrong.toml").write_text(wrong, encoding="utf-8")
+    return path
+
+
+def test_a_file_that_fits(folder: Path):
+    done = icreckon("check", "drive", "--robot", "right.toml", cwd=folder)
+    assert done.returncode == 0, done.stdout
+    assert "Nothing in the log contradicts the robot file." in done.stdout
+    assert "Drift of inertia-online after 30 s without fixes: " in done.stdout
+    assert "! " not in done.stdout
+
+
+def test_a_radius_that_is_a_diameter(folder: Path):
+    done = icreckon("check", "drive", "--robot", "wrong.toml", cwd=folder)
+    assert done.returncode == 1
+    assert "One thing contradicts the log" in done.stdout
+    assert "is the radius a diameter? Costs " in done.stdout
+    assert "Set sprocket_radius = 0.0" in done.stdout or "Set sprocket_radius = 0.1" in done.stdout
+    assert done.stderr.strip() == ""
+
+
+def test_as_json(folder: Path):
+    done = icreckon("check", "drive", "--robot", "wrong.toml", "--json", cwd=folder)
+    assert done.returncode == 1
+    found = json.loads(done.stdout)
+    (scale,) = (one for one in found["checks"] if one["problem"])
+    assert scale["name"] == "scale of the tracks"
+    assert scale["cost_percent"] > 20.0
+    assert found["drift_percent_mended"] < 3.0 < 20.0 < found["drift_percent_as_it_is"]
+    assert found["is_of_another_robot"] is False
+
+
+def test_a_stream_that_the_file_leaves_out(folder: Path):
+    text = (folder / "right.toml").read_text(encoding="utf-8").split("[log.truth]")[0]
+    (folder / "bare.toml").write_text(text, encoding="utf-8")
+    done = icreckon("check", "drive", "--robot", "bare.toml", cwd=folder)
+    assert done.returncode == 0
+    assert 'topic = "/ground_truth/pose" in [log.truth]' in done.stdout
+
+
+def test_without_a_robot(folder: Path):
+    assert "what is the robot?" in fails("check", "drive", cwd=folder)
+
+
+def test_a_replay_notes_it(folder: Path):
+    words = ("--variants", "gyro", "--formats", "none")
+    done = icreckon("replay", "drive", "--robot", "wrong.toml", *words, "--out", "w", cwd=folder)
+    assert "Note: robot file: the truth moves 0.4" in done.stdout
+    assert "icreckon check says what each of these costs" in done.stdout
+    notes = json.loads((folder / "w" / "results.json").read_text())["log"]["notes"]
+    assert any("is the radius a diameter?" in note for note in notes)
+    done = icreckon("replay", "drive", "--robot", "right.toml", *words, "--out", "r", cwd=folder)
+    assert "robot file:" not in done.stdout

@@ -1,0 +1,294 @@
+"""A robot file against a log: every error is named, alone, and mended; right files are left in peace."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as with_values
+
+from conftest import sample_log
+from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK
+from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
+from icreckon.replay.checking.worth import worth_of
+from icreckon.replay.mapping.topics import FixTopic, ImuTopic, TopicMap, TrackTopic
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+MAPPED = with_values(
+    ALPHA, log={"tracks": {"topic": "/joint_states", "left": ["l"], "right": ["r"]}}
+)
+TURNING, LATENCY, BIAS = "sense of turning", "latency of the tracks", "gyro bias"
+RADIUS = ALPHA.vehicle.sprocket_radius
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return simulate(Scenario(duration=150.0, seed=3, fix_rate=0.0, trajectory="stop-and-go"), ALPHA)
+
+
+def problems(log: Log, robot: Robot) -> dict[str, str]:
+    return {one.name: one.problem for one in check_robot(log, robot) if one.problem}
+
+
+def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    for one in check_robot(log, robot):
+        if one.mend is not None:
+            log, robot = one.mend(log, robot)
+    return log, robot
+
+
+def with_imu(robot: Robot, **values: object) -> Robot:
+    return with_values(robot, imu=with_values(robot.imu, **values))
+
+
+def with_vehicle(robot: Robot, **values: object) -> Robot:
+    return with_values(robot, vehicle=with_values(robot.vehicle, **values))
+
+
+def speeds(log: Log, change) -> Log:
+    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds)))
+
+
+def late(log: Log, seconds: float) -> Log:
+    stamps = log.tracks.stamps + round(seconds * 1e9)
+    return replace(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds))
+
+
+def turned_imu(log: Log, roll: float, pitch: float, yaw: float) -> Log:
+    """Log of an IMU that is mounted otherwise [deg]."""
+    by = rpy_to_matrix(*np.radians([roll, pitch, yaw]))
+    imu = log.imu
+    return replace(
+        log,
+        imu=replace(
+            imu,
+            angular_velocity=imu.angular_velocity @ by,
+            linear_acceleration=imu.linear_acceleration @ by,
+        ),
+    )
+
+
+def scaled_imu(log: Log, rates: float = 1.0, forces: float = 1.0, bias: float = 0.0) -> Log:
+    imu = log.imu
+    return replace(
+        log,
+        imu=replace(
+            imu,
+            angular_velocity=rates * (imu.angular_velocity + np.array([0.0, 0.0, bias])),
+            linear_acceleration=forces * imu.linear_acceleration,
+        ),
+    )
+
+
+ERRORS = {
+    "diameter": (
+        lambda log: speeds(log, lambda v: 2.0 * v),
+        lambda robot: with_vehicle(robot, sprocket_radius=2.0 * RADIUS),
+        {SCALE: "is the radius a diameter?"},
+    ),
+    "rates in rpm": (
+        lambda log: speeds(log, lambda v: v * 30.0 / np.pi),
+        None,
+        {SCALE: "are the rates in rpm?"},
+    ),
+    "gauge in mm": (
+        None,
+        lambda robot: with_vehicle(
+            with_values(robot, constant_icr=None), track_gauge=1e3 * robot.vehicle.track_gauge
+        ),
+        {TRACK: "is it in mm?"},
+    ),
+    "left and right": (
+        lambda log: speeds(log, lambda v: v[:, ::-1].copy()),
+        None,
+        {TURNING: "left and right are swapped"},
+    ),
+    "backward": (
+        lambda log: speeds(log, np.negative),
+        None,
+        {TURNING: "both tracks count backward"},
+    ),
+    "late": (lambda log: late(log, 0.25), None, {LATENCY: "s late"}),
+    "early": (lambda log: late(log, -0.15), None, {LATENCY: "s early"}),
+    "tilted": (lambda log: turned_imu(log, 0.0, 10.0, 0.0), None, {MOUNTING: "deg beside"}),
+    "upside down": (lambda log: turned_imu(log, 180.0, 0.0, 0.0), None, {MOUNTING: "upside down"}),
+    "on its side": (lambda log: turned_imu(log, 90.0, 0.0, 90.0), None, {MOUNTING: "deg beside"}),
+    "backward IMU": (lambda log: turned_imu(log, 0.0, 0.0, 180.0), None, {FORWARD: "180 deg"}),
+    "IMU to the left": (lambda log: turned_imu(log, 0.0, 0.0, 90.0), None, {FORWARD: "+90 deg"}),
+    "gyro in deg/s": (
+        lambda log: scaled_imu(log, rates=180.0 / np.pi),
+        None,
+        {"unit of the gyro": "deg/s"},
+    ),
+    "accelerometer in g": (
+        lambda log: scaled_imu(log, forces=1.0 / 9.81),
+        None,
+        {"mean specific force": "in g?"},
+    ),
+    "bias": (lambda log: scaled_imu(log, bias=0.05), None, {BIAS: "+0.05"}),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_an_error_is_named_alone_and_mended(log: Log, name: str):
+    of_log, of_robot, expected = ERRORS[name]
+    wrong = log if of_log is None else of_log(log)
+    robot = ALPHA if of_robot is None else of_robot(ALPHA)
+    found = problems(wrong, robot)
+    assert found.keys() == expected.keys()
+    for quantity, text in expected.items():
+        assert text in found[quantity]
+    assert problems(*mended(wrong, robot)) == {}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"trajectory": "random"},
+        {"trajectory": "aggressive"},
+        {"trajectory": "slalom"},
+        {"trajectory": "straight"},
+        {"trajectory": "spin"},
+        {"trajectory": "circle"},
+        {"trajectory": "random", "noise": "consumer"},
+        {"trajectory": "random", "imu_rate": 20.0, "track_rate": 40.0},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_right_file_is_left_in_peace(options: dict, seed: int):
+    options = dict(options)
+    grade = options.pop("noise", None)
+    robot = ALPHA
+    if grade == "consumer":
+        robot = with_imu(ALPHA, gyro_noise_density=2e-3, gyro_bias_sigma=0.02)
+    log = simulate(Scenario(duration=60.0, seed=seed, fix_rate=1.0, **options), robot)
+    assert problems(log, robot) == {}
+    assert problems(replace(log, truth=None, fixes=None), robot) == {}
+
+
+def test_without_truth_or_fixes_the_accelerometer_shows_a_gross_scale(log: Log):
+    bare = replace(speeds(log, lambda v: 3.0 * v), truth=None)
+    found = problems(bare, with_values(ALPHA, tracks=with_values(ALPHA.tracks, scale_sigma=0.02)))
+    assert SCALE in found or TRACK in found
+
+
+def test_swapped_tracks_and_a_turned_imu_are_told_from_tracks_that_count_backward(log: Log):
+    wrong = turned_imu(speeds(log, lambda v: v[:, ::-1].copy()), 0.0, 0.0, 180.0)
+    found = problems(wrong, ALPHA)
+    assert found.keys() == {TURNING, FORWARD}
+    assert "left and right are swapped" in found[TURNING]
+    assert problems(*mended(wrong, ALPHA)) == {}
+    # Without a truth, both are possible.
+    bare = [one for one in check_robot(replace(wrong, truth=None), ALPHA) if one.problem]
+    assert [one.name for one in bare] == [TURNING]
+    assert "the IMU is turned by 180 deg" in bare[0].remedy
+
+
+def test_swapped_tracks_that_count_backward_are_named(log: Log):
+    wrong = speeds(log, lambda v: -v[:, ::-1])
+    found = problems(wrong, ALPHA)
+    assert found.keys() == {TURNING}
+    assert "backward where the truth drives forward" in found[TURNING]
+    assert problems(*mended(wrong, ALPHA)) == {}
+
+
+def test_files_of_other_robots_are_recognised(log: Log):
+    robot = with_values(load_robot("marmotte"), log={})
+    wrong = speeds(log, lambda v: v * robot.vehicle.sprocket_radius / RADIUS)
+    checks = check_robot(wrong, robot)
+    assert is_of_another(checks)
+    assert not is_of_another(check_robot(log, ALPHA))
+
+
+@pytest.mark.parametrize("missing", ["imu", "forces", "tracks", "one sample", "nan"])
+def test_what_is_missing_is_no_error(log: Log, missing: str):
+    if missing == "imu":
+        log = replace(log, imu=None)
+    elif missing == "forces":
+        log = replace(log, imu=replace(log.imu, linear_acceleration=None))
+    elif missing == "tracks":
+        none = np.zeros(0, dtype=np.int64)
+        log = replace(log, tracks=TrackSpeedSeries(none, np.zeros((0, 2))))
+    elif missing == "one sample":
+        imu = log.imu
+        log = replace(
+            log,
+            imu=type(imu)(imu.stamps[:1], imu.angular_velocity[:1], imu.linear_acceleration[:1]),
+        )
+    else:
+        forces = log.imu.linear_acceleration.copy()
+        forces[::3] = np.nan
+        log = replace(log, imu=replace(log.imu, linear_acceleration=forces))
+    assert problems(log, ALPHA) == {}
+
+
+def test_streams_that_the_file_leaves_out():
+    tracks = TrackTopic("/joint_states", ("l",), ("r",))
+    guessed = TopicMap(tracks, ImuTopic("/imu"), FixTopic("/fix"))
+    hints = topics_left_out(guessed, MAPPED)
+    assert len(hints) == 2
+    assert '"/fix" in [log.fixes]' in hints[1]
+    assert topics_left_out(TopicMap(tracks), MAPPED) == []
+
+
+def test_costs_are_those_of_each_error_alone(log: Log):
+    robot = with_imu(ALPHA, gyro_bias=-0.03, gyro_bias_sigma=0.001)
+    wrong = late(speeds(log, lambda v: 1.5 * v), 0.2)
+    checks = check_robot(wrong, robot)
+    assert [one.name for one in checks if one.problem] == [LATENCY, SCALE, BIAS]
+    worth = worth_of(wrong, robot, checks)
+    of_latency, of_scale, of_bias = worth.costs
+    assert worth.horizon == 30.0
+    assert worth.mended < 3.0 < 20.0 < worth.as_it_is
+    # Half as much again of the way, and a rate that is soon learnt at standstill.
+    assert 30.0 < of_scale < 60.0
+    assert abs(of_latency) < 0.3 * of_scale
+    assert abs(of_bias) < 0.3 * of_scale
+
+
+def test_costs_without_a_truth_are_distances_from_the_mended_path(log: Log):
+    wrong = replace(late(log, 0.2), truth=None)
+    worth = worth_of(wrong, ALPHA, check_robot(wrong, ALPHA))
+    assert np.isnan(worth.mended)
+    assert worth.as_it_is == worth.costs[0] > 0.1
+
+
+def test_nothing_wrong_costs_nothing(log: Log):
+    worth = worth_of(log, ALPHA, check_robot(log, ALPHA))
+    assert worth.costs == ()
+    assert worth.as_it_is == worth.mended < 3.0
+
+
+@pytest.mark.parametrize(
+    ("name", "own", "other"),
+    [
+        ("husky_deflated_part1", "husky-deflated", "warthog"),
+        ("marmotte_part1", "marmotte", "husky-deflated"),
+        ("warthog_grass_2024_8_8_15h56s39", "warthog", "marmotte"),
+    ],
+)
+def test_real_logs(data_dir: Path, name: str, own: str, other: str):
+    path = sample_log(data_dir, name)
+    robot = load_robot(own)
+    log = read_log(path, robot)
+    assert problems(log, robot) == {}
+    swapped = with_values(load_robot(other), log=robot.log)
+    wrong = read_log(path, swapped)
+    assert is_of_another(check_robot(wrong, swapped))
+    assert problems(*mended(wrong, swapped)) == {}
+    doubled = with_vehicle(robot, sprocket_radius=2.0 * robot.vehicle.sprocket_radius)
+    assert "diameter" in problems(read_log(path, doubled), doubled)[SCALE]
+
+
+def test_angles_of_a_matrix_are_those_it_was_made_of():
+    rng = np.random.default_rng(4)
+    for roll, pitch, yaw in rng.uniform([-3.1, -1.5, -3.1], [3.1, 1.5, 3.1], (50, 3)):
+        assert matrix_to_rpy(rpy_to_matrix(roll, pitch, yaw)) == pytest.approx((roll, pitch, yaw))
