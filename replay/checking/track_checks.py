@@ -122,7 +122,7 @@ def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:
 
 
 def _drives_backward(log: Log) -> bool | None:
-    """True if the tracks drive backward where the truth drives forward; None if unknown."""
+    """True if tracks drive backward where the truth drives forward; None if unknown."""
     truth = log.truth
     if truth is None or not truth.headings:
         return None
