@@ -11,10 +11,12 @@ import typer
 from rich.text import Text
 
 from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import FAILED, progress, results
+from icreckon.cli.console import FAILED, messages, progress, results
 from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
+from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT, Worth, worth_of
 from icreckon.replay.comparison.results import json_types
 from icreckon.replay.inspection.inspect import guess_mapping
@@ -23,10 +25,19 @@ from icreckon.replay.reading.read_log import read_log
 
 
 def run_check(
-    *, paths: list[Path], message_files: list[Path], robot_name: str | None, as_json: bool
+    *,
+    paths: list[Path],
+    message_files: list[Path],
+    robot_name: str | None,
+    ros: Path | None,
+    as_json: bool,
+    overwrite: bool,
 ) -> None:
     """Run `icreckon check`; arguments as in its help."""
     robot = the_robot(robot_name, paths)
+    starts = (ROS_FIRST_WORDS.encode(),)
+    if ros is not None:
+        check_replaceable(ros, overwrite=overwrite, starts=starts)
     definitions = read_definitions(message_files)
     with progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
@@ -41,6 +52,10 @@ def run_check(
         typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
     else:
         _show(checks, worth, left_out, has_truth=log.truth is not None)
+    if ros is not None:
+        with written_beside(ros, overwrite=overwrite, starts=starts) as new:
+            new.write_text(ros_settings(log, robot), encoding="utf-8")
+        messages().print(f"settings for ROS in {ros}", soft_wrap=True)
     if any(one.problem for one in checks):
         raise typer.Exit(FAILED)
 

@@ -317,9 +317,18 @@ def check(
         str | None,
         typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
     ] = None,
+    ros: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write settings for ROS here, as YAML: diff_drive_controller, covariances, IMU frame."
+        ),
+    ] = None,
     msg: Definitions = None,
     unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace earlier settings at --ros.")
+    ] = False,
 ) -> None:
     """Check a robot file against a log: units, signs, mounting, latency.
 
@@ -330,7 +339,14 @@ def check(
     from icreckon.replay.bags import unpacking as limits
 
     with limits.unpacked_limit(unpacked_limit):
-        run_check(paths=log, message_files=msg or [], robot_name=robot, as_json=json)
+        run_check(
+            paths=log,
+            message_files=msg or [],
+            robot_name=robot,
+            ros=ros,
+            as_json=json,
+            overwrite=overwrite,
+        )
 
 
 @app.command()

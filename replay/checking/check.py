@@ -16,6 +16,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Imu, Robot
 from icreckon.replay.inspection.imu_mounting import ABSURD, ENOUGH_STILL, standstill
+from icreckon.replay.inspection.robot_file import in_rates
+from icreckon.replay.mapping.topics import topic_map
 
 # Standard errors from which a difference is one.
 SIGMAS = 3.0
@@ -59,6 +61,11 @@ def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
 def tracks_usable(log: Log) -> bool:
     """True if track speeds are there, and none is absurd."""
     return len(log.tracks.stamps) > 1 and bool(np.abs(log.tracks.speeds).max() <= ABSURD)
+
+
+def in_rates_of(robot: Robot) -> bool:
+    """True if the track speeds of a robot's logs are rates, multiplied by its radius."""
+    return in_rates(topic_map(robot, robot.name)) if robot.log else True
 
 
 def still_samples(log: Log) -> NDArray[np.bool_] | None:

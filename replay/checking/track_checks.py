@@ -24,14 +24,13 @@ from icreckon.replay.checking.check import (
     TRACK,
     Check,
     in_base,
+    in_rates_of,
     tracks_usable,
     with_speeds,
 )
 from icreckon.replay.inspection.imu_mounting import SMOOTHING, forward_yaw, turning_correlation
 from icreckon.replay.inspection.latency import objection, track_latency
-from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.inspection.wheels import CLEAR_TURNING, DEGREES, wheel_estimates
-from icreckon.replay.mapping.topics import topic_map
 
 # Turning of a window that hardly slips [rad], and error of a scale that counts in any case, in such
 # windows and in bends [-]: ground and slip change the distance by as much.
@@ -216,7 +215,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         shown,
         text,
         f"sprocket_radius = {ratio * robot.vehicle.sprocket_radius:.4g} in [vehicle]"
-        if _in_rates(robot)
+        if in_rates_of(robot)
         else "the unit of the speeds in [log], or the driver's wheel radius",
         with_speeds(lambda speeds: ratio * speeds),
     )
@@ -227,17 +226,13 @@ def _guess(ratio: float, robot: Robot) -> str:
     radius = robot.vehicle.sprocket_radius
     of_radius = (
         (1.0 / radius, "are they m/s, read as rates in rad/s?")
-        if _in_rates(robot)
+        if in_rates_of(robot)
         else (radius, "are they rates in rad/s, read as m/s?")
     )
     off, question = min(
         (abs(math.log(ratio / size)), text) for size, text in (*USUAL_ERRORS, of_radius)
     )
     return f": {question}" if off < USUAL_ERROR else ""
-
-
-def _in_rates(robot: Robot) -> bool:
-    return in_rates(topic_map(robot, robot.name)) if robot.log else True
 
 
 def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:

@@ -271,6 +271,8 @@ def _findings(
             f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
             f"{against}" + (f"; {why}: no latency is proposed" if why else "")
         )
+    if estimates.track_ratio is not None:
+        yield _of_track(estimates, mapping)
     if len(log.tracks.stamps):
         stops = standstills(log)
         total = sum(end - begin for begin, end in stops)
@@ -294,6 +296,21 @@ def _findings(
             vertical=vertical_rate(log.imu, mounting) if log.imu and mounting else None,
             from_twist=mapping.tracks is not None and not mapping.tracks.left,
         )
+    )
+
+
+def _of_track(estimates: WheelEstimates, mapping: TopicMap) -> str:
+    """Report the effective track by the gyro, as settings of a controller have it."""
+    ratio = estimates.track_ratio
+    if mapping.tracks is not None and not mapping.tracks.left:
+        return (
+            f"tracks: the odometry turns {ratio:.2f} times as far as the gyro: multiply the "
+            f"wheel_separation_multiplier of its controller by {ratio:.2f}"
+        )
+    unit = "times the effective radius" if in_rates(mapping) else "m"
+    return (
+        f"tracks: the effective track is {ratio:.3g} {unit}, by the gyro; divided by the wheel "
+        "separation it is a controller's wheel_separation_multiplier"
     )
 
 

@@ -62,6 +62,7 @@ def test_a_simulated_log(evo: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_robot_file_with_errors(tmp_path: Path) -> None:
     run_page(CHECK, tmp_path, "An example")
+    run_page(CHECK, tmp_path, "Settings for ROS")
 
 
 @pytest.mark.slow

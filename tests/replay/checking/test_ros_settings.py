@@ -1,0 +1,126 @@
+"""Settings for ROS: odometry made with them turns and drives as the robot does."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as with_values
+from ruamel.yaml import YAML
+
+from command_line import icreckon
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.checking.ros_settings import ros_settings, twist_errors
+from icreckon.replay.export.log_bag import write_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return simulate(Scenario(duration=120.0, seed=5, trajectory="random", fix_rate=0.0), ALPHA)
+
+
+def parsed(log: Log, robot: Robot) -> dict:
+    return YAML(typ="safe").load(ros_settings(log, robot))
+
+
+def controller(log: Log, robot: Robot = ALPHA) -> dict:
+    return parsed(log, robot)["diff_drive_controller"]["ros__parameters"]
+
+
+def with_track_of_the_log(log: Log) -> Robot:
+    """Robot with the effective track that the gyro shows."""
+    text = ros_settings(log, ALPHA)
+    shown = float(text.partition("by the gyro of this log ")[2].split()[0])
+    return with_values(
+        ALPHA, constant_icr=None, indices=with_values(ALPHA.indices, eta0=shown, epsilon0=0.0)
+    )
+
+
+def odometry(log: Log, settings: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Speed and yaw rate that a diff_drive_controller computes from wheel rates."""
+    rates = log.tracks.speeds / ALPHA.vehicle.sprocket_radius
+    left = rates[:, 0] * settings["wheel_radius"] * settings["left_wheel_radius_multiplier"]
+    right = rates[:, 1] * settings["wheel_radius"] * settings["right_wheel_radius_multiplier"]
+    separation = settings["wheel_separation"] * settings["wheel_separation_multiplier"]
+    return 0.5 * (left + right), (right - left) / separation
+
+
+def test_odometry_with_them_turns_as_the_robot(log: Log):
+    settings = controller(log, with_track_of_the_log(log))
+    speed, rate = odometry(log, settings)
+    seconds = (log.tracks.stamps - log.start) * 1e-9
+    turned = np.trapezoid(np.abs(rate), seconds)
+    gyro = (log.imu.stamps - log.start) * 1e-9
+    bias = log.imu.angular_velocity[:50, 2].mean()
+    truly = np.trapezoid(np.abs(log.imu.angular_velocity[:, 2] - bias), gyro)
+    assert turned == pytest.approx(truly, rel=0.03)
+    truth = log.truth.twists.twists
+    true_speed = np.interp(log.tracks.stamps, log.truth.twists.stamps, truth[:, 0])
+    assert np.std(speed - true_speed) < 0.1 * np.std(true_speed)
+
+
+def test_covariances_are_the_errors_of_that_odometry(log: Log):
+    robot = with_track_of_the_log(log)
+    settings = controller(log, robot)
+    speed, rate = odometry(log, settings)
+    truth, stamps = log.truth.twists.twists, log.truth.twists.stamps
+    of_rate = rate - np.interp(log.tracks.stamps, stamps, truth[:, 2])
+    moving = np.abs(log.tracks.speeds).max(axis=1) > 0.0
+    v_x, *unmeasured, w = settings["twist_covariance_diagonal"]
+    assert unmeasured == [1e3] * 4
+    assert w == pytest.approx(float(np.var(of_rate[moving])), rel=0.4)
+    of_speed = speed - np.interp(log.tracks.stamps, stamps, truth[:, 0])
+    assert 0.2 < v_x / float(np.mean(of_speed[moving] ** 2)) < 3.0
+
+
+def test_radii_that_differ_are_in_the_multipliers(log: Log):
+    robot = with_values(ALPHA, tracks=with_values(ALPHA.tracks, difference=0.02))
+    settings = controller(log, robot)
+    assert settings["left_wheel_radius_multiplier"] == 0.99
+    assert settings["right_wheel_radius_multiplier"] == 1.01
+
+
+def test_speeds_that_are_no_rates_need_no_radius(log: Log):
+    tracks = {"topic": "/speeds", "left": ["data[0]"], "right": ["data[1]"], "unit": "m/s"}
+    robot = with_values(ALPHA, log={"tracks": {**tracks, "latency": 0.2}})
+    assert "wheel_radius" not in controller(log, robot)
+    assert "stamped 0.2 s late" in ros_settings(log, robot)
+
+
+def test_without_truth_and_imu_the_errors_are_said_to_be_defaults(log: Log):
+    bare = replace(log, truth=None, imu=None)
+    errors = twist_errors(bare, ALPHA)
+    assert errors.forward_by == errors.turning_by == ""
+    assert errors.forward > 0.0
+    assert errors.turning > 0.0
+    text = ros_settings(bare, ALPHA)
+    assert text.count("with nothing to compare with") == 2
+    assert "imu_driver" not in text
+    none = np.zeros(0, dtype=np.int64)
+    empty = replace(bare, tracks=TrackSpeedSeries(none, np.zeros((0, 2))))
+    assert controller(empty)["wheel_separation"] == pytest.approx(0.42)
+
+
+def test_names_stay_comments(log: Log):
+    named = replace(log, name="a\nwheel_radius: 7")
+    assert parsed(named, ALPHA).keys() == {"diff_drive_controller", "imu_driver"}
+
+
+def test_the_command_writes_them_and_replaces_only_its_own(log: Log, tmp_path: Path):
+    write_log(log, tmp_path / "drive", "mcap", ALPHA)
+    words = ("check", "drive", "--robot", "auriga-alpha", "--ros", "ros.yaml")
+    assert icreckon(*words, "--json", cwd=tmp_path).returncode == 0
+    assert "wheel_separation_multiplier" in (tmp_path / "ros.yaml").read_text(encoding="utf-8")
+    assert "exists already" in icreckon(*words, cwd=tmp_path).stderr
+    done = icreckon(*words, "--overwrite", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout)["is_of_another_robot"] is False
+    (tmp_path / "ros.yaml").write_text("mine: 1\n", encoding="utf-8")
+    assert icreckon(*words, "--overwrite", cwd=tmp_path).returncode == 1
+    assert (tmp_path / "ros.yaml").read_text(encoding="utf-8") == "mine: 1\n"
