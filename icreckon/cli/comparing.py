@@ -21,7 +21,7 @@ from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.report.replay.folder import RESULTS_FILE, write_views
 from icreckon.report.replay.page_text import failures
-from icreckon.report.replay.tables import results_table
+from icreckon.report.replay.tables import WIDE_FROM, results_table
 
 
 def compare_and_report(
@@ -40,6 +40,7 @@ def compare_and_report(
     seed: int | None = None,
     formats: Sequence[str] = DEFAULT_FORMATS,
     as_json: bool = False,
+    wide: bool = False,
     workers: int | None = None,
 ) -> list[str]:
     """Run the variants over a log, write a report, and print the table or the JSON.
@@ -73,7 +74,11 @@ def compare_and_report(
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
     else:
-        results().print(results_table(summary))
+        console = results()
+        narrow = console.width < WIDE_FROM and not wide
+        console.print(results_table(summary, narrow=narrow))
+        if narrow:
+            console.print("--wide shows all columns.")
     return failures(summary)
 
 

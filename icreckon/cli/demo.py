@@ -38,6 +38,7 @@ def run_demo(
     formats: str | None,
     out: Path | None,
     as_json: bool,
+    wide: bool,
     overwrite: bool,
     workers: int | None,
 ) -> None:
@@ -62,6 +63,7 @@ def run_demo(
             seed=seed,
             formats=wanted,
             as_json=as_json,
+            wide=wide,
             workers=workers,
         )
     exit_if_failed(failed)

@@ -27,6 +27,9 @@ Out = Annotated[
     Path | None, typer.Option(help="Folder for the results (default: a new one, printed).")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
+Wide = Annotated[
+    bool, typer.Option("--wide", help="Show all columns, however narrow the terminal is.")
+]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace what icreckon wrote to --out before.")
 ]
@@ -99,6 +102,7 @@ def demo(
     formats: Formats = None,
     out: Out = None,
     json: Json = False,
+    wide: Wide = False,
     overwrite: Overwrite = False,
     workers: Workers = None,
 ) -> None:
@@ -115,6 +119,7 @@ def demo(
         formats=formats,
         out=out,
         as_json=json,
+        wide=wide,
         overwrite=overwrite,
         workers=workers,
     )
@@ -260,6 +265,7 @@ def replay(
     formats: Formats = None,
     out: Out = None,
     json: Json = False,
+    wide: Wide = False,
     overwrite: Overwrite = False,
     workers: Workers = None,
 ) -> None:
@@ -282,6 +288,7 @@ def replay(
             formats=formats,
             out=out,
             as_json=json,
+            wide=wide,
             overwrite=overwrite,
             workers=workers,
         )

@@ -34,6 +34,7 @@ def run_replay(
     formats: str | None,
     out: Path | None,
     as_json: bool,
+    wide: bool,
     overwrite: bool,
     workers: int | None,
 ) -> None:
@@ -84,6 +85,7 @@ def run_replay(
             engine=engine,
             formats=wanted,
             as_json=as_json,
+            wide=wide,
             workers=workers,
         )
     exit_if_failed(failed)

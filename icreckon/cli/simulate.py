@@ -10,12 +10,15 @@ from typing import Any, cast
 from icreckon.cli.console import messages
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.comparison.scores import SCORED_OUTAGE, scored_intervals
 from icreckon.replay.export.log_bag import Format, check_place, write_log
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.simulate import simulate
 
 FORMATS = ("mcap", "sqlite3", "ros1")
+# Share of a run whose fixes are used in the replay that is proposed, if it has fixes throughout.
+FIXES_SHARE = 0.4
 
 
 def run_simulate(
@@ -50,9 +53,13 @@ def run_simulate(
             _print(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
     log = simulate(scenario, loaded)
     path = write_log(log, out, kind, loaded, overwrite=overwrite)
+    # With fixes throughout no stretch of dead reckoning is left to score.
+    too_short = (1.0 - FIXES_SHARE) * log.duration < SCORED_OUTAGE
+    has_scores = too_short or log.truth is None or scored_intervals(log)
+    part = "" if has_scores else f" --fixes 0:{FIXES_SHARE:.0%}"
     _print(
         f"{log.duration:.0f} s of {loaded.name} in {path}; next: "
-        f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}"
+        f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}{part}"
     )
 
 

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.page_text import failures, has_yaw_errors, lag_text
+from icreckon.report.replay.page_text import failures, has_yaw_errors, headline, lag_text
 
 # Heading, key, digits.
 SCORE_COLUMNS = (
@@ -41,14 +41,34 @@ DIFFERENCE_COLUMNS = (
     ("end yaw\napart, deg", "end_yaw_apart_deg", 1),
 )
 THOUSANDTHS = ("rmse_",)
+# Columns of a terminal that is too narrow for all of them, and its width [characters].
+NARROW = (
+    "drift_percent_30s_mean",
+    "final_position_error_m",
+    "nees_pose_mean",
+    "nees_position_mean",
+    "end_x_m",
+    "end_y_m",
+    "end_yaw_deg",
+    "end_sigma_m",
+    "apart_percent_30s_mean",
+)
+WIDE_FROM = 125
 
 
-def results_table(results: Results) -> Group:
-    """Scores of all variants, with footnotes on the log."""
+def results_table(results: Results, *, narrow: bool = False) -> Group:
+    """Verdict and scores of all variants, with footnotes on the log.
+
+    Args:
+        results: results of a comparison.
+        narrow: leave columns out, so that 80 characters are enough.
+    """
     truth = results["truth"]
     columns: Sequence[tuple[str, str, int]] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
     if truth and not has_yaw_errors(results):
         columns = POSITION_COLUMNS
+    if narrow:
+        columns = [column for column in columns if column[1] in NARROW]
     table = Table(title=_title(results), title_justify="left")
     table.add_column("variant", no_wrap=True)
     for heading, _, _ in columns:
@@ -63,7 +83,9 @@ def results_table(results: Results) -> Group:
     for name in results["failed"]:
         error = Text("ERROR", style="bold red")
         table.add_row(name, *(error for _ in columns))
-    return Group(table, *(Text(line) for line in _footnotes(results)))
+    return Group(
+        Text(headline(results)), Text(), table, *(Text(line) for line in _footnotes(results))
+    )
 
 
 def _title(results: Results) -> str:

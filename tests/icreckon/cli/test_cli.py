@@ -353,3 +353,28 @@ def test_a_truncated_bag_is_replayed_up_to_the_break_and_says_so(tmp_path: Path)
     assert done.returncode == 0, done.stderr
     assert "Note: " in done.stdout
     assert "cut short" in done.stdout
+
+
+def test_the_replay_that_simulate_proposes_scores_something(tmp_path: Path) -> None:
+    done = icreckon("simulate", "--out", "run", "--duration", 60, cwd=tmp_path)
+    command = done.stderr.strip().splitlines()[-1].partition("; next: icreckon ")[2]
+    assert command == "replay run --robot auriga-alpha --fixes 0:40%"
+    more = ("--variants", "gyro", "--json")
+    results = json.loads(icreckon(*shlex.split(command), *more, cwd=tmp_path).stdout)
+    assert results["variants"]["gyro"]["drift_percent_10s_mean"] > 0.0
+
+
+def test_a_narrow_terminal_gets_the_verdict_and_fewer_columns(tmp_path: Path, monkeypatch) -> None:
+    words = ("--out", "run", "--duration", 60, "--outage", "20:60")
+    assert icreckon("simulate", *words, cwd=tmp_path).returncode == 0
+    command = ("replay", "run", "--robot", "auriga-alpha", "--variants", "gyro,constant-online")
+    monkeypatch.setattr("icreckon.cli.console.TABLE_WIDTH", 80)
+    narrow = icreckon(*command, cwd=tmp_path).stdout
+    lines = narrow.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert " of the distance " in " ".join(lines[:4])
+    assert "--wide shows all columns." in narrow
+    assert "RMSE" not in narrow
+    wide = icreckon(*command, "--wide", cwd=tmp_path).stdout
+    assert "RMSE" in wide
+    assert "--wide" not in wide
