@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeVar
 
 from icreckon.estimator.base.errors import IcreckonError, nearest_hint
@@ -305,8 +310,9 @@ class _Worker:
     slots: ClassVar[Any]
 
     @classmethod
-    def begin(cls, task: _Task, slots: Any) -> None:
-        cls.task, cls.slots = task, slots
+    def begin(cls, task: Path, slots: Any) -> None:
+        cls.task = pickle.loads(task.read_bytes())  # noqa: S301 - this process wrote it
+        cls.slots = slots
 
     @classmethod
     def work(cls, index: int, variant: str) -> Outcome:
@@ -322,14 +328,30 @@ def _in_processes(
     context = multiprocessing.get_context("spawn")
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
     count = min(workers, len(variants))
-    with worker_processes(count, _Worker.begin, (task, slots)) as pool:
+    with ExitStack() as held:
+        # By a file: a large argument blocks for good if a process dies before it has read it.
+        path = Path(held.enter_context(TemporaryDirectory())) / "task"
+        path.write_bytes(pickle.dumps(task))
+        pool = held.enter_context(worker_processes(count, _Worker.begin, (path, slots)))
+        return _all_done(pool, variants, slots, progress)
+
+
+def _all_done(
+    pool: Executor, variants: Sequence[str], slots: Any, progress: Progress
+) -> list[Outcome]:
+    try:
         futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
         waiting = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
             done = [
-                1.0 if future.done() else float(slots[index])  # type: ignore[index]
+                1.0 if future.done() else float(slots[index])
                 for index, future in enumerate(futures)
             ]
             progress(sum(done) / len(done))
         return [future.result() for future in futures]
+    except BrokenProcessPool:
+        raise ReplayError(
+            'a worker process ended; a script that uses several needs `if __name__ == "__main__":` '
+            "around its commands, else workers=1 (--workers 1) needs none"
+        ) from None

@@ -1,8 +1,11 @@
 """Variants side by side: here, in processes, or on any executor, with the same result."""
 
 import io
+import subprocess
+import sys
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -112,3 +115,20 @@ def test_the_best_of_the_table_is_one_that_does_not_know_what_comes(wanted: bool
     if wanted:
         del rows["b-smoothed"]
     assert _best(rows, ["x"]) == {"x": "a"}
+
+
+def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) -> None:
+    """Without a main guard each worker runs the script again, and dies; nothing hangs."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from icreckon import Scenario, compare, load_robot, simulate\n"
+        "robot = load_robot('auriga-alpha')\n"
+        "log = simulate(Scenario(duration=60.0), robot)\n"
+        "compare(log, robot, ('gyro', 'constant-fixed'), workers=2)\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 1
+    assert 'needs `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
