@@ -105,7 +105,9 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
     from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
     folder = wanted if wanted is not None else _first_free(default)
-    with written_beside(folder, overwrite=overwrite, marker=RESULTS_FILE, starts=()) as new:
+    with written_beside(
+        folder, overwrite=overwrite, marker=RESULTS_FILE, starts=(), keeps_foreign=True
+    ) as new:
         new.mkdir()
         yield new
     page, figure = folder / PAGE_FILE, folder / FIGURE_FILE

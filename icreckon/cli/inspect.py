@@ -13,10 +13,25 @@ from rich.text import Text
 from icreckon.cli.console import messages, results
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.inspection.filled_in import with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
 from icreckon.replay.inspection.robot_file import FIRST_WORDS, has_tracks
 from icreckon.replay.inspection.topic_survey import TopicReport
 from icreckon.report.printable import printable
+
+NAMES = ("topic or column", "type", "frame or file")
+NUMBERS = (
+    "messages",
+    "rate\nHz",
+    "gaps",
+    "longest\ngap, s",
+    "header-\nrecorded, s",
+    "repeated",
+)
+# Numbers that a narrow terminal has no room for.
+LEFT_OUT = (2, 4)
+# Width of a terminal from which on names have columns of their own [characters].
+WIDE_FROM = 120
 
 
 def run_inspect(
@@ -37,8 +52,13 @@ def run_inspect(
     else:
         _show(found, with_file=write is None)
     if write is not None:
+        proposed, taken = found.proposed_robot_file, list[str]()
+        if write.exists() and write.stat().st_size:
+            proposed, taken = with_filled_in(proposed, write)
         with written_beside(write, overwrite=overwrite, starts=starts) as new:
-            new.write_text(found.proposed_robot_file, encoding="utf-8")
+            new.write_text(proposed, encoding="utf-8")
+        if taken:
+            messages().print(f"kept from the file before: {', '.join(taken)}", soft_wrap=True)
         then = (
             f"then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
             if has_tracks(found.mapping)
@@ -53,20 +73,19 @@ def run_inspect(
 
 def _show(found: Inspection, *, with_file: bool) -> None:
     console = results()
-    table = Table(title=f"{found.path}: {found.duration:.1f} s", title_justify="left")
-    for heading in ("topic or column", "type", "frame or file"):
+    title = f"{found.path}: {found.duration:.1f} s"
+    narrow = console.width < WIDE_FROM
+    table = Table(title=title, title_justify="left", show_lines=narrow)
+    for heading in ("topic, type, frame",) if narrow else NAMES:
         table.add_column(heading, overflow="fold")
-    for heading in (
-        "messages",
-        "rate\nHz",
-        "gaps",
-        "longest gap\ns",
-        "header less\nrecording, s",
-        "repeated",
-    ):
-        table.add_column(heading, justify="right")
+    numbers = [place for place in range(len(NUMBERS)) if not narrow or place not in LEFT_OUT]
+    for place in numbers:
+        table.add_column(NUMBERS[place], justify="right", no_wrap=True)
     for topic in found.topics:
-        table.add_row(*_cells(topic))
+        names = [topic.topic, topic.msgtype, topic.frame_id]
+        names = ["\n".join(filter(None, names))] if narrow else names
+        cells = _numbers(topic)
+        table.add_row(*names, *(cells[place] for place in numbers))
     console.print(table)
     for finding in found.findings:
         console.print(Text(f"Found: {finding}"))
@@ -79,12 +98,9 @@ def _show(found: Inspection, *, with_file: bool) -> None:
         typer.echo(printable(found.proposed_robot_file))
 
 
-def _cells(topic: TopicReport) -> list[str]:
+def _numbers(topic: TopicReport) -> list[str]:
     share = None if topic.repeated_share is None else 100.0 * topic.repeated_share
     return [
-        topic.topic,
-        topic.msgtype,
-        topic.frame_id,
         str(topic.count),
         _number(topic.mean_rate, 1),
         "" if topic.gaps is None else str(topic.gaps),

@@ -31,6 +31,8 @@ from icreckon.simulation.paper.reproduction import (
 )
 
 DEFAULT_FOLDER = "icreckon-paper"
+# Width of a terminal from which on a table says where a number is in the paper [characters].
+WIDE_FROM = 100
 CONTACT_FILE = "contact.toml"
 PACKAGES = ("icreckon", "numpy", "scipy", "matplotlib", "msgspec")
 LEVELS = (5.0, 10.0, 20.0)
@@ -59,7 +61,8 @@ def run_paper(
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:
-            results().print(_tables(summary))
+            console = results()
+            console.print(_tables(summary, narrow=console.width < WIDE_FROM))
 
 
 def _identify(seed: int) -> tuple[PaperContact, Results]:
@@ -137,9 +140,9 @@ def _errors(errors: VelocityErrors) -> Results:
     }
 
 
-def _tables(summary: Results) -> Group:
+def _tables(summary: Results, *, narrow: bool) -> Group:
     counts, check = summary["counts"], summary["contradiction"]
-    parts: list[Any] = [_numbers_table(summary), _table_2(summary)]
+    parts: list[Any] = [_numbers_table(summary, narrow=narrow), _table_2(summary)]
     if summary["identification"]:
         parts.append(_ablation_table(summary["identification"]["ablation"]))
     low, high = check["needed_range"]
@@ -157,14 +160,15 @@ def _tables(summary: Results) -> Group:
     return Group(*parts)
 
 
-def _numbers_table(summary: Results) -> Table:
+def _numbers_table(summary: Results, *, narrow: bool) -> Table:
     table = Table(title="The paper's numbers", title_justify="left")
     table.add_column("number", no_wrap=True)
-    table.add_column("unit")
-    for heading in ("published", "reproduced", "difference\n%"):
-        table.add_column(heading, justify="right")
-    table.add_column("rounds")
-    table.add_column("where", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    for heading in ("published", "reproduced", "off\n%"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("rounds", no_wrap=True)
+    if not narrow:
+        table.add_column("where", no_wrap=True)
     for row in summary["published"]:
         table.add_row(
             row["name"],
@@ -173,17 +177,17 @@ def _numbers_table(summary: Results) -> Table:
             f"{row['reproduced']:.5g}",
             f"{row['difference_percent']:+.1f}",
             "yes" if row["rounds_to_published"] else "",
-            row["where"],
+            *(() if narrow else (row["where"],)),
         )
     return table
 
 
 def _table_2(summary: Results) -> Table:
     table = Table(title="Table II: RMSE in mm/s, mm/s, mrad/s", title_justify="left")
-    table.add_column("truth and parameters", no_wrap=True)
+    table.add_column("truth and parameters")
     for model in ("inertia", "constant"):
         for part in ("v_x", "v_y", "w"):
-            table.add_column(f"{model}\n{part}", justify="right")
+            table.add_column(f"{model}\n{part}", justify="right", no_wrap=True)
     of = summary["table_2"]
     rows = [("as published", of["published"]), ("our map, our fits", of["our_parameters"])]
     rows += [

@@ -13,6 +13,8 @@ from pathlib import Path
 from icreckon.estimator.base.owned_files import alone_in, is_held, owned
 from icreckon.replay.base.errors import ReplayError
 
+# List of the files of a result folder, in it: others that are there were put there by a person.
+MANIFEST = ".icreckon-files"
 # Suffixes of files beside the new output in its temporary folder: the lock, and what it replaces.
 OWNER, REPLACED = ".owner", ".replaced"
 # Errors of a file system that takes no more.
@@ -26,6 +28,7 @@ def written_beside(
     overwrite: bool = False,
     marker: str = "metadata.yaml",
     starts: tuple[bytes, ...] | None = None,
+    keeps_foreign: bool = False,
 ) -> Iterator[Path]:
     """Yield a temporary path and move it to `path` if the block succeeds.
 
@@ -40,6 +43,8 @@ def written_beside(
             cannot delete anything else.
         starts: accepted first bytes of a file that is replaced (an empty file may be, too); None
             for any file.
+        keeps_foreign: whether a folder gets a list of its files, and files that a person has put into
+            the one before it are kept.
 
     Yields:
         The path to write to; nothing is there yet.
@@ -67,6 +72,8 @@ def written_beside(
         with _named(new, path):
             yield new
             check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
+            if keeps_foreign:
+                _copy_foreign(path, new)
             _move(new, path, scratch / f"{path.name}{REPLACED}")
 
 
@@ -107,6 +114,33 @@ def _remove_abandoned(path: Path) -> None:
         if aside.exists() and not path.exists():
             aside.rename(path)
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _files(folder: Path) -> set[str]:
+    """Paths of the files in a folder, relative to it."""
+    return {
+        one.relative_to(folder).as_posix()
+        for one in folder.rglob("*")
+        if one.is_symlink() or not one.is_dir()
+    }
+
+
+def _copy_foreign(former: Path, new: Path) -> None:
+    """List the files of a new folder; copy to it what a person put into the former.
+
+    A file whose name is taken keeps its content under its name with ".kept". A former folder without a
+    list has no foreign files.
+    """
+    (new / MANIFEST).write_text("\n".join(sorted(_files(new))) + "\n", encoding="utf-8")
+    if not (former / MANIFEST).is_file():
+        return
+    own = set((former / MANIFEST).read_text(encoding="utf-8").splitlines()) | {MANIFEST}
+    for name in sorted(_files(former) - own):
+        target = new / name
+        while target.exists():
+            target = target.with_name(f"{target.name}.kept")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(former / name, target, follow_symlinks=False)
 
 
 def _move(new: Path, path: Path, aside: Path) -> None:

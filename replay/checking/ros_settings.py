@@ -110,7 +110,7 @@ def twist_errors(log: Log, robot: Robot) -> TwistErrors:
 
 
 def _forward_errors(log: Log, robot: Robot) -> Floats:
-    """Errors (n,) of the mean forward speed in windows, against a truth with headings [m/s]."""
+    """Errors (n,) of the mean forward speed in windows, against a truth [m/s]."""
     truth = log.truth
     if truth is None or not truth.headings or log.imu is None or not tracks_usable(log):
         return np.zeros(0)

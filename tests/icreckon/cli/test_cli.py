@@ -49,6 +49,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_demo_leaves_everything_it_promises(demo: Path) -> None:
     names = {path.name for path in demo.iterdir()}
     assert names == {
+        ".icreckon-files",
         "bag",
         "figure.png",
         "odometry.mcap",

@@ -39,7 +39,11 @@ def results(report: Path) -> dict[str, object]:
 
 
 def test_it_leaves_everything_it_promises(report: Path) -> None:
-    assert {path.name for path in report.iterdir()} == FIGURES | {"results.json", "contact.toml"}
+    assert {path.name for path in report.iterdir()} == FIGURES | {
+        ".icreckon-files",
+        "results.json",
+        "contact.toml",
+    }
     assert [path.name for path in report.parent.iterdir()] == ["icreckon-paper"]
 
 

@@ -123,3 +123,38 @@ def test_a_folder_that_is_deleted_meanwhile_is_named(tmp_path: Path) -> None:
         with pytest.raises(ReplayError, match=f"^{path}: cannot be written: No such file"):
             lose()
     assert not list(tmp_path.iterdir())
+
+
+def write_results_folder(path: Path, *names: str) -> None:
+    with written_beside(path, overwrite=True, marker="results.json", keeps_foreign=True) as new:
+        new.mkdir()
+        for name in ("results.json", *names):
+            (new / name).write_text("ours", encoding="utf-8")
+
+
+def test_files_of_a_person_stay_in_a_folder_that_is_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    write_results_folder(folder, "gyro.tum", "page.html")
+    (folder / "notes.txt").write_text("mine", encoding="utf-8")
+    (folder / "plots").mkdir()
+    (folder / "plots" / "a.png").write_text("mine", encoding="utf-8")
+    (folder / "inertia.tum").write_text("mine", encoding="utf-8")
+    (folder / "there").symlink_to(tmp_path)
+    write_results_folder(folder, "inertia.tum", "page.html")
+    assert (folder / "notes.txt").read_text(encoding="utf-8") == "mine"
+    assert (folder / "plots" / "a.png").read_text(encoding="utf-8") == "mine"
+    assert (folder / "there").is_symlink()
+    # A name that is taken: both are there.
+    assert (folder / "inertia.tum").read_text(encoding="utf-8") == "ours"
+    assert (folder / "inertia.tum.kept").read_text(encoding="utf-8") == "mine"
+    # Results of the run before are gone.
+    assert not (folder / "gyro.tum").exists()
+    write_results_folder(folder)
+    assert sorted(one.name for one in folder.iterdir()) == [
+        ".icreckon-files",
+        "inertia.tum.kept",
+        "notes.txt",
+        "plots",
+        "results.json",
+        "there",
+    ]

@@ -1,0 +1,71 @@
+"""A proposal that is written again keeps what a person filled in and added."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from command_line import fails, icreckon
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.inspection.filled_in import with_filled_in
+
+PROPOSED = """\
+# Proposed by inspecting drive: check every line.
+name = "drive"
+[vehicle]
+mass = nan               # not in the log: fill in (kg, with load)
+track_gauge = nan        # not in the log: fill in (m)
+max_track_speed = 2.0    # not in the log: fill in (m/s)
+
+[imu]
+rotation_rpy_deg = [0.1, 0.2, 0.0]
+position = [0.0, 0.0, 0.0]    # not in the log: fill in (m forward, left, up)
+"""
+
+
+def test_what_was_filled_in_is_kept(tmp_path: Path):
+    path = tmp_path / "robot.toml"
+    before = PROPOSED.replace("mass = nan", "mass = 30", 1)
+    before = before.replace("max_track_speed = 2.0", "max_track_speed = 0.9")
+    before = before.replace("[0.0, 0.0, 0.0]", "[0.1, 0.0, 0.3]")
+    before = before.replace("[0.1, 0.2, 0.0]", "[9.0, 9.0, 9.0]")
+    before += "\n[soil]  # of the yard\nfriction = 0.7\n"
+    path.write_text(before, encoding="utf-8")
+    text, taken = with_filled_in(PROPOSED, path)
+    assert taken == ["vehicle.mass", "vehicle.max_track_speed", "imu.position", "[soil]"]
+    found = tomllib.loads(text)
+    assert found["vehicle"]["mass"] == 30
+    assert found["vehicle"]["max_track_speed"] == 0.9
+    assert found["vehicle"]["track_gauge"] != found["vehicle"]["track_gauge"]
+    assert found["imu"]["position"] == [0.1, 0.0, 0.3]
+    # What the log shows is the log's.
+    assert found["imu"]["rotation_rpy_deg"] == [0.1, 0.2, 0.0]
+    assert found["soil"] == {"friction": 0.7}
+    again, taken = with_filled_in(text, path)
+    assert tomllib.loads(again)["vehicle"]["mass"] == 30
+
+
+def test_a_file_that_cannot_be_read_is_not_replaced(tmp_path: Path):
+    path = tmp_path / "robot.toml"
+    path.write_text("mass = = 3", encoding="utf-8")
+    with pytest.raises(ReplayError, match="what was filled in cannot be read"):
+        with_filled_in(PROPOSED, path)
+
+
+def test_the_command_keeps_it(tmp_path: Path):
+    words = ("--out", "drive", "--duration", 20, "--fix-rate", 0)
+    assert icreckon("simulate", *words, cwd=tmp_path).returncode == 0
+    command = ("inspect", "drive", "--write", "robot.toml")
+    assert icreckon(*command, cwd=tmp_path).returncode == 0
+    path = tmp_path / "robot.toml"
+    text = path.read_text(encoding="utf-8").replace("mass = nan", "mass = 31.5")
+    path.write_text(text, encoding="utf-8")
+    assert "exists already" in fails(*command, cwd=tmp_path)
+    done = icreckon(*command, "--overwrite", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "kept from the file before: vehicle.mass" in done.stderr
+    assert tomllib.loads(path.read_text(encoding="utf-8"))["vehicle"]["mass"] == 31.5
+    broken = text + "= 3"
+    path.write_text(broken, encoding="utf-8")
+    assert "what was filled in cannot be read" in fails(*command, "--overwrite", cwd=tmp_path)
+    assert path.read_text(encoding="utf-8") == broken
