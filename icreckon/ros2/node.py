@@ -109,9 +109,7 @@ class OdometryNode:
     def __init__(self, robot: str | None = None, variant: str | None = None) -> None:
         import rclpy
 
-        self.node = rclpy.create_node(
-            NODE_NAME, automatically_declare_parameters_from_overrides=True
-        )
+        self.node = rclpy.create_node(NODE_NAME)
         self._log = self.node.get_logger()
         self._problems: dict[str, int] = {}
         self.options = self._declared(robot, variant)
@@ -157,22 +155,21 @@ class OdometryNode:
     def _declared(self, robot: str | None, variant: str | None) -> NodeOptions:
         from rcl_interfaces.msg import ParameterDescriptor
 
-        given_names = self.node.get_parameters_by_prefix("")
-        for text in unknown_parameters(given_names):
+        # Declaring them all instead would refuse empty lists.
+        for text in unknown_parameters(getattr(self.node, "_parameter_overrides", {})):
             self._warn(text)
         defaults = {one.name: one.default for one in msgspec.structs.fields(NodeOptions)}
         given = {"robot": robot, "variant": variant}
         values = {}
         for name, default in defaults.items():
-            if name in given_names:
-                # Declared already, without a description.
-                self.node.undeclare_parameter(name)
             # Any type is taken here: `options_from` converts 2 to 2.0 and has the better messages.
             descriptor = ParameterDescriptor(
                 description=DESCRIPTIONS[name], read_only=True, dynamic_typing=True
             )
             parameter = self.node.declare_parameter(name, default, descriptor)
-            values[name] = parameter.value if given.get(name) is None else given[name]
+            # An empty list has no value.
+            value = default if parameter.value is None else parameter.value
+            values[name] = value if given.get(name) is None else given[name]
         return options_from(values)
 
     def _make_publishers(self) -> None:
