@@ -360,7 +360,8 @@ class OdometryNode:
         if waited < SILENCE:
             return
         for one in self._silent:
-            if one.topic in inputs.heard:
+            # A robot may have no static transforms.
+            if one.topic in inputs.heard or one.latched:
                 continue
             own = {publisher.topic_name for publisher in self.node.publishers}
             others = {
