@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from bag_messages import joints, write_bag
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose, relative
 from icreckon.estimator.log.log import Log
@@ -33,6 +34,7 @@ from icreckon.simulation.simulate import simulate
 VARIANT = "constant-online"
 SETTINGS = Settings()
 SECONDS = 8.0
+LEFT_WHEELS, RIGHT_WHEELS = ["front_left", "rear_left"], ["front_right", "rear_right"]
 
 
 class Arrived(NamedTuple):
@@ -246,6 +248,51 @@ def test_a_map_that_begins_elsewhere_is_taken_over(
     assert last.map_pose[:2] == pytest.approx((50.0 - y, 20.0 + x), abs=0.3)
     off = last.map_pose[2] - yaw - np.pi / 2
     assert abs((off + np.pi) % (2 * np.pi) - np.pi) < 0.3
+
+
+def with_odd_wheel(messages: list[Arrived]) -> list[Arrived]:
+    """Messages of a robot with four wheels, of which the front left one spins for three seconds."""
+    found = []
+    for one in messages:
+        if one.msgtype.endswith("JointState"):
+            left, right = one.message.velocity
+            elapsed = (one.arrival - messages[0].arrival) * 1e-9
+            excess = 8.0 if 3.0 <= elapsed < 6.0 else 0.0
+            speeds = np.array([left + excess, left, right, right])
+            wheels = joints(_stamp(one.message), speeds, [*LEFT_WHEELS, *RIGHT_WHEELS])
+            one = one._replace(message=wheels)
+        found.append(one)
+    return found
+
+
+def _stamp(message: Any) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
+def test_a_wheel_that_spins_is_left_out_live_as_in_the_replay(
+    robot: Robot, messages: list[Arrived], tmp_path: Path
+) -> None:
+    mapped = {**robot.log["tracks"], "left": LEFT_WHEELS, "right": RIGHT_WHEELS}
+    four = msgspec.structs.replace(robot, log={**robot.log, "tracks": mapped})
+    sent = with_odd_wheel(messages)
+    bag = write_bag(tmp_path / "bag", [(one.topic, one.message) for one in sent])
+    log = read_log(bag, four)
+    assert any("front_left and rear_left are up to" in note for note in log.notes)
+    alone = run(replace(log, fixes=None), four, VARIANT, settings=SETTINGS)
+    live = LiveOdometry(four, VARIANT, settings=SETTINGS, reorder=0.1, use_fixes=False)
+    rows, seen = {}, set()
+    for one in through(live, sent):
+        rows[one.stamp] = one
+        statuses = {status.name: status for status in LiveStatuses(live).report()}
+        seen.add(statuses["icreckon: slip"].message)
+    for k, stamp in enumerate(alone.stamps.tolist()):
+        assert rows[stamp].pose == pytest.approx(alone.trajectory.poses[k], abs=1e-9)
+    assert live.odom.health.slip.odd_wheels == alone.health.slip.odd_wheels == 1
+    assert any(text.startswith("front_left of the left side is 0.") for text in seen), seen
+    # It drives as without the fault.
+    sound = live_run(robot, messages, reorder=0.1, use_fixes=False)[-1]
+    assert rows[sound.stamp].pose == pytest.approx(sound.pose, abs=0.05)
 
 
 def test_a_start_pose_places_the_map_without_fixes(robot: Robot, messages: list[Arrived]) -> None:
