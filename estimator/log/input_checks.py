@@ -172,7 +172,8 @@ def event_of(row: tuple[Any, ...]) -> Event:
     """
     kinds: dict[str, Any] = {stream: kind for kind, stream in STREAMS.items()} | {MARK: Mark}
     kind = kinds.get(row[0]) if row else None
-    if kind is not None:
+    # A row has all fields, those with a default included.
+    if kind is not None and len(row) == (2 if kind is Mark else 2 + len(_fields(kind))):
         with suppress(TypeError):
             event: Event = kind(*row[1:])
             return event if kind is Mark else as_plain(event)
