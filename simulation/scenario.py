@@ -20,7 +20,7 @@ from icreckon.simulation.drives.trajectories import (
 )
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec, noise_preset
 from icreckon.simulation.truth.by_name import make_truth
-from icreckon.simulation.truth.terrain import Patch, Payload, Terrain
+from icreckon.simulation.truth.terrain import Patch, Payload, Terrain, refuse_idle_keys
 from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
@@ -154,10 +154,13 @@ def load_scenario(path: str | Path) -> Scenario:
         path: the file. The path of a `trajectory_file` in it is relative to its folder.
 
     Raises:
-        SimulationError: no such file, invalid TOML, a misspelt key, a wrong type or a bad value.
+        SimulationError: no such file, invalid TOML, a misspelt key, a wrong type or a bad value, or a key
+            of `[terrain]` that has no effect.
     """
     path = Path(path)
-    scenario = convert(read_toml(path, SimulationError), Scenario, str(path), SimulationError)
+    written = read_toml(path, SimulationError)
+    scenario = convert(written, Scenario, str(path), SimulationError)
+    refuse_idle_keys([scenario.terrain], written.get("terrain", {}), str(path))
     if scenario.trajectory_file is None:
         return scenario
     return msgspec.structs.replace(

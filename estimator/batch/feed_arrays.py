@@ -41,8 +41,8 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     Late measurements of the time before are `TOO_OLD` afterwards.
 
     All samples are fed one by one if the compiled steps do not support them: if values are implausible or
-    missing, stamps do not rise, there are marks, or the engine is "plain". The steps are compiled at the
-    first call for a variant.
+    missing, stamps do not rise, there are speeds of wheels or marks, or the engine is "plain". The steps
+    are compiled at the first call for a variant.
 
     Args:
         estimator: the estimator.
@@ -87,6 +87,8 @@ def _bulk(log: Log, history: float) -> _Bulk | None:
     if any((np.diff(of_sensor) <= 0).any() for of_sensor in (log.tracks.stamps, stamps)):
         return None
     if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(log.tracks.stamps):
+        return None
+    if log.tracks.left_wheels is not None:
         return None
     newest = max(int(stamps[-1]), int(log.tracks.stamps[-1]))
     last = int(np.searchsorted(stamps, newest - round(history / NANOSECOND))) - 1

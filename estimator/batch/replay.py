@@ -213,6 +213,11 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         raise BatchError(
             f"the log {log.name!r} holds {kinds}, which filters side by side do not support"
         )
+    if log.tracks.left_wheels is not None:
+        raise BatchError(
+            f"the log {log.name!r} holds wheels of one side that disagree, which filters side by side do "
+            "not support"
+        )
     fix_stamps = NO_STAMPS if fixes is None else fixes.stamps
     if any((np.diff(one) <= 0).any() for one in (log.tracks.stamps, imu.stamps, fix_stamps)):
         raise BatchError(f"the stamps of {log.name!r} do not rise")

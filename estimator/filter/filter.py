@@ -94,6 +94,7 @@ from icreckon.estimator.sensors.sensor_models import (
 )
 from icreckon.estimator.sensors.standstill import QuietReadings, stands, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
+from icreckon.estimator.sensors.wheel_speeds import by_wheels
 
 
 class Reckoning:
@@ -339,24 +340,23 @@ class Reckoning:
         if begins:
             record.stamp = m.stamp
         else:
-            # The old speeds hold up to their own stamp. A gap is bridged with them, up to the start of
-            # the interval that the new ones average.
+            # The old speeds hold up to their own stamp, over a gap to the start of the new interval.
             hole = is_hole(tracks, m.stamp, hold)
             self._advance(interval_start(tracks, m.stamp) if hole else tracks.stamp)
             self._counts.track_gaps += hole
+        m = by_wheels(tracks, m, record.settings.fastest)
         if step is None:
             stuck = take_track_speeds(record, m.stamp, m.left, m.right)
         else:
             stuck = step.take_track_speeds(m.stamp, m.left, m.right)
-        counts = self._counts
-        counts.stuck_tracks += stuck
+        self._counts.stuck_tracks += stuck
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
                 self.ekf.inflate(s.SLIP_X + axis, variance=sigma * sigma)
         if not is_alive(self._imu, m.stamp, hold):
             self._advance(m.stamp)
-        counts.sensor("tracks").used += 1
+        self._counts.sensor("tracks").used += 1
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:

@@ -12,6 +12,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import NEVER, Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
+from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.motion.icr import GRAVITY
@@ -206,6 +207,23 @@ class Slide(NamedTuple):
     speed: float
 
 
+class OddWheel(NamedTuple):
+    """Wheels of one side that disagree.
+
+    Attributes:
+        since: stamp from which on they do [ns].
+        wheel: index of the one that is not used, in `TrackSpeeds.left_wheels` or `right_wheels`; None if
+            it is not known which: their mean is used, and the covariance grows.
+        apart: distance of that wheel from the speed that is used, or of both from their mean [m/s].
+        samples: number of samples in which they did.
+    """
+
+    since: int
+    wheel: int | None
+    apart: float
+    samples: int
+
+
 @dataclass(frozen=True)
 class SlipHealth:
     """Slip beyond what bends explain.
@@ -223,6 +241,9 @@ class SlipHealth:
             carried, pushed or worked on [ns]; None if it is not.
         carries: number of times that it was.
         factor: slip that position fixes have shown, over that which the robot file gives; at least 1.
+        left_wheels: wheels of the left side that disagree; None if they do not, or there is one sensor.
+        right_wheels: likewise of the right side.
+        odd_wheels: number of times that wheels of a side were found to disagree.
     """
 
     track: str | None = None
@@ -235,6 +256,9 @@ class SlipHealth:
     carried: int | None = None
     carries: int = 0
     factor: float = 1.0
+    left_wheels: OddWheel | None = None
+    right_wheels: OddWheel | None = None
+    odd_wheels: int = 0
 
 
 def slip_health(
@@ -260,6 +284,9 @@ def slip_health(
         carried=None if still.carried_since == NEVER else still.carried_since + ahead,
         carries=still.carries,
         factor=factor,
+        left_wheels=_odd_wheel(held.left_wheels, ahead),
+        right_wheels=_odd_wheel(held.right_wheels, ahead),
+        odd_wheels=held.left_wheels.times + held.right_wheels.times,
     )
     if not is_found(spin):
         return found
@@ -269,6 +296,13 @@ def slip_health(
 
 def _slide(slide: SlideRecord, ahead: int) -> Slide | None:
     return Slide(slide.since + ahead, slide.speed) if slides(slide) else None
+
+
+def _odd_wheel(wheels: WheelsRecord, ahead: int) -> OddWheel | None:
+    if not are_found(wheels):
+        return None
+    wheel = None if wheels.odd == NO_WHEEL else wheels.odd
+    return OddWheel(wheels.since + ahead, wheel, wheels.apart, wheels.samples)
 
 
 @dataclass(frozen=True)

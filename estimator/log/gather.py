@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.input_checks import STREAMS, Admission, Key, as_plain, key_of
 from icreckon.estimator.log.measurements import (
     HeadingFix,
@@ -69,11 +70,35 @@ def gathered(measurements: Iterable[Measurement]) -> Gathered:
         and not (isinstance(m, HeadingFix) and m.stamp in at_positions)
     ]
     return Gathered(
-        TrackSpeedSeries(_stamps(tracks), _array([(m.left, m.right) for m in tracks], 2)),
+        _tracks(tracks),
         _imu(samples) if samples else None,
         _fixes(positions, headings) if positions else None,
         dropped,
         tuple(others),
+    )
+
+
+def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:
+    """Series of track speeds; those of wheels are kept if all samples have them.
+
+    Raises:
+        EstimatorError: some samples have wheels, or as many, and others do not.
+    """
+    means = _array([(m.left, m.right) for m in speeds], 2)
+    counts = {(len(m.left_wheels), len(m.right_wheels)) for m in speeds}
+    if counts <= {(0, 0)}:
+        return TrackSpeedSeries(_stamps(speeds), means)
+    if len(counts) > 1:
+        raise EstimatorError(
+            "track speeds of one log have as many wheels in each sample; found (left, right) "
+            f"{', '.join(map(str, sorted(counts)))}"
+        )
+    ((left, right),) = counts
+    return TrackSpeedSeries(
+        _stamps(speeds),
+        means,
+        np.array([m.left_wheels for m in speeds]).reshape(-1, left),
+        np.array([m.right_wheels for m in speeds]).reshape(-1, right),
     )
 
 

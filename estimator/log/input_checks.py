@@ -23,6 +23,7 @@ from icreckon.estimator.log.measurements import (
     Measurement,
     PoseFix,
     PositionFix,
+    Speeds,
     TrackSpeeds,
     Vector3,
     ZeroVelocity,
@@ -76,7 +77,7 @@ def add_stream(kind: type[Measurement], stream: str) -> None:
 
     Raises:
         EstimatorError: the type or the name is taken, the first field is not `stamp`, or another is
-            neither a float nor a tuple of three or of three by three.
+            neither a float nor a tuple of floats, of three, or of three by three.
     """
     if kind in STREAMS or stream in (*STREAMS.values(), MARK):
         raise EstimatorError(f"{kind.__name__}, {stream!r}: there is such a sensor already")
@@ -115,6 +116,7 @@ def as_plain(measurement: Measurement) -> Measurement:
     # The two kinds that come hundreds of times a second.
     if type(measurement) is TrackSpeeds:
         is_plain = type(measurement.left) is type(measurement.right) is float
+        is_plain = is_plain and _are_plain(measurement.left_wheels, measurement.right_wheels)
         if is_plain and type(measurement.stamp) is int:
             return measurement
     elif type(measurement) is ImuSample and type(measurement.stamp) is int:
@@ -170,7 +172,8 @@ def event_of(row: tuple[Any, ...]) -> Event:
     """
     kinds: dict[str, Any] = {stream: kind for kind, stream in STREAMS.items()} | {MARK: Mark}
     kind = kinds.get(row[0]) if row else None
-    if kind is not None:
+    # A row has all fields, those with a default included.
+    if kind is not None and len(row) == (2 if kind is Mark else 2 + len(_fields(kind))):
         with suppress(TypeError):
             event: Event = kind(*row[1:])
             return event if kind is Mark else as_plain(event)
@@ -257,6 +260,13 @@ def _three_rows(name: str, rows: Any) -> Matrix3:
         ) from None
 
 
+def _speeds(name: str, values: Any) -> Speeds:
+    try:
+        return tuple(map(_float, values))
+    except (TypeError, ValueError):
+        raise EstimatorError(f"{name} must be numbers, found {_text(values)}") from None
+
+
 def _three_or_none(name: str, values: Any) -> Vector3 | None:
     return None if values is None else _three(name, values)
 
@@ -267,6 +277,7 @@ CONVERTERS: dict[Any, Callable[[str, Any], Any]] = {
     Vector3: _three,
     Vector3 | None: _three_or_none,
     Matrix3: _three_rows,
+    Speeds: _speeds,
 }
 
 
@@ -325,7 +336,9 @@ class Admission:
         if not EARLIEST <= measurement.stamp <= LATEST:
             return OUT_OF_RANGE
         if isinstance(measurement, TrackSpeeds):
-            speeds = measurement.left, measurement.right
+            speeds: Speeds = (measurement.left, measurement.right)
+            if measurement.left_wheels or measurement.right_wheels:
+                speeds += measurement.left_wheels + measurement.right_wheels
             return _objection_to_size(speeds, self._absurd, "absurdly fast")
         if isinstance(measurement, ImuSample):
             rates, force = measurement.angular_velocity, measurement.linear_acceleration
@@ -380,6 +393,12 @@ def _is_plain(values: Any) -> bool:
         return False
     first, second, third = values
     return type(first) is type(second) is type(third) is float
+
+
+def _are_plain(*sides: Any) -> bool:
+    return all(
+        type(side) is tuple and all(type(speed) is float for speed in side) for side in sides
+    )
 
 
 def _objection_to_fields(measurement: Measurement) -> str | None:

@@ -83,7 +83,8 @@ class Log:
             name: name of the log in tables and figures.
 
         Raises:
-            EstimatorError: an element is not a measurement.
+            EstimatorError: an element is not a measurement, or track speeds have differing numbers of
+                wheels.
         """
         found = gathered(measurements)
         return cls(
@@ -128,17 +129,17 @@ class Log:
             }
             return replace(series, **kept)
 
-        truth = self.truth
+        truth, of_tracks = self.truth, ("speeds", "left_wheels", "right_wheels")
         if truth is not None:
             truth = replace(
                 truth,
                 poses=cut(truth.poses, "poses"),
                 twists=truth.twists and cut(truth.twists, "twists"),
-                tracks=truth.tracks and cut(truth.tracks, "speeds"),
+                tracks=truth.tracks and cut(truth.tracks, *of_tracks),
             )
         return replace(
             self,
-            tracks=cut(self.tracks, "speeds"),
+            tracks=cut(self.tracks, *of_tracks),
             imu=self.imu and cut(self.imu, "angular_velocity", "linear_acceleration"),
             fixes=self.fixes and cut(self.fixes, "poses", "variances", "antennas"),
             truth=truth,
@@ -251,8 +252,10 @@ def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bo
 
 def _tracks_of(tracks: TrackSpeedSeries) -> _Maker:
     def make(which: NDArray[np.int64]) -> list[Measurement]:
-        rows = zip(tracks.stamps[which].tolist(), tracks.speeds[which].tolist(), strict=True)
-        return [TrackSpeeds(stamp, left, right) for stamp, (left, right) in rows]
+        columns = [tracks.stamps[which].tolist(), *tracks.speeds[which].T.tolist()]
+        wheels = (tracks.left_wheels, tracks.right_wheels)
+        columns += [list(map(tuple, one[which].tolist())) for one in wheels if one is not None]
+        return [TrackSpeeds(*row) for row in zip(*columns, strict=True)]
 
     return make
 

@@ -12,6 +12,7 @@ from typing import Protocol
 
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
+Speeds = tuple[float, ...]
 
 # Standard deviation of a standing robot's velocity about zero [m/s, m/s, rad/s].
 STANDSTILL_SIGMA: Vector3 = (1e-3, 1e-3, 1e-4)
@@ -30,15 +31,22 @@ class Measurement(Protocol):
 class TrackSpeeds:
     """Speeds of the two tracks over the ground side, without slip.
 
+    If each wheel of a side has a motor and a sensor of its own, give their speeds, too, and always: a
+    wheel that spins or is blocked is left out then.
+
     Attributes:
         stamp: time [ns]; the speeds are averages since the previous sample.
-        left: speed of the left track [m/s], forward positive.
-        right: speed of the right track [m/s], forward positive.
+        left: speed of the left track, or mean of the left wheels [m/s], forward positive.
+        right: speed of the right track, or mean of the right wheels [m/s], forward positive.
+        left_wheels: speeds of the left wheels [m/s], always in the same order; empty if there is one.
+        right_wheels: speeds of the right wheels [m/s].
     """
 
     stamp: int
     left: float
     right: float
+    left_wheels: Speeds = ()
+    right_wheels: Speeds = ()
 
 
 @dataclass(frozen=True, slots=True)

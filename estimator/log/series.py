@@ -14,14 +14,26 @@ from icreckon.estimator.base.errors import EstimatorError
 class TrackSpeedSeries:
     """Track speeds.
 
-    `stamps` (n,) [ns]; `speeds` (n, 2) left, right [m/s], forward positive.
+    `stamps` (n,) [ns]; `speeds` (n, 2) left, right [m/s], forward positive; `left_wheels` (n, k) and
+    `right_wheels` (n, m): speeds of the wheels of each side [m/s], or both None if they are not known, or
+    never disagree.
     """
 
     stamps: Stamps
     speeds: Floats
+    left_wheels: Floats | None = None
+    right_wheels: Floats | None = None
 
     def __post_init__(self) -> None:
         _check_shape("speeds", self.stamps, self.speeds, (2,))
+        for name, wheels in (
+            ("left_wheels", self.left_wheels),
+            ("right_wheels", self.right_wheels),
+        ):
+            if wheels is not None:
+                _check_shape(name, self.stamps, wheels, wheels.shape[1:2])
+        if (self.left_wheels is None) != (self.right_wheels is None):
+            raise EstimatorError("left_wheels and right_wheels go together, found one of them")
 
 
 @dataclass(frozen=True)

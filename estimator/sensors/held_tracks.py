@@ -12,6 +12,7 @@ import msgspec
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Interval, plain_copy
 from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
+from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
 from icreckon.estimator.faults.spinning_tracks import (
     SpinRecord,
@@ -56,6 +57,8 @@ class TrackRecord(msgspec.Struct):
         smooth_right: smoothed speed of the right track [m/s].
         repeating_left: repetition record of the left track.
         repeating_right: repetition record of the right track.
+        left_wheels: record of the wheels of the left side.
+        right_wheels: record of the wheels of the right side.
         spin: record of a spinning track.
         forward: record of slides along the tracks.
         sideways: record of slides to the side.
@@ -72,6 +75,8 @@ class TrackRecord(msgspec.Struct):
     smooth_right: float = 0.0
     repeating_left: Repeating = msgspec.field(default_factory=Repeating)
     repeating_right: Repeating = msgspec.field(default_factory=Repeating)
+    left_wheels: WheelsRecord = msgspec.field(default_factory=WheelsRecord)
+    right_wheels: WheelsRecord = msgspec.field(default_factory=WheelsRecord)
     spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
     sideways: SlideRecord = msgspec.field(default_factory=SlideRecord)
@@ -85,6 +90,8 @@ class TrackRecord(msgspec.Struct):
             for track in (twin.repeating_left, twin.repeating_right):
                 track.since += by
                 track.newest += by
+        twin.left_wheels = twin.left_wheels.shifted(by)
+        twin.right_wheels = twin.right_wheels.shifted(by)
         twin.spin = twin.spin.shifted(by)
         twin.forward = twin.forward.shifted(by)
         twin.sideways = twin.sideways.shifted(by)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from icreckon.estimator.faults.odd_wheels import wheel_density
 from icreckon.estimator.faults.sliding_robot import slide_density
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, spin_density
 from icreckon.estimator.sensors.held_tracks import (
@@ -90,9 +91,11 @@ def step_inputs(
         mean_right,
         density
         + stuck_density(held.repeating_left, start, end, settings)
+        + wheel_density(held.left_wheels, held.stamp, start, end)
         + spin_density(held.spin, LEFT, settings.weighs_tracks),
         density
         + stuck_density(held.repeating_right, start, end, settings)
+        + wheel_density(held.right_wheels, held.stamp, start, end)
         + spin_density(held.spin, RIGHT, settings.weighs_tracks),
         gap_density(held, start, end, settings),
         slide_density(held.forward, start, end) + carried + hidden_density(held, settings),

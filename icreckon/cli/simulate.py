@@ -15,6 +15,7 @@ from icreckon.replay.export.log_bag import Format, check_place, write_log
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import refuse_idle_keys
 
 FORMATS = ("mcap", "sqlite3", "ros1")
 # Share of a run whose fixes are used in the replay that is proposed, if it has fixes throughout.
@@ -46,11 +47,14 @@ def run_simulate(
         changes["outages"] = [_outage(text) for text in outages]
     scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
     source = "command line" if scenario_file is None else f"command line over {scenario_file}"
+    of_terrain: dict[str, Any] = {}
     for change in [changes, *(_setting(text) for text in settings)]:
         lost = lost_options(scenario, change)
         scenario = change_scenario(scenario, change, source)
         if lost:
             _print(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
+        of_terrain |= change.get("terrain", {})
+    refuse_idle_keys([scenario.terrain], of_terrain, source)
     log = simulate(scenario, loaded)
     path = write_log(log, out, kind, loaded, overwrite=overwrite)
     # With fixes throughout no stretch of dead reckoning is left to score.

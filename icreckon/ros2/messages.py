@@ -10,13 +10,18 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import compose, relative
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import compose, quaternion_to_yaw, relative
 from icreckon.estimator.streaming.pose_estimator import IcrPoints
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import KEY_VALUE, MARKER, POINT, STATUS
 from icreckon.replay.bags.messages import ICR_MARKERS, planar_covariance
 from icreckon.replay.base.diagnostic_status import DiagnosticStatus
+from icreckon.replay.live.base_frame import Pose
 from icreckon.replay.live.odometry import LiveEstimate
+
+PLANAR = (0, 1, 5)
+"""Rows and columns of x, y and yaw in a covariance of six axes."""
 
 
 def fill_header(header: Any, stamp: int, frame: str) -> None:
@@ -43,6 +48,24 @@ def fill_pose(message: Any, stamp: int, frame: str, pose: Floats, covariance: Fl
     _fill_pose(message.pose.pose.position, message.pose.pose.orientation, pose)
     message.pose.covariance = planar_covariance(covariance)
     return message
+
+
+def pose_of(message: Any) -> tuple[Pose, list[list[float]]]:
+    """Planar pose of a PoseWithCovarianceStamped: x, y [m], yaw [rad].
+
+    Returns:
+        The pose, and its covariance (3, 3).
+
+    Raises:
+        EstimatorError: its orientation is no rotation.
+    """
+    at, q = message.pose.pose.position, message.pose.pose.orientation
+    size = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+    if not 1e-6 < size < math.inf:
+        raise EstimatorError("its orientation is no rotation: all of it is zero, or not finite")
+    yaw = float(quaternion_to_yaw([q.x / size, q.y / size, q.z / size, q.w / size]))
+    entries = [float(one) for one in message.pose.covariance]
+    return (at.x, at.y, yaw), [[entries[6 * row + column] for column in PLANAR] for row in PLANAR]
 
 
 def fill_transform(message: Any, stamp: int, frame: str, child: str, pose: Floats) -> Any:

@@ -11,7 +11,7 @@ import msgspec
 
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.pose_estimator import icr_points
+from icreckon.estimator.streaming.pose_estimator import IcrPoints, icr_points
 from icreckon.replay.bags.message_types import (
     DIAGNOSTICS,
     KEY_VALUE,
@@ -27,6 +27,7 @@ from icreckon.replay.bags.message_types import (
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
+from icreckon.replay.live.silence import silent_topic
 from icreckon.replay.live.statuses import LiveStatuses
 from icreckon.ros2.messages import (
     fill_diagnostics,
@@ -35,8 +36,9 @@ from icreckon.ros2.messages import (
     fill_pose,
     fill_transform,
     odom_in_map,
+    pose_of,
 )
-from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions, options_from
+from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions, options_from, unknown_parameters
 from icreckon.ros2.topics import find_topic, input_qos, message_class
 
 NODE_NAME = "icreckon"
@@ -44,6 +46,8 @@ DISCOVERY_PERIOD = 0.1
 """Time between two looks for input topics that nobody published before [s]."""
 QUIET = 0.2
 """Time without messages after which everything that is held is processed [s]."""
+SILENCE = 5.0
+"""Time after which topics without messages are warned of [s]."""
 MARKER_PERIOD = 0.2
 """Shortest time between two messages of ICR markers [s]."""
 NO_ROS = (
@@ -107,6 +111,7 @@ class OdometryNode:
 
         self.node = rclpy.create_node(NODE_NAME)
         self._log = self.node.get_logger()
+        self._problems: dict[str, int] = {}
         self.options = self._declared(robot, variant)
         options = self.options
         self._log.info("loading the filter; `icreckon prepare` ahead makes this quick")
@@ -118,19 +123,26 @@ class OdometryNode:
             use_fixes=options.use_fixes,
             highest_rate=options.highest_rate,
             saved=self._state_file,
+            start_pose=options.start,
+            base_offset=options.base,
         )
         self._statuses = LiveStatuses(self.live)
         self._missing = list(self.live.inputs.subscriptions())
-        self._problems: dict[str, int] = {}
         self._classes: dict[str, Any] = {}
-        self._last_message = time.monotonic()
+        self._last_message = self._started = time.monotonic()
+        self._silent = list(self._missing)
         self._last_markers = 0
         self._make_publishers()
         self._check_topics()
+        self._listen_for_pose()
         self._make_services()
         self._make_timers()
         started = f"warm start from {self._state_file}" if self.live.warm else "cold start"
         topics = ", ".join(f"{one.purpose} on {one.topic}" for one in self._missing)
+        if self.live.assumed_topics:
+            self._warn(
+                f"the robot file has no [log.tracks]; assuming {topics}, as simulated bags have"
+            )
         self._log.info(f"ready: {options.variant}, {started}; waiting for {topics}")
 
     def close(self) -> None:
@@ -143,6 +155,9 @@ class OdometryNode:
     def _declared(self, robot: str | None, variant: str | None) -> NodeOptions:
         from rcl_interfaces.msg import ParameterDescriptor
 
+        # Declaring them all instead would refuse empty lists.
+        for text in unknown_parameters(getattr(self.node, "_parameter_overrides", {})):
+            self._warn(text)
         defaults = {one.name: one.default for one in msgspec.structs.fields(NodeOptions)}
         given = {"robot": robot, "variant": variant}
         values = {}
@@ -152,7 +167,9 @@ class OdometryNode:
                 description=DESCRIPTIONS[name], read_only=True, dynamic_typing=True
             )
             parameter = self.node.declare_parameter(name, default, descriptor)
-            values[name] = parameter.value if given.get(name) is None else given[name]
+            # An empty list has no value.
+            value = default if parameter.value is None else parameter.value
+            values[name] = value if given.get(name) is None else given[name]
         return options_from(values)
 
     def _make_publishers(self) -> None:
@@ -241,6 +258,27 @@ class OdometryNode:
         self.node.create_subscription(message_class(msgtype), subscription.topic, callback, qos)
         self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
 
+    def _listen_for_pose(self) -> None:
+        """Subscribe to poses that somebody gives, as RViz does, if there is a map."""
+        if self.live.map is not None:
+            callback = self._on_initial_pose
+            kind = message_class(POSE_WITH_COVARIANCE)
+            self.node.create_subscription(kind, "initialpose", callback, 1)
+
+    def _on_initial_pose(self, message: Any) -> None:
+        frame, wanted = message.header.frame_id, self.options.map_frame
+        if frame.removeprefix("/") != wanted:
+            self._log.warning(f"initialpose is in frame {frame!r}, not in {wanted!r}: not used")
+            return
+        try:
+            pose, covariance = pose_of(message)
+            self.live.place(pose, covariance)
+        except IcreckonError as problem:
+            self._log.warning(f"initialpose: {problem}")
+            return
+        x, y, yaw = pose
+        self._log.info(f"{wanted} starts anew at x {x:.2f} m, y {y:.2f} m, yaw {yaw:.2f} rad")
+
     def _on_message(self, subscription: Subscription, msgtype: str, message: Any) -> None:
         self._last_message = time.monotonic()
         try:
@@ -302,15 +340,38 @@ class OdometryNode:
         if abs(estimate.stamp - self._last_markers) < MARKER_PERIOD * 1e9 or self._markers is None:
             return
         self._last_markers = estimate.stamp
-        icrs = icr_points(estimate.indices, self.live.robot.vehicle.track_gauge)
+        points = icr_points(estimate.indices, self.live.robot.vehicle.track_gauge)
+        icrs = IcrPoints(*(self.live.base.point(*point) for point in points))
         array = self._new(MARKERS)
         fill_icr_markers(array, estimate.stamp, self.options.base_frame, icrs, self._new)
         self._markers.publish(array)
 
     def _report(self) -> None:
+        self._warn_of_silence()
         array, statuses = self._new(DIAGNOSTICS), self._statuses.report()
         fill_diagnostics(array, self._now(), statuses, self.live.robot.name, self._new)
         self._diagnostics.publish(array)
+
+    def _warn_of_silence(self) -> None:
+        """Warn of topics on which nothing comes, and of joints that are in no message."""
+        waited, inputs = time.monotonic() - self._started, self.live.inputs
+        for text in inputs.missing_joints(self._now()):
+            self._warn(text)
+        if waited < SILENCE:
+            return
+        for one in self._silent:
+            # A robot may have no static transforms.
+            if one.topic in inputs.heard or one.latched:
+                continue
+            own = {publisher.topic_name for publisher in self.node.publishers}
+            others = {
+                name: types
+                for name, types in self.node.get_topic_names_and_types()
+                if name not in own and self.node.count_publishers(name)
+            }
+            topic, fitting = self.node.resolve_topic_name(one.topic), inputs.fitting_types(one)
+            self._warn(silent_topic(one.purpose, topic, fitting, others, waited))
+        self._silent.clear()
 
     # --- services ----------------------------------------------------------------------------------
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from array import array
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple, get_args
 
 import msgspec
 
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
+from icreckon.replay.live.base_frame import CENTRE, Pose
 
 Reliability = Literal["auto", "reliable", "best_effort"]
 
@@ -31,6 +34,8 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     save_period: float = 60.0
     input_reliability: Reliability = "auto"
     input_depth: int = 100
+    start_pose: tuple[float, ...] = ()
+    base_offset: tuple[float, ...] = CENTRE
 
     def __post_init__(self) -> None:
         if not self.robot:
@@ -50,11 +55,33 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise EstimatorError(
                     f"parameter {name} must be from {least:g} to {most:g}, found {value!r}"
                 )
+        if self.start_pose:
+            self._pose("start_pose")
+        self._pose("base_offset")
         frames = (self.odom_frame, self.base_frame, self.map_frame)
         if not all(frames) or len(set(frames)) < len(frames):
             raise EstimatorError(
                 f"parameters odom_frame, base_frame and map_frame must differ, found {frames}"
             )
+
+    @property
+    def start(self) -> Pose | None:
+        """The parameter start_pose; None if it is not given."""
+        return self._pose("start_pose") if self.start_pose else None
+
+    @property
+    def base(self) -> Pose:
+        """The parameter base_offset."""
+        return self._pose("base_offset")
+
+    def _pose(self, name: str) -> Pose:
+        values = getattr(self, name)
+        if len(values) != 3 or not all(map(math.isfinite, values)):
+            raise EstimatorError(
+                f"parameter {name} must be three numbers, x, y [m] and yaw [rad], found {list(values)!r}"
+            )
+        x, y, yaw = values
+        return (x, y, yaw)
 
 
 class Bounds(NamedTuple):
@@ -90,7 +117,29 @@ DESCRIPTIONS: Mapping[str, str] = {
     "save_period": "Time between two writings of state_file [s].",
     "input_reliability": "QoS of the inputs: reliable, best_effort, or auto, that of the publishers.",
     "input_depth": "Length of the queue of each input.",
+    "start_pose": "Pose of the base frame in map_frame at the start, [x, y, yaw] [m, rad]; [] for none.",
+    "base_offset": "Base frame on the robot, [forward, left, yaw] from the tracks' centre [m, rad].",
 }
+
+
+OF_ROS = ("use_sim_time", "start_type_description_service")
+"""Parameters that each node has."""
+OF_QOS = "qos_overrides."
+"""Beginning of parameters that set the QoS of topics."""
+
+
+def unknown_parameters(given: Iterable[str]) -> list[str]:
+    """Text on each parameter that the node does not have.
+
+    Args:
+        given: names of the parameters that are set.
+    """
+    known = list(DESCRIPTIONS)
+    return [
+        f"parameter {name!r} is unknown and has no effect{nearest_hint(name, known)}"
+        for name in sorted(given)
+        if name not in (*known, *OF_ROS) and not name.startswith(OF_QOS)
+    ]
 
 
 def options_from(values: Mapping[str, Any]) -> NodeOptions:
@@ -100,6 +149,8 @@ def options_from(values: Mapping[str, Any]) -> NodeOptions:
         EstimatorError: a value is invalid.
     """
     try:
-        return msgspec.convert(dict(values), NodeOptions)
+        # Arrays of ROS are no sequences for msgspec.
+        plain = {name: list(one) if isinstance(one, array) else one for name, one in values.items()}
+        return msgspec.convert(plain, NodeOptions)
     except msgspec.ValidationError as problem:
         raise EstimatorError(f"parameters of the node: {problem}") from None

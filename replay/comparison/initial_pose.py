@@ -14,7 +14,6 @@ from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.streaming.run import run
@@ -105,19 +104,8 @@ def _has_gone(log: Log, distance: float) -> int:
 
 def _beginning(log: Log, until: int) -> Log:
     """Log of only the tracks and the IMU up to a stamp [ns]."""
-    tracks, imu = log.tracks, log.imu
-    count = max(1, int(np.searchsorted(tracks.stamps, until, side="right")))
-    if imu is not None:
-        kept = imu.stamps <= until
-        forces = imu.linear_acceleration
-        imu = replace(
-            imu,
-            stamps=imu.stamps[kept],
-            angular_velocity=imu.angular_velocity[kept],
-            linear_acceleration=None if forces is None else forces[kept],
-        )
-    tracks = TrackSpeedSeries(tracks.stamps[:count], tracks.speeds[:count])
-    return replace(log, tracks=tracks, imu=imu, fixes=None, truth=None, others=())
+    beginning = log.between(log.start, until)
+    return replace(beginning, fixes=None, truth=None, others=())
 
 
 def _laid_over(path: Floats, places: Floats, sigma: float) -> Start | None:

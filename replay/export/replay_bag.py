@@ -32,6 +32,7 @@ from icreckon.replay.bags.messages import (
 from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.export.attitude import Attitude, attitude_of
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages
 from icreckon.replay.export.tables import icr_series
@@ -43,6 +44,8 @@ TF_RATE = 20.0
 MARKER_RATE = 5.0
 # Most poses of a path, which is one message.
 PATH_POSES = 1000
+# Variances of roll and pitch in a row-major 6x6 covariance.
+ROLL_PITCH = (21, 28)
 
 
 def write_replay_bag(
@@ -72,21 +75,21 @@ def write_replay_bag(
     base = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
     for name, one in comparison.runs.items():
         topic, frame = frame_of(name), f"{frame_of(name)}/{BASE_LINK}"
-        poses = one.trajectory.pose_series
+        poses, attitude = one.trajectory.pose_series, attitude_of(one)
         outboxes += [
-            _odometry(f"/{topic}/odom", one.trajectory, frame),
+            _odometry(f"/{topic}/odom", one.trajectory, attitude, frame),
             _path(f"/{topic}/path", poses),
-            _transforms(poses, frame),
+            _transforms(poses, attitude.quaternions, frame),
             _icrs(f"/{topic}/icrs", one.stamps, one.indices, robot, frame, colour_of(name)),
         ]
         if name == base:
-            outboxes.append(_transforms(poses, BASE_LINK))
+            outboxes.append(_transforms(poses, attitude.quaternions, BASE_LINK))
     if log.truth is not None:
         truth = log.truth.poses
         outboxes += [
             _poses(f"/{TRUTH}/pose", truth),
             _path(f"/{TRUTH}/path", truth),
-            _transforms(truth, f"{TRUTH}/{BASE_LINK}"),
+            _transforms(truth, yaw_to_quaternion(truth.poses[:, 2]), f"{TRUTH}/{BASE_LINK}"),
         ]
     if log.fixes is not None and len(log.fixes.stamps):
         outboxes.append(fix_messages(FIXES_TOPIC, log.fixes))
@@ -99,9 +102,8 @@ def frame_of(variant: str) -> str:
     return variant.replace("-", "_")
 
 
-def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
-    """nav_msgs/Odometry from odom to a frame; non-planar axes have a variance of 1e6."""
-    quaternions = yaw_to_quaternion(trajectory.poses[:, 2])
+def _odometry(topic: str, trajectory: Trajectory, attitude: Attitude, frame: str) -> Outbox:
+    """nav_msgs/Odometry from odom to a frame; other axes have a variance of 1e6."""
 
     def packing(messages: Messages) -> Packing:
         nothing = np.diag(np.full(3, UNUSED_VARIANCE))
@@ -119,8 +121,8 @@ def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
         )
         numbers: dict[str, Numbers] = {
             "header.stamp": trajectory.stamps,
-            **_pose_numbers("pose.pose", "position", trajectory.poses, quaternions),
-            "pose.covariance": _planar(trajectory.pose_covariances),
+            **_pose_numbers("pose.pose", "position", trajectory.poses, attitude.quaternions),
+            "pose.covariance": _with_tilt(trajectory.pose_covariances, attitude.variances),
             "twist.twist.linear.x": trajectory.twists[:, 0],
             "twist.twist.linear.y": trajectory.twists[:, 1],
             "twist.twist.angular.z": trajectory.twists[:, 2],
@@ -146,11 +148,10 @@ def _poses(topic: str, series: PoseSeries) -> Outbox:
     return Outbox(topic, POSE, series.stamps, packing=packing)
 
 
-def _transforms(series: PoseSeries, frame: str) -> Outbox:
+def _transforms(series: PoseSeries, quaternions: Floats, frame: str) -> Outbox:
     """Transforms from odom to a frame, on /tf."""
     rows = thinned(series.stamps, TF_RATE)
-    stamps, poses = series.stamps[rows], series.poses[rows]
-    quaternions = yaw_to_quaternion(poses[:, 2])
+    stamps, poses, quaternions = series.stamps[rows], series.poses[rows], quaternions[rows]
 
     def packing(messages: Messages) -> Packing:
         transform = messages.new(
@@ -247,6 +248,8 @@ def _pose_numbers(
     return {
         f"{path}.{place}.x": poses[:, 0],
         f"{path}.{place}.y": poses[:, 1],
+        f"{path}.{turn}.x": quaternions[:, 0],
+        f"{path}.{turn}.y": quaternions[:, 1],
         f"{path}.{turn}.z": quaternions[:, 2],
         f"{path}.{turn}.w": quaternions[:, 3],
     }
@@ -261,6 +264,18 @@ def _planar(covariances: Floats) -> Callable[[slice], Floats]:
         full = np.tile(np.diag(np.full(6, UNUSED_VARIANCE)), (len(some), 1, 1))
         full[:, rows[:, None], rows] = some
         return full.reshape(-1, 36)
+
+    return give
+
+
+def _with_tilt(covariances: Floats, variances: Floats) -> Callable[[slice], Floats]:
+    """`_planar` with the variances (n, 2) of roll and pitch [rad²]."""
+    planar = _planar(covariances)
+
+    def give(part: slice) -> Floats:
+        full = planar(part)
+        full[:, ROLL_PITCH] = variances[part]
+        return full
 
     return give
 

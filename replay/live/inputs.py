@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.measurements import (
     HeadingFix,
     ImuSample,
@@ -18,8 +18,9 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import NANOSECONDS, stamp_of
-from icreckon.replay.bags.message_types import NAVSATFIX
+from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.mapping.track_units import differences
@@ -31,9 +32,10 @@ from icreckon.replay.reading.conversions import (
     without_unknown_headings,
 )
 from icreckon.replay.reading.gather import wanted_streams
-from icreckon.replay.reading.message_rows import planar_poses
+from icreckon.replay.reading.message_rows import JointReader, planar_poses
 from icreckon.replay.reading.stream import Row, RowReader, Stream, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
+from icreckon.replay.reading.wheels import mean_of_sides
 
 PURPOSES = ("tracks", "imu", "fixes", "heading")
 """Streams that a live estimator uses, in the order of their choice of clocks."""
@@ -87,6 +89,7 @@ class LiveInputs:
         clocks: chosen clock of each stream.
         origin: origin of NavSatFix: that of the robot file, or the first fix.
         geodetic: whether fixes come as NavSatFix.
+        heard: arrival of the first message on each topic [ns].
     """
 
     robot: Robot
@@ -95,6 +98,7 @@ class LiveInputs:
     clocks: dict[str, Choice] = field(default_factory=dict)
     origin: Origin | None = None
     geodetic: bool = False
+    heard: dict[str, int] = field(default_factory=dict)
     _streams: dict[str, Stream] = field(default_factory=dict)
     _waiting: list[_Arrived] = field(default_factory=list)
     _begun: int | None = None
@@ -135,6 +139,24 @@ class LiveInputs:
             ]
         return found
 
+    def fitting_types(self, subscription: Subscription) -> tuple[str, ...]:
+        """Message types that can be read for a stream without the names of their fields."""
+        return tuple(self._streams[subscription.purpose].readers)
+
+    def missing_joints(self, now: int) -> list[str]:
+        """Text on each mapped joint that no message of the track speeds has had so far.
+
+        Args:
+            now: present time [ns]; nothing is missing in the first `LONGEST_WAIT`.
+        """
+        stream = self._streams["tracks"]
+        first, reader = self.heard.get(stream.topic), stream.readers.get(JOINT_STATE)
+        if first is None or (now - first) * NANOSECOND < LONGEST_WAIT:
+            return []
+        if not isinstance(reader, JointReader) or not reader.seen:
+            return []
+        return missing_joints(stream.topic, reader.joints, reader.seen)
+
     def take(
         self, subscription: Subscription, msgtype: str, message: Any, arrival: int
     ) -> list[Measurement]:
@@ -153,6 +175,7 @@ class LiveInputs:
             ReplayError: the type cannot be read for this stream, or a mapped field is missing.
         """
         stream = self._streams[subscription.purpose]
+        self.heard.setdefault(subscription.topic, arrival)
         if isinstance(stream, TransformStream):
             arrived = self._transforms(stream, subscription.topic, msgtype, message, arrival)
         else:
@@ -303,7 +326,7 @@ class LiveInputs:
         vehicle = self.robot.vehicle
         read = track_values(rows, msgtype, mapped, vehicle)
         if not read.adds_up:
-            yield TrackSpeeds(stamp, *read.values[0].tolist())
+            yield _track_speeds(stamp, read.values, read.left)
             return
         before, self._counter = self._counter, (stamp, read.values[0])
         if before is None or stamp <= before[0]:
@@ -313,8 +336,8 @@ class LiveInputs:
         middles, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
         for reason in lost:
             self._lose("tracks", reason)
-        for middle, (left, right) in zip(middles.tolist(), speeds.tolist(), strict=True):
-            yield TrackSpeeds(middle, left, right)
+        for k, middle in enumerate(middles.tolist()):
+            yield _track_speeds(middle, speeds[k : k + 1], read.left)
 
     def _fix(self, stamp: int, rows: Any, msgtype: str, mapped: FixTopic) -> Iterator[Measurement]:
         if msgtype == NAVSATFIX or mapped.latitude:
@@ -345,6 +368,14 @@ class LiveInputs:
             self._lose("heading", "no covariance, and no sigma given")
             return
         yield HeadingFix(stamp, float(yaw[0]), float(variances[0]))
+
+
+def _track_speeds(stamp: int, speeds: Floats, left: int) -> TrackSpeeds:
+    """Track speeds by those (1, k) of the wheels, of which the left ones come first."""
+    (of_left, of_right), wheels = mean_of_sides(speeds, left)[0].tolist(), tuple(speeds[0].tolist())
+    if len(wheels) == 2:
+        return TrackSpeeds(stamp, of_left, of_right)
+    return TrackSpeeds(stamp, of_left, of_right, wheels[:left], wheels[left:])
 
 
 def _imu_sample(stamp: int, row: Sequence[float]) -> ImuSample:

@@ -1,8 +1,9 @@
-"""Map frame: an estimator with fixes beside that of `odom`, which has none."""
+"""Map frame: an estimator with fixes or a given start, beside that of `odom`."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,19 @@ from icreckon.estimator.log.measurements import HeadingFix, Measurement, Positio
 from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
+from icreckon.replay.live.base_frame import Pose
+
+
+class Placed(NamedTuple):
+    """Pose that somebody gives.
+
+    Attributes:
+        pose: of the centre of the tracks in map: x, y [m], yaw [rad].
+        sigma: its standard deviations [m, m, rad].
+    """
+
+    pose: Pose
+    sigma: Pose
 
 
 class MapFrame:
@@ -19,15 +33,24 @@ class MapFrame:
 
     It starts as a copy of that in `odom` if the first fix agrees with it, as fixes of a simulation or
     of a localisation that starts with the robot do; otherwise at the first fix, with its heading if
-    one is known and with any heading if not. Parameters and biases are those learnt so far.
+    one is known and with any heading if not. A pose that somebody gives takes precedence. Parameters and
+    biases are those learnt so far.
+
+    Args:
+        start: pose at the start, if it is known.
 
     Attributes:
         estimator: the estimator; None before the first fix.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, start: Placed | None = None) -> None:
         self.estimator: PoseEstimator | None = None
         self._heading: HeadingFix | None = None
+        self._start = self._placed = start
+
+    def place(self, placed: Placed) -> None:
+        """Start anew at a pose with the next measurements; what was learnt stays."""
+        self._placed = placed
 
     def take(self, group: list[Measurement], odom: PoseEstimator, *, geodetic: bool) -> None:
         """Update with measurements of one stamp.
@@ -38,6 +61,9 @@ class MapFrame:
             geodetic: whether positions are east and north of an origin, so that the first one agrees
                 with `odom` without saying anything of the yaw.
         """
+        if self._placed is not None and odom.stamp is not None:
+            learnt = odom if self.estimator is None else self.estimator
+            self.estimator, self._placed = learnt.restarted(*self._placed), None
         if self.estimator is not None:
             for measurement in group:
                 self.estimator.feed(measurement)
@@ -53,8 +79,8 @@ class MapFrame:
                     self.estimator.feed(measurement)
 
     def restart(self) -> None:
-        """Start anew at the next fix."""
-        self.estimator, self._heading = None, None
+        """Start anew at the given start, or at the next fix."""
+        self.estimator, self._heading, self._placed = None, None, self._start
 
     def _started(self, fix: PositionFix, odom: PoseEstimator, *, geodetic: bool) -> PoseEstimator:
         heading, lever_arm = self._heading, np.array([fix.forward, fix.left])

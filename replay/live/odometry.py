@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
@@ -16,12 +20,15 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.live.base_frame import CENTRE, BaseFrame, Pose
 from icreckon.replay.live.inputs import LiveInputs, Subscription
-from icreckon.replay.live.map_frame import MapFrame
+from icreckon.replay.live.map_frame import MapFrame, Placed
 from icreckon.replay.live.reorder import ReorderBuffer
 from icreckon.replay.mapping.topics import TopicMap, topic_map, writable_topics
 
 FIXES = (PositionFix, HeadingFix)
+START_SIGMA = (0.5, 0.5, math.pi / 12.0)
+"""Standard deviations of a start whose own are unknown [m, m, rad], those of AMCL."""
 
 
 class LiveEstimate(NamedTuple):
@@ -29,12 +36,12 @@ class LiveEstimate(NamedTuple):
 
     Attributes:
         stamp: time [ns].
-        pose: (3,) x, y [m], yaw [rad] of base_link in odom, without jumps.
+        pose: (3,) x, y [m], yaw [rad] of the base frame in odom, without jumps.
         pose_covariance: (3, 3) its covariance.
-        twist: (3,) v_x, v_y [m/s], w [rad/s] of base_link.
+        twist: (3,) v_x, v_y [m/s], w [rad/s] of the base frame.
         twist_covariance: (3, 3) its covariance.
         indices: sliding and eccentricity [m] and steering efficiency [-] of the motion.
-        map_pose: (3,) pose of base_link in map, or None before the first fix.
+        map_pose: (3,) pose of the base frame in map, or None before the first fix.
         map_covariance: (3, 3) its covariance, or None.
     """
 
@@ -64,6 +71,20 @@ class LiveOdometry:
         use_fixes: whether fixes and headings feed an estimator of the pose in `map`.
         highest_rate: highest rate of estimates, 0 for one at each IMU sample [Hz].
         saved: file of learnt parameters, from `save`, to start with if it exists.
+        start_pose: pose of the base frame in map at the start: x, y [m], yaw [rad]; with it there is a
+            map without fixes. None for that of the first fix.
+        base_offset: place of the base frame: forward, left of the centre of the tracks' contact area [m],
+            and its yaw [rad].
+
+    Attributes:
+        robot: the robot.
+        inputs: converter of the messages.
+        odom: estimator without fixes.
+        map: map frame; None without fixes and start.
+        warm: whether parameters were read from a file.
+        base: the base frame.
+        assumed_topics: whether the robot file maps no track speeds, and topics are those of
+            `icreckon simulate`.
 
     Raises:
         EstimatorError: an invalid setting, or a saved file for another robot.
@@ -80,6 +101,8 @@ class LiveOdometry:
         use_fixes: bool = True,
         highest_rate: float = 0.0,
         saved: Path | None = None,
+        start_pose: Pose | None = None,
+        base_offset: Pose = CENTRE,
     ) -> None:
         for name, value, most in (("reorder", reorder, 10.0), ("highest_rate", highest_rate, 1e4)):
             if not 0.0 <= value <= most:
@@ -87,7 +110,8 @@ class LiveOdometry:
         mapping = live_topics(robot)
         if not use_fixes:
             mapping = TopicMap(tracks=mapping.tracks, imu=mapping.imu)
-        self.robot = robot
+        self.robot, self.base = robot, BaseFrame(base_offset)
+        self.assumed_topics = "tracks" not in robot.log
         self.inputs = LiveInputs(robot, mapping)
         # `inputs` takes off the latencies of the robot file; that of the tracks is watched, and estimated
         # where the file gives none.
@@ -99,7 +123,8 @@ class LiveOdometry:
             if saved is not None and self.warm
             else PoseEstimator(robot, variant, settings=settings, latencies=latencies)
         )
-        self.map = MapFrame() if mapping.fixes is not None else None
+        start = None if start_pose is None else Placed(self.base.centre(start_pose), START_SIGMA)
+        self.map = MapFrame(start) if start or mapping.fixes is not None else None
         self._buffer = ReorderBuffer(reorder)
         self._interval = round(1.0 / highest_rate / NANOSECOND) if highest_rate else 0
         self._history = round(self.odom.settings.history / NANOSECOND)
@@ -146,6 +171,32 @@ class LiveOdometry:
             self.map.restart()
         self._newest = None
 
+    def place(self, pose: Pose, covariance: ArrayLike) -> bool:
+        """Start the map anew at a pose, with the next messages; `odom` goes on.
+
+        Args:
+            pose: of the base frame in map: x, y [m], yaw [rad].
+            covariance: (3, 3) its covariance; zeros are unknown.
+
+        Returns:
+            False if there is no map: without fixes and start pose.
+
+        Raises:
+            EstimatorError: a value is not finite, or a variance is negative.
+        """
+        if self.map is None:
+            return False
+        variances = np.diagonal(covariance)
+        if not (np.isfinite([*pose, *variances]).all() and (variances >= 0.0).all()):
+            raise EstimatorError(
+                f"the pose {pose} with variances {variances.tolist()} is none: all must be finite, and "
+                "variances positive or zero"
+            )
+        of_x, of_y, of_yaw = np.sqrt(variances).tolist()
+        sigma = (of_x, of_y, of_yaw) if variances.any() else START_SIGMA
+        self.map.place(Placed(self.base.centre(pose), sigma))
+        return True
+
     def save(self, path: Path) -> None:
         """Save what was learnt, with fixes if there were any, for the next start.
 
@@ -186,15 +237,16 @@ class LiveOdometry:
 
     def _estimate(self) -> LiveEstimate:
         odom, fixed = self.odom.snapshot(), self.map.estimator if self.map is not None else None
+        pose, covariance = odom.state[s.POSE].copy(), odom.covariance[s.POSE, s.POSE].copy()
+        in_map: tuple[Floats | None, Floats | None] = (None, None)
+        if fixed is not None and fixed.stamp is not None:
+            in_map = self.base.pose_in_map(fixed.pose, fixed.pose_covariance)
         return LiveEstimate(
             odom.stamp,
-            odom.state[s.POSE].copy(),
-            odom.covariance[s.POSE, s.POSE].copy(),
-            odom.twist,
-            odom.twist_covariance,
+            *self.base.pose_in_odom(pose, covariance),
+            *self.base.twist(odom.twist, odom.twist_covariance),
             odom.indices,
-            None if fixed is None else fixed.pose,
-            None if fixed is None else fixed.pose_covariance,
+            *in_map,
         )
 
 

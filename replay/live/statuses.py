@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from icreckon.estimator.base.lag_search import BEYOND
-from icreckon.estimator.filter.health import GyroHealth, SensorHealth, SlipHealth, TiltHealth
+from icreckon.estimator.filter.health import (
+    GyroHealth,
+    OddWheel,
+    SensorHealth,
+    SlipHealth,
+    TiltHealth,
+)
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
     ERROR,
@@ -46,7 +54,7 @@ class LiveStatuses:
             statuses.append(self._sensor(name, sensor))
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
-        statuses += [slip_status(newest.health.slip), gyro_status(newest.health.gyro)]
+        statuses += [self._slip(newest.health.slip), gyro_status(newest.health.gyro)]
         if newest.health.tilt is not None:
             statuses.append(tilt_status(newest.health.tilt))
         statuses += [self._clocks(), self._latency(newest)]
@@ -71,7 +79,7 @@ class LiveStatuses:
 
     def _map(self) -> DiagnosticStatus:
         estimator = self._live.map.estimator if self._live.map is not None else None
-        if estimator is None:
+        if estimator is None or estimator.stamp is None:
             return DiagnosticStatus(STALE, "icreckon: pose in map", "no fix yet", {})
         return self._estimate("map", estimator)
 
@@ -104,6 +112,10 @@ class LiveStatuses:
             )
             return DiagnosticStatus(WARN, title, text, values)
         return DiagnosticStatus(OK, title, f"{used_now} used since the last report", values)
+
+    def _slip(self, slip: SlipHealth) -> DiagnosticStatus:
+        tracks = self._live.inputs.mapping.tracks
+        return slip_status(slip, *((tracks.left, tracks.right) if tracks else ()))
 
     def _clocks(self) -> DiagnosticStatus:
         inputs = self._live.inputs
@@ -147,13 +159,22 @@ class LiveStatuses:
         return DiagnosticStatus(WARN if wrong else OK, name, text, values)
 
 
-def slip_status(slip: SlipHealth) -> DiagnosticStatus:
-    """Slip beyond what bends explain."""
+def slip_status(
+    slip: SlipHealth, left: Sequence[str] = (), right: Sequence[str] = ()
+) -> DiagnosticStatus:
+    """Slip beyond what bends explain.
+
+    Args:
+        slip: the slip.
+        left: names of the left wheels.
+        right: names of the right wheels.
+    """
     name = "icreckon: slip"
     values = {
         "times": str(slip.times),
         "slides": str(slip.slides),
         "carries": str(slip.carries),
+        "odd_wheels": str(slip.odd_wheels),
         "slip_factor": f"{slip.factor:.2f}",
     }
     texts = []
@@ -165,6 +186,13 @@ def slip_status(slip: SlipHealth) -> DiagnosticStatus:
         }
         which = "one track" if slip.track == "unknown" else f"the {slip.track} track"
         texts.append(f"{which} spins, or its sensor fails: {slip.mismatch:.2f} m/s too much")
+    for side, odd, names in (("left", slip.left_wheels, left), ("right", slip.right_wheels, right)):
+        if odd is not None:
+            values |= {
+                f"{side}_wheels_since_ns": str(odd.since),
+                f"{side}_wheels_samples": str(odd.samples),
+            }
+            texts.append(_odd_wheel(side, odd, names))
     for way, slide in (("forward", slip.forward), ("sideways", slip.sideways)):
         if slide is not None:
             values |= {f"{way}_since_ns": str(slide.since), f"{way}_m_s": f"{slide.speed:.3f}"}
@@ -184,6 +212,13 @@ def slip_status(slip: SlipHealth) -> DiagnosticStatus:
     if not texts:
         return DiagnosticStatus(OK, name, "no track spins", values)
     return DiagnosticStatus(WARN, name, "; ".join(texts), values)
+
+
+def _odd_wheel(side: str, odd: OddWheel, names: Sequence[str]) -> str:
+    if odd.wheel is None:
+        return f"the {side} wheels are {2.0 * odd.apart:.2f} m/s apart, which is right is not clear"
+    name = names[odd.wheel] if odd.wheel < len(names) else f"wheel {odd.wheel + 1}"
+    return f"{name} of the {side} side is {odd.apart:.2f} m/s off and is not used"
 
 
 def gyro_status(gyro: GyroHealth) -> DiagnosticStatus:

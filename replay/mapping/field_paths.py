@@ -60,22 +60,21 @@ def _fields_of(value: Any) -> str:
 
 
 class FieldReader:
-    """Reader of a message: the means of the fields of each side, (left, right).
+    """Reader of a message: the fields of the left side, then those of the right one.
 
     The paths are read with the first message: of a topic of JointState they are names of joints, which
     may have any characters.
     """
 
     def __init__(self, left: Sequence[str], right: Sequence[str]) -> None:
-        self._paths = (left, right)
+        self._paths = (*left, *right)
 
     @cached_property
-    def _sides(self) -> list[list[Callable[[Any], float]]]:
-        return [[field_getter(path) for path in side] for side in self._paths]
+    def _getters(self) -> list[Callable[[Any], float]]:
+        return [field_getter(path) for path in self._paths]
 
-    def __call__(self, message: Any) -> tuple[float, float]:  # noqa: D102
-        left, right = (sum(get(message) for get in side) / len(side) for side in self._sides)
-        return (left, right)
+    def __call__(self, message: Any) -> tuple[float, ...]:  # noqa: D102
+        return tuple(get(message) for get in self._getters)
 
 
 class FieldRowReader:

@@ -66,16 +66,16 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
 def differences(
     stamps: Stamps, distances: Floats, wrap: float | None, fastest: float
 ) -> tuple[Stamps, Floats, dict[str, int]]:
-    """Mean speeds between the samples of two counters.
+    """Mean speeds between the samples of counters.
 
     Args:
         stamps: (n,) [ns], rising.
-        distances: (n, 2) readings of the counters [m].
+        distances: (n, k) readings of the counters [m].
         wrap: range of the counters [m], or None.
         fastest: highest speed of a track [m/s].
 
     Returns:
-        (m,) stamps in the middle between two samples, (m, 2) speeds [m/s], and numbers of omitted
+        (m,) stamps in the middle between two samples, (m, k) speeds [m/s], and numbers of omitted
         differences, by reason.
     """
     seconds = np.diff(stamps) * NANOSECOND

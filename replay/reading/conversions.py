@@ -80,15 +80,17 @@ def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Flo
 
 
 class TrackValues(NamedTuple):
-    """Track speeds, or readings of cumulative counters.
+    """Speeds of tracks or of their wheels, or readings of cumulative counters.
 
     Attributes:
-        values: (n, 2) left and right [m/s], or [m] if they add up.
+        values: (n, k) of the left wheels, then of the right ones [m/s], or [m] if they add up.
+        left: number of those of the left side.
         adds_up: whether the values are counters, whose differences are the motion.
         wrap: range of the counters [m], or None.
     """
 
     values: Floats
+    left: int = 1
     adds_up: bool = False
     wrap: float | None = None
 
@@ -104,13 +106,23 @@ def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
     return TrackValues(np.column_stack([rows[:, 0] - half, rows[:, 0] + half]))
 
 
+def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
+    """Length of a row of `message_rows.track_readers`, or of a table.
+
+    Args:
+        msgtype: message type of the rows.
+        mapped: topic or columns of the track speeds.
+    """
+    return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.left) + len(mapped.right)
+
+
 def track_values(
     rows: Floats, msgtype: str, mapped: TrackTopic | TrackColumns, vehicle: Vehicle
 ) -> TrackValues:
     """Convert the rows of `message_rows.track_readers`, or of a table.
 
     Args:
-        rows: (n, 2) rows.
+        rows: (n, k) rows, see `track_width`.
         msgtype: message type of the rows.
         mapped: topic or columns of the track speeds.
         vehicle: the robot's dimensions.
@@ -120,7 +132,7 @@ def track_values(
         return speeds_of_twist(rows, vehicle.track_gauge if own is None else own)
     factor = metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
-    return TrackValues(rows * factor, mapped.unit in ADDS_UP, wrap)
+    return TrackValues(rows * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
 
 
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:

@@ -60,16 +60,22 @@ def without_holding(log: Log, held: Held) -> Log:
     usual = [_usual_hold(log, side, held) for side in range(2)]
     if not any(usual):
         return log
-    changed = speeds.copy()
+    tracks = log.tracks
+    changed, wheels = speeds.copy(), [tracks.left_wheels, tracks.right_wheels]
     for side, hold in enumerate(usual):
-        if hold is not None:
-            changed[:, side] = _interpolated(stamps, speeds[:, side], hold)
+        if hold is None:
+            continue
+        changed[:, side] = _interpolated(stamps, speeds[:, side], hold)
+        of_side = wheels[side]
+        if of_side is not None:
+            lines = [_interpolated(stamps, one, hold) for one in of_side.T]
+            wheels[side] = np.column_stack(lines)
     longest = max(hold for hold in usual if hold is not None)
     note = (
         f"track speeds change only {1.0 / longest:.0f} times a second, and are repeated in between: the "
         'repetitions are replaced by interpolation; `held = "keep"` in the robot file leaves them'
     )
-    tracks = TrackSpeedSeries(stamps, changed)
+    tracks = TrackSpeedSeries(stamps, changed, *wheels)
     return replace(log, tracks=tracks, notes=(*log.notes, note))
 
 

@@ -34,8 +34,9 @@ def track_readers(
         positions: whether to use the joints' positions instead of their velocities.
 
     Returns:
-        Readers with these rows: for JointState the means (left, right) in the message's unit; for
-        Odometry and TwistStamped the forward speed [m/s] and the yaw rate [rad/s].
+        Readers with these rows: for JointState the values of the left joints, then of the right ones, in
+        the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate
+        [rad/s].
     """
     readers: dict[str, RowReader] = {ODOMETRY: _odometry_speeds, TWIST: _twist_speeds}
     if left and right:
@@ -48,12 +49,13 @@ TOGETHER = 0.5
 
 
 class JointReader:
-    """Reader of JointState: means of the sides (left, right); None without joints.
+    """Reader of JointState: values of the left joints, then of the right ones.
 
     Joints that come in messages of their own make a row once each of them is there; its stamp is that
     of the last one.
 
     Attributes:
+        joints: names of the joints, those of the left side first.
         seen: names of the joints found so far.
         positions: whether positions are used instead of velocities.
     """
@@ -61,7 +63,7 @@ class JointReader:
     def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
         self.seen: set[str] = set()
         self.positions = positions
-        self._sides = (left, right)
+        self.joints = (*left, *right)
         self._count = len({*left, *right})
         self._places: dict[tuple[str, ...], dict[str, int]] = {}
         self._newest: dict[str, tuple[int, float]] = {}
@@ -79,12 +81,12 @@ class JointReader:
         places = self._places.get(names)
         if places is None:
             self.seen.update(names)
-            mapped = [name for side in self._sides for name in side if name in names]
+            mapped = [name for name in self.joints if name in names]
             places = self._places[names] = {name: names.index(name) for name in mapped}
         return places
 
     def row(self, stamp: int, values: Sequence[float], places: dict[str, int]) -> Row | None:
-        """Mean of each side; None until each joint is there.
+        """Values of all mapped joints; None until each of them is there.
 
         Args:
             stamp: header stamp of the message [ns].
@@ -93,11 +95,7 @@ class JointReader:
         """
         if len(places) == self._count:
             self._newest.clear()
-            left, right = (
-                sum(float(values[places[name]]) for name in side) / len(side)
-                for side in self._sides
-            )
-            return (left, right)
+            return tuple(float(values[places[name]]) for name in self.joints)
         self._newest.update({name: (stamp, float(values[i])) for name, i in places.items()})
         if len(self._newest) < self._count:
             return None
@@ -105,8 +103,7 @@ class JointReader:
         if any(abs(stamp - when) * NANOSECOND > TOGETHER for when, _ in newest.values()):
             self._newest = {name: newest[name] for name in places}
             return None
-        left, right = (sum(newest[name][1] for name in side) / len(side) for side in self._sides)
-        return (left, right)
+        return tuple(newest[name][1] for name in self.joints)
 
 
 def _odometry_speeds(message: Any) -> Row:

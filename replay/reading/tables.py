@@ -218,8 +218,7 @@ def wanted_columns(columns: ColumnMap) -> Iterator[tuple[str, Columns, list[str]
 def _rows(spec: Columns, names: list[str], values: Floats) -> tuple[str, Floats]:
     """Equivalent message type, and the rows that its reader would return."""
     if isinstance(spec, TrackColumns):
-        left = values[:, : len(spec.left)].mean(axis=1)
-        return COLUMNS, np.column_stack([left, values[:, len(spec.left) :].mean(axis=1)])
+        return COLUMNS, values
     if isinstance(spec, ImuColumns):
         return COLUMNS, imu_rows(spec, values)
     if isinstance(spec, HeadingColumns):

@@ -33,6 +33,7 @@ from icreckon.replay.reading.conversions import (
     fill_variances,
     headings,
     track_values,
+    track_width,
     without_unknown_headings,
 )
 from icreckon.replay.reading.gather import Gathered
@@ -40,6 +41,7 @@ from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
+from icreckon.replay.reading.wheels import of_sides
 
 OVERLAID = ("tracks", "imu")
 """Streams that indicate a clock set back if both have twice their rate."""
@@ -188,14 +190,14 @@ class _Assembly:
     def _tracks(self, stream: Stream | None) -> TrackSpeedSeries | None:
         if stream is None:
             return None
-        stamps, rows = self._arrays(stream, 2)
         mapping, vehicle = self.gathered.mapping, self.robot.vehicle
         columns = mapping.columns.tracks if mapping.columns else None
         spec = columns if stream.msgtype == COLUMNS else mapping.tracks
-        if stream.purpose == "truth tracks":
-            read = TrackValues(rows * vehicle.sprocket_radius)
-        elif spec is None:
+        if spec is None:
             return None
+        stamps, rows = self._arrays(stream, track_width(stream.msgtype, spec))
+        if stream.purpose == "truth tracks":
+            read = TrackValues(rows * vehicle.sprocket_radius, len(spec.left))
         else:
             read = track_values(rows, stream.msgtype, spec, vehicle)
         values = read.values
@@ -210,7 +212,11 @@ class _Assembly:
                     f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
                 )
         if len(stamps):
-            return TrackSpeedSeries(stamps, values)
+            names = (*spec.left, *spec.right)
+            sides = of_sides(stamps, values, read.left, names, vehicle.max_track_speed)
+            if stream.purpose == "tracks":
+                self.notes += sides.notes
+            return sides.tracks
         if stream.purpose == "tracks":
             raise ReplayError(f"{stream.source}: {self.notes[-1]}{self._joints_hint(stream)}")
         return None

@@ -13,6 +13,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.study.cells import Cell, Part, Plan, cell_maker, expand, parts_of
 from icreckon.simulation.study.inputs import cell_inputs, digest_of, filter_inputs
 from icreckon.simulation.study.plan import FilterSpec, Study, flatten, nest
+from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
 
 # Why a key may change nothing, by its last part.
 WHY = {
@@ -33,10 +34,8 @@ WHY = {
     "outlier_sigma": "there are no outliers: give outlier_share",
     "dropout_duration": "there are no dropouts: give dropouts_per_hour",
     "dropout_reads": "there are no dropouts: give dropouts_per_hour",
-    "uphill_deg": "level ground has no direction: give slope_deg, rolling_deg or kerb_height",
-    "wavelength": "the ground does not roll: give rolling_deg",
-    "kerb_every": "there are no kerbs: give kerb_height",
     "bias_instability_time": "there is no instability: give bias_instability",
+    **{key: needed.text for key, needed in NEEDS.items()},
 }
 
 Changes = dict[str, Any]
@@ -46,9 +45,13 @@ def refuse_idle(plan: Plan) -> None:
     """Reject swept keys, cases, or keys of variants that change nothing in any cell.
 
     Raises:
-        SimulationError: such a key; the message names it, and the reason if known.
+        SimulationError: such a key, or one of the scenario's terrain; the message names it, and the
+            reason if known.
     """
     study = plan.study
+    terrain, level = study.scenario.terrain, Terrain()
+    given = [name for name in NEEDS if getattr(terrain, name) != getattr(level, name)]
+    refuse_idle_keys([cell.scenario.terrain for cell in plan.cells], given, "scenario")
     _refuse_idle_variants(study, plan.cells)
     parts = parts_of(study)
     for place, points in enumerate(parts):

@@ -9,7 +9,8 @@ along the ground.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -32,6 +33,34 @@ STEEPEST = 60.0
 STEEPEST_ROLLING = 30.0
 # Shortest waves, as a multiple of the length over which a vehicle touches the ground.
 SHORTEST_WAVE = 4.0
+
+
+class Needs(NamedTuple):
+    """Keys of `[terrain]` of which another key needs one.
+
+    Attributes:
+        keys: the keys.
+        without: what the ground is without them.
+    """
+
+    keys: tuple[str, ...]
+    without: str
+
+    @property
+    def text(self) -> str:
+        """Reason why the other key changes nothing."""
+        *most, last = self.keys
+        keys = f"{', '.join(most)} or {last}" if most else last
+        return f"{self.without}: give {keys}"
+
+
+NEEDS = {
+    "uphill_deg": Needs(
+        ("slope_deg", "rolling_deg", "kerb_height"), "level ground has no direction"
+    ),
+    "wavelength": Needs(("rolling_deg",), "the ground does not roll"),
+    "kerb_every": Needs(("kerb_height",), "there are no kerbs"),
+}
 
 
 class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -69,6 +98,30 @@ class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     def is_curved(self) -> bool:
         """True if the slope differs from place to place."""
         return bool(self.rolling_deg or self.kerb_height)
+
+
+def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: str) -> None:
+    """Refuse keys of `[terrain]` that change nothing.
+
+    Such are the wavelength of ground that does not roll, or the direction of level ground.
+    One that is written as zero counts as given: it is there to be changed.
+
+    Args:
+        terrains: the terrain, or those of the cells of a study.
+        given: keys that are written in its table.
+        source: origin of the table, for messages.
+
+    Raises:
+        SimulationError: a key has no effect.
+    """
+    written = set(given)
+    for key in sorted(written & set(NEEDS)):
+        needed = NEEDS[key]
+        acts = any(getattr(terrain, one) for terrain in terrains for one in needed.keys)
+        if not (acts or written & set(needed.keys)):
+            raise SimulationError(
+                f"{source}: [terrain] {key} has no effect, {needed.text}, or leave it out"
+            )
 
 
 class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -147,21 +147,29 @@ def launch_file(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def test_the_launch_file_declares_its_arguments(launch_file: ModuleType) -> None:
     *declared, last = launch_file.generate_launch_description().words[0]
     names = [one.words[0] for one in declared]
-    assert names == ["robot", "variant", "params_file", "use_sim_time", "namespace"]
+    assert names == [
+        "robot", "variant", "state_file", "params_file", "use_sim_time", "namespace"
+    ]  # fmt: skip
     assert last.more["function"] is launch_file.make_node
-    path = declared[2].more["default_value"].words[0]
+    path = declared[3].more["default_value"].words[0]
     assert (PACKAGE / Path(*path[1:])).samefile(CONFIG)
 
 
 def test_the_launched_node_has_the_arguments_that_are_given(launch_file: ModuleType) -> None:
-    given = {"robot": "a.toml", "variant": "", "use_sim_time": "true", "namespace": ""}
+    given = {
+        "robot": "a.toml",
+        "variant": "",
+        "state_file": "b.json",
+        "use_sim_time": "true",
+        "namespace": "",
+    }
     (node,) = launch_file.make_node(given)
     setup = (PACKAGE / "setup.py").read_text(encoding="utf-8")
     assert node.more["package"] == NAME
     assert f'"{node.more["executable"]} = {{NAME}}.node:main"' in setup
     file, values = node.more["parameters"]
     assert file.words == ("params_file",)
-    assert set(values) == {"robot", "use_sim_time"}
+    assert set(values) == {"robot", "state_file", "use_sim_time"}
     assert node.more["namespace"].words == ("namespace",)
 
 
@@ -171,10 +179,15 @@ def test_the_real_launch_packages_take_the_launch_file() -> None:
     from launch import LaunchContext
 
     module = loaded(LAUNCH)
-    assert len(module.generate_launch_description().entities) == 6
+    assert len(module.generate_launch_description().entities) == 7
     context = LaunchContext()
     context.launch_configurations.update(
-        robot="a.toml", variant="", params_file=str(CONFIG), use_sim_time="false", namespace=""
+        robot="a.toml",
+        variant="",
+        state_file="",
+        params_file=str(CONFIG),
+        use_sim_time="false",
+        namespace="",
     )
     assert len(module.make_node(context)) == 1
 

@@ -22,7 +22,7 @@ from icreckon.simulation.scenario import (
 )
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
 from icreckon.simulation.simulate import run_scenario, simulate
-from icreckon.simulation.truth.terrain import Patch, Payload
+from icreckon.simulation.truth.terrain import Patch, Payload, Terrain
 
 ALPHA = load_robot("auriga-alpha")
 SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))
@@ -318,6 +318,18 @@ def test_a_scenario_is_read_from_a_file(tmp_path):
             "unknown key 'roll_deg' in [terrain]; did you mean 'rolling_deg'?",
         ),
         ("[terrain]\nslope_deg = 90", "slope_deg of the terrain must be between 0 and 60 degrees"),
+        (
+            "[terrain]\nwavelength = 5",
+            "[terrain] wavelength has no effect, the ground does not roll: give rolling_deg",
+        ),
+        (
+            "[terrain]\nslope_deg = 5\nkerb_every = 5",
+            "kerb_every has no effect, there are no kerbs: give kerb_height, or leave it out",
+        ),
+        (
+            "[terrain]\nuphill_deg = 90",
+            "level ground has no direction: give slope_deg, rolling_deg or kerb_height",
+        ),
         ("[[terrain]]\nslope_deg = 3", "terrain: expected a table, found a list"),
         ("[[patches]]", "a patch changes nothing"),
         ("[[patches]]\nuphill_deg = 90", "has uphill_deg = 90.0 but no slope_deg"),
@@ -333,6 +345,13 @@ def test_a_bad_file_is_refused_in_one_line_that_names_it(text, message, tmp_path
     assert str(caught.value).startswith(f"{path}: ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_terrain_that_is_written_as_zero_is_there_to_be_changed(tmp_path):
+    path = written(tmp_path, "[terrain]\nrolling_deg = 0\nwavelength = 5\nuphill_deg = 40")
+    assert load_scenario(path).terrain == Terrain(wavelength=5.0, uphill_deg=40.0)
+    rolling = written(tmp_path, "[terrain]\nrolling_deg = 3\nwavelength = 5")
+    assert load_scenario(rolling).terrain.wavelength == 5.0
 
 
 def test_a_file_that_is_not_there(tmp_path):

@@ -10,6 +10,7 @@ from launch_ros.substitutions import FindPackageShare
 ARGUMENTS = {
     "robot": ("", "Robot file, or name of a shipped robot; empty: that of params_file"),
     "variant": ("", "Filter variant; empty: that of params_file"),
+    "state_file": ("", "File of learnt parameters; empty: that of params_file"),
     "params_file": (
         PathJoinSubstitution([FindPackageShare("icreckon_ros"), "config", "icreckon.yaml"]),
         "Values of all parameters",
@@ -32,7 +33,7 @@ def make_node(context: LaunchContext) -> list[Node]:
     """Make the node; an empty argument leaves the value of params_file."""
     parameters = {
         name: ParameterValue(LaunchConfiguration(name), value_type=str)
-        for name in ("robot", "variant")
+        for name in ("robot", "variant", "state_file")
         if LaunchConfiguration(name).perform(context)
     }
     parameters["use_sim_time"] = ParameterValue(

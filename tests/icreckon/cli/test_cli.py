@@ -294,6 +294,8 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     assert "'noise_density'" in fails(*into_run, "--set", "gyro.nois_density=1", cwd=tmp_path)
     assert "as gyro.noise_density=0.001" in fails(*into_run, "--set", "gyro", cwd=tmp_path)
     assert "'hold'" in fails(*into_run, "--set", "trajectory_options.hodl=1", cwd=tmp_path)
+    idle = fails(*into_run, "--set", "terrain.wavelength=5", cwd=tmp_path)
+    assert "[terrain] wavelength has no effect, the ground does not roll: give rolling_deg" in idle
     assert "no such file" in fails(*into_run, "--scenario", "missing.toml", cwd=tmp_path)
     assert "trajectory_file" in fails(*into_run, "--trajectory", "recorded", cwd=tmp_path)
     assert "as 100:300" in fails(*into_run, "--outage", "x", cwd=tmp_path)

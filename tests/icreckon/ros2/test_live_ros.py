@@ -391,6 +391,106 @@ def test_its_own_odometry_is_no_input(ros: dict[str, str], tmp_path: Path) -> No
         assert running.stop() == 0, running.text()
 
 
+def without_topics(folder: Path) -> Path:
+    """Robot file without [log]."""
+    shipped = REPOSITORY / "estimator" / "robot" / "robots" / f"{ROBOT}.toml"
+    robot = folder / "robot.toml"
+    robot.write_text(shipped.read_text("utf-8").partition("\n[log")[0] + "\n", "utf-8")
+    return robot
+
+
+def test_what_is_misspelt_or_missing_is_warned_of(ros: dict[str, str], tmp_path: Path) -> None:
+    """The package's own parameters are all known, an empty start pose included."""
+    program = Path(sys.executable).parent / "icreckon"
+    config = REPOSITORY / "ros2" / "icreckon_ros" / "config" / "icreckon.yaml"
+    command = [
+        program, "ros2-node", "--robot", without_topics(tmp_path), "--variant", VARIANT,
+        "--ros-args", "--params-file", config, "-p", "robot_fle:=x.toml", "-p", "use_sim_time:=false",
+    ]  # fmt: skip
+    with started(ros, tmp_path / "node.log", command) as running:
+        until(lambda: "nobody has published /imu/data_raw" in running.text(), running)
+        assert running.stop() == 0, running.text()
+    text = running.text()
+    assert "parameter 'robot_fle' is unknown and has no effect; did you mean 'robot'?" in text
+    assert text.count("is unknown") == 1
+    assert "the robot file has no [log.tracks]; assuming tracks on /joint_states" in text
+    assert text.count("tracks: nobody has published /joint_states") == 1
+    assert "/initialpose" not in text
+
+
+def test_a_misspelt_joint_and_another_topic_are_named(
+    ros: dict[str, str], bag: Path, tmp_path: Path
+) -> None:
+    robot = without_topics(tmp_path)
+    tracks = 'topic = "/joint_states"\nleft = ["left_sproket"]\nright = ["right_sproket"]\n'
+    imu = 'topic = "/imu/raw"\n'
+    text = robot.read_text("utf-8") + f"\n[log.tracks]\n{tracks}\n[log.imu]\n{imu}"
+    robot.write_text(text, "utf-8")
+    program = Path(sys.executable).parent / "icreckon"
+    command = [program, "ros2-node", "--robot", robot, "--variant", VARIANT]
+    with started(ros, tmp_path / "node.log", command) as running:
+        until(lambda: "ready:" in running.text(), running)
+        player = [sys.executable, REPOSITORY / "tests" / "ros2_player.py", bag]
+        words = ["/joint_states,/imu/data_raw", RATE, "--subscribers", 0]
+        play = subprocess.Popen(list(map(str, [*player, *words])), env=ros)
+        until(
+            lambda: "/imu/raw" in running.text().partition("ready:")[2].partition("nobody")[2],
+            running,
+        )
+        until(lambda: "has not come on /joint_states" in running.text(), running)
+        assert play.wait(LONGEST) == 0
+        assert running.stop() == 0, running.text()
+    assert (
+        "joint 'left_sproket' of [log.tracks] has not come on /joint_states; there is "
+        "'left_track_joint', 'right_track_joint'"
+    ) in running.text()
+    assert "of a fitting type there is /imu/data_raw" in running.text()
+
+
+GIVE_POSE = """
+import sys, time
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+rclpy.init()
+node = rclpy.create_node("rviz")
+publisher = node.create_publisher(PoseWithCovarianceStamped, "/initialpose", 1)
+while not publisher.get_subscription_count():
+    time.sleep(0.05)
+message = PoseWithCovarianceStamped()
+message.pose.pose.position.x, message.pose.pose.position.y = 3.0, 4.0
+message.pose.pose.orientation.w = 1.0
+for frame in ("odom", "map"):
+    message.header.frame_id = frame
+    publisher.publish(message)
+    time.sleep(0.5)
+"""
+
+
+def test_a_given_pose_places_the_map(ros: dict[str, str], bag: Path, tmp_path: Path) -> None:
+    """Without fixes: by a parameter, then anew by a message; odom goes on."""
+    options = {"use_fixes": "false", "start_pose": "[1.0, 2.0, 0.5]"}
+    with (
+        recorder(ros, tmp_path / "out", OUTPUTS) as record,
+        node(ros, tmp_path / "node.log", **options) as running,
+    ):
+        until_ready(running, record, tmp_path / "out")
+        play_tracks(ros, bag)
+        subprocess.run([sys.executable, "-c", GIVE_POSE], env=ros, check=True, timeout=LONGEST)
+        until(lambda: "map starts anew at x 3.00 m, y 4.00 m" in running.text(), running)
+        assert "initialpose is in frame 'odom', not in 'map': not used" in running.text()
+        assert running.stop() == 0, running.text()
+        assert record.stop() == 0, record.text()
+    in_map = recorded(tmp_path / "out")["/pose_in_map"]
+    first = in_map[0].pose.pose
+    assert pose_of(first.position, first.orientation) == pytest.approx([1.0, 2.0, 0.5], abs=0.1)
+
+
+def play_tracks(environment: dict[str, str], bag: Path) -> None:
+    program = REPOSITORY / "tests" / "ros2_player.py"
+    command = [sys.executable, program, bag, ",".join(INPUTS[:2]), 8.0]
+    subprocess.run(list(map(str, command)), env=environment, check=True, timeout=2 * LONGEST)
+
+
 def test_a_missing_robot_is_one_clear_line(ros: dict[str, str]) -> None:
     program = Path(sys.executable).parent / "icreckon"
     done = subprocess.run(

@@ -19,6 +19,7 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from command_line import fails, icreckon
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import quaternion_to_yaw
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
@@ -28,6 +29,7 @@ from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import Outbox, write_bag
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.export.attitude import attitude_of, planar_attitude
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.replay_bag import _odometry, _poses, thinned, write_replay_bag
 from icreckon.replay.export.tables import icr_series, run_columns, write_poses, write_run
@@ -223,7 +225,8 @@ def test_tables_are_not_overwritten_unasked(tmp_path: Path, one: Run) -> None:
 @pytest.mark.parametrize("ros1", [True, False])
 def test_packed_messages_are_those_that_rosbags_serialises(one: Run, ros1: bool) -> None:
     messages = Messages(ros1=ros1)
-    box = _odometry("/odom", one.trajectory, "a_frame/base_link")
+    attitude = attitude_of(one)
+    box = _odometry("/odom", one.trajectory, attitude, "a_frame/base_link")
     sent = list(box.serialised(messages))
     assert len(sent) == len(one.stamps)
     deserialize = messages.store.deserialize_ros1 if ros1 else messages.store.deserialize_cdr
@@ -235,15 +238,21 @@ def test_packed_messages_are_those_that_rosbags_serialises(one: Run, ros1: bool)
         assert found.child_frame_id == "a_frame/base_link"
         x, y, yaw = one.trajectory.poses[row]
         assert (found.pose.pose.position.x, found.pose.pose.position.y) == (x, y)
-        turned = 2.0 * np.arctan2(found.pose.pose.orientation.z, found.pose.pose.orientation.w)
-        assert np.cos(turned - yaw) == pytest.approx(1.0)
+        q = found.pose.pose.orientation
+        assert (q.x, q.y, q.z, q.w) == tuple(attitude.quaternions[row])
+        assert np.cos(quaternion_to_yaw([q.x, q.y, q.z, q.w]) - yaw) == pytest.approx(1.0)
         for told, expected in (
             (found.pose.covariance, one.trajectory.pose_covariances[row]),
             (found.twist.covariance, one.trajectory.twist_covariances[row]),
         ):
             matrix = np.reshape(told, (6, 6))
             np.testing.assert_array_equal(matrix[np.ix_([0, 1, 5], [0, 1, 5])], expected)
-            np.testing.assert_array_equal(np.diag(matrix)[2:5], 1e6)
+            assert matrix[2, 2] == 1e6
+        tilts = np.diag(np.reshape(found.pose.covariance, (6, 6)))[3:5]
+        np.testing.assert_array_equal(tilts, attitude.variances[row])
+        assert (tilts > 0.0).all()
+        assert (tilts < 1.0).all()
+        np.testing.assert_array_equal(np.diag(np.reshape(found.twist.covariance, (6, 6)))[2:5], 1e6)
         assert found.twist.twist.angular.z == one.trajectory.twists[row, 2]
 
 
@@ -253,9 +262,10 @@ def test_half_an_hour_is_written_in_seconds(tmp_path: Path) -> None:
     covariances = np.tile(np.eye(3), (count, 1, 1))
     stamps = 10**18 + np.arange(count) * 20_000_000
     trajectory = Trajectory(stamps, poses, covariances, poses, covariances)
+    level = planar_attitude(poses[:, 2])
     start = time.process_time()
     path = write_bag(
-        tmp_path / "o.mcap", "mcap", [_odometry("/odom", trajectory, "b")], overwrite=False
+        tmp_path / "o.mcap", "mcap", [_odometry("/odom", trajectory, level, "b")], overwrite=False
     )
     # Packing is 0.07 s of it, where making message by message takes 2 s.
     assert time.process_time() - start < 5.0

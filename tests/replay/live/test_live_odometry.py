@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from bag_messages import joints, write_bag
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import compose, relative
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
@@ -32,6 +34,7 @@ from icreckon.simulation.simulate import simulate
 VARIANT = "constant-online"
 SETTINGS = Settings()
 SECONDS = 8.0
+LEFT_WHEELS, RIGHT_WHEELS = ["front_left", "rear_left"], ["front_right", "rear_right"]
 
 
 class Arrived(NamedTuple):
@@ -247,6 +250,124 @@ def test_a_map_that_begins_elsewhere_is_taken_over(
     assert abs((off + np.pi) % (2 * np.pi) - np.pi) < 0.3
 
 
+def with_odd_wheel(messages: list[Arrived]) -> list[Arrived]:
+    """Messages of a robot with four wheels, of which the front left one spins for three seconds."""
+    found = []
+    for one in messages:
+        if one.msgtype.endswith("JointState"):
+            left, right = one.message.velocity
+            elapsed = (one.arrival - messages[0].arrival) * 1e-9
+            excess = 8.0 if 3.0 <= elapsed < 6.0 else 0.0
+            speeds = np.array([left + excess, left, right, right])
+            wheels = joints(_stamp(one.message), speeds, [*LEFT_WHEELS, *RIGHT_WHEELS])
+            one = one._replace(message=wheels)
+        found.append(one)
+    return found
+
+
+def _stamp(message: Any) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
+def test_a_wheel_that_spins_is_left_out_live_as_in_the_replay(
+    robot: Robot, messages: list[Arrived], tmp_path: Path
+) -> None:
+    mapped = {**robot.log["tracks"], "left": LEFT_WHEELS, "right": RIGHT_WHEELS}
+    four = msgspec.structs.replace(robot, log={**robot.log, "tracks": mapped})
+    sent = with_odd_wheel(messages)
+    bag = write_bag(tmp_path / "bag", [(one.topic, one.message) for one in sent])
+    log = read_log(bag, four)
+    assert any("front_left and rear_left are up to" in note for note in log.notes)
+    alone = run(replace(log, fixes=None), four, VARIANT, settings=SETTINGS)
+    live = LiveOdometry(four, VARIANT, settings=SETTINGS, reorder=0.1, use_fixes=False)
+    rows, seen = {}, set()
+    for one in through(live, sent):
+        rows[one.stamp] = one
+        statuses = {status.name: status for status in LiveStatuses(live).report()}
+        seen.add(statuses["icreckon: slip"].message)
+    for k, stamp in enumerate(alone.stamps.tolist()):
+        assert rows[stamp].pose == pytest.approx(alone.trajectory.poses[k], abs=1e-9)
+    assert live.odom.health.slip.odd_wheels == alone.health.slip.odd_wheels == 1
+    assert any(text.startswith("front_left of the left side is 0.") for text in seen), seen
+    # It drives as without the fault.
+    sound = live_run(robot, messages, reorder=0.1, use_fixes=False)[-1]
+    assert rows[sound.stamp].pose == pytest.approx(sound.pose, abs=0.05)
+
+
+def test_a_start_pose_places_the_map_without_fixes(robot: Robot, messages: list[Arrived]) -> None:
+    start = (10.0, -5.0, 2.0)
+    estimates = live_run(robot, messages, use_fixes=False, start_pose=start, reorder=0.1)
+    alone = live_run(robot, messages, use_fixes=False, reorder=0.1)
+    placed = [one for one in estimates if one.map_pose is not None]
+    assert len(placed) > len(estimates) - 30
+    for one, other in zip(estimates, alone, strict=True):
+        assert np.array_equal(one.pose, other.pose)
+    last = placed[-1]
+    assert last.map_pose is not None
+    assert last.map_covariance is not None
+    assert relative(start, last.map_pose) == pytest.approx(last.pose, abs=0.02)
+    # AMCL's, and the drift.
+    assert last.map_covariance[0, 0] > 0.25
+
+
+def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[Arrived]) -> None:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, reorder=0.1)
+    half = len(messages) // 2
+    before = list(through(live, messages[:half]))[-1]
+    covariance = np.diag([0.04, 0.09, 0.01])
+    assert live.place((50.0, 20.0, 1.0), covariance)
+    # Fixes would draw it back.
+    after = list(through(live, [one for one in messages[half:] if "fix" not in one.topic]))
+    assert np.hypot(*(after[0].pose - before.pose)[:2]) < 0.1
+    first = next(one for one in after if one.map_pose is not None)
+    assert first.map_pose == pytest.approx((50.0, 20.0, 1.0), abs=0.1)
+    assert first.map_covariance is not None
+    assert np.diagonal(first.map_covariance) == pytest.approx([0.04, 0.09, 0.01], rel=0.05)
+    last = after[-1]
+    assert last.map_pose is not None
+    moved = relative(first.pose, last.pose)
+    assert relative(first.map_pose, last.map_pose) == pytest.approx(moved, abs=0.03)
+    assert live.map is not None
+    assert live.map.estimator is not None
+
+
+def test_a_pose_needs_a_map_and_finite_numbers(robot: Robot) -> None:
+    without = LiveOdometry(robot, VARIANT, settings=SETTINGS, use_fixes=False)
+    assert not without.place((0.0, 0.0, 0.0), np.zeros((3, 3)))
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    assert live.place((0.0, 0.0, 0.0), np.zeros((3, 3)))
+    for pose, variance in (((np.nan, 0.0, 0.0), 1.0), ((0.0, 0.0, 0.0), -1.0)):
+        with pytest.raises(EstimatorError, match="must be finite, and variances positive"):
+            live.place(pose, variance * np.eye(3))
+
+
+def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrived]) -> None:
+    live = LiveOdometry(
+        robot, VARIANT, settings=SETTINGS, use_fixes=False, start_pose=(3.0, 4.0, 0.0)
+    )
+    list(through(live, messages[: len(messages) // 2]))
+    live.restart()
+    again = [one for one in through(live, messages) if one.map_pose is not None]
+    assert again[0].map_pose == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
+
+
+def test_another_base_frame_is_a_fixed_place_on_the_robot(
+    robot: Robot, messages: list[Arrived]
+) -> None:
+    """With the same start in map, the map's poses are that place on the robot."""
+    offset = (-0.4, 0.1, 0.3)
+    at_centre = live_run(robot, messages, use_fixes=False, start_pose=(0.0, 0.0, 0.0))
+    start = tuple(compose((0.0, 0.0, 0.0), offset).tolist())
+    at_base = live_run(robot, messages, use_fixes=False, start_pose=start, base_offset=offset)
+    for centre, base in zip(at_centre, at_base, strict=True):
+        assert base.pose[2] == pytest.approx(centre.pose[2], abs=1e-9)
+        assert base.twist[2] == centre.twist[2]
+        if base.map_pose is not None and centre.map_pose is not None:
+            assert relative(centre.map_pose, base.map_pose) == pytest.approx(offset, abs=1e-9)
+    assert np.abs(at_base[-1].pose - at_centre[-1].pose).max() > 0.01
+
+
 def test_statuses_name_what_is_wrong(robot: Robot, messages: list[Arrived]) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
     statuses = LiveStatuses(live)
@@ -286,6 +407,7 @@ def test_invalid_options_are_refused(robot: Robot) -> None:
 
 def test_a_robot_without_topics_listens_to_those_of_the_simulator(robot: Robot) -> None:
     bare = msgspec.structs.replace(robot, log={})
+    assert LiveOdometry(bare, VARIANT, settings=SETTINGS).assumed_topics
     mapping = live_topics(bare)
     assert mapping.tracks is not None
     assert mapping.tracks.topic == "/joint_states"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from icreckon.estimator.filter.health import SensorHealth, Slide, SlipHealth
+from icreckon.estimator.filter.health import OddWheel, SensorHealth, Slide, SlipHealth
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.diagnostic_status import OK, WARN
 from icreckon.replay.live.odometry import LiveOdometry
@@ -33,10 +33,20 @@ from icreckon.replay.live.statuses import LiveStatuses, slip_status
         ),
         (SlipHealth(sideways=Slide(7, 0.9)), WARN, "the robot slides to the left at 0.90 m/s"),
         (SlipHealth(sideways=Slide(7, -0.9)), WARN, "the robot slides to the right at 0.90 m/s"),
+        (
+            SlipHealth(left_wheels=OddWheel(5, 1, 0.8, 9), odd_wheels=1),
+            WARN,
+            "rear_left of the left side is 0.80 m/s off and is not used",
+        ),
+        (
+            SlipHealth(right_wheels=OddWheel(5, None, 0.4, 9), odd_wheels=1),
+            WARN,
+            "the right wheels are 0.80 m/s apart, which is right is not clear",
+        ),
     ],
 )
 def test_slip_is_a_sentence(slip: SlipHealth, level: int, text: str) -> None:
-    status = slip_status(slip)
+    status = slip_status(slip, ["front_left", "rear_left"], ["front_right", "rear_right"])
     assert (status.level, status.message) == (level, text)
     assert status.values["slides"] == str(slip.slides)
 
@@ -53,3 +63,9 @@ def test_counts_that_begin_anew_are_no_negative_ones() -> None:
 def test_a_slide_has_its_values() -> None:
     values = slip_status(SlipHealth(forward=Slide(7, -1.2), slides=1)).values
     assert (values["forward_since_ns"], values["forward_m_s"]) == ("7", "-1.200")
+
+
+def test_wheels_have_theirs() -> None:
+    values = slip_status(SlipHealth(left_wheels=OddWheel(5, 1, 0.8, 9), odd_wheels=3)).values
+    found = values["left_wheels_since_ns"], values["left_wheels_samples"], values["odd_wheels"]
+    assert found == ("5", "9", "3")

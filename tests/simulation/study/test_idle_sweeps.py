@@ -215,3 +215,10 @@ def test_variants_and_cells_of_the_same_results_are_named() -> None:
     )
     page = study_page(results, [])
     assert page.index(first) < page.index(second) < page.index('class="headline"')
+
+
+def test_terrain_without_what_it_belongs_to_is_refused_unless_that_is_swept() -> None:
+    waves = Terrain(wavelength=5.0)
+    with pytest.raises(SimulationError, match=r"scenario: \[terrain\] wavelength has no effect"):
+        check(terrain=waves)
+    check(Sweep(grid={"terrain.rolling_deg": [1.0, 3.0]}), terrain=waves)

@@ -1,0 +1,229 @@
+"""Wheels of one side that disagree: one spins, is blocked, or its sensor fails.
+
+The wheels of a side roll over the ground at one speed. If each has a motor and a sensor of its own, one
+that loses its grip or sticks shows it with certainty. Of three wheels or more the median counts. Of two,
+the one counts that fits the other side's speed and the gyro; as long as that does not decide, their mean
+does, and its error grows with the time. Wheels that are coupled never disagree.
+
+The record and its density are for plain Python and for numba, see `estimator.base.records`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
+import msgspec
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import NEVER, Count, Size, plain_copy
+from icreckon.estimator.faults.spinning_tracks import (
+    LONGEST,
+    SpinRecord,
+    is_found,
+    spread_of_bends,
+    width_of_bends,
+)
+
+NO_WHEEL = -1
+# Distance of two wheels of a side that is more than control and tyres explain: this much [m/s], or this
+# share of the fastest speed.
+LEAST_APART, OF_FASTEST = 0.15, 0.1
+# Way by which wheels must have disagreed to be reported [m], and time of agreement that ends it [s].
+LEAST_WAY, OVER = 0.1, 0.2
+# The gyro decides between two speeds if one is as near to that which it shows as this share of their
+# distance, the error of the latter included.
+NEAR = 0.3
+# That error: so many standard deviations of the robot's bends, at least this share of the difference of
+# the sides; and before bends have shown how the robot turns, for each rad/s [m].
+SIGMAS, LEAST_SHARE, UNKNOWN_WIDTH = 3.0, 0.15, 2.0
+
+
+class WheelsRecord(msgspec.Struct):
+    """Record of the wheels of one side.
+
+    Attributes:
+        since: stamp from which on they disagree [ns], or NEVER.
+        newest: stamp of the newest sample in which they did [ns], or NEVER.
+        decided: stamp at which it was last certain which of them is right [ns], or NEVER.
+        odd: index of the wheel that is not used, or `NO_WHEEL`.
+        apart: distance of that wheel from the speed of the side, or else of the two speeds that are
+            possible from their mean [m/s].
+        doubt: standard deviation of the side's speed, because it is not certain which is right [m/s].
+        way: way by which the wheels have disagreed [m].
+        samples: number of samples in which they did.
+        times: number of times that they were found to disagree.
+    """
+
+    since: int = NEVER
+    newest: int = NEVER
+    decided: int = NEVER
+    odd: Annotated[int, msgspec.Meta(ge=NO_WHEEL)] = NO_WHEEL
+    apart: Size = 0.0
+    doubt: Size = 0.0
+    way: Size = 0.0
+    samples: Count = 0
+    times: Count = 0
+
+    def shifted(self, by: int) -> WheelsRecord:
+        """Copy for a clock that is ahead by so much [ns]."""
+        twin = plain_copy(WheelsRecord, self)
+        if twin.since != NEVER:
+            twin.since += by
+            twin.newest += by
+        if twin.decided != NEVER:
+            twin.decided += by
+        return twin
+
+
+class Middle(NamedTuple):
+    """Speeds that a side may have, by its wheels.
+
+    Attributes:
+        low: the lower one [m/s].
+        high: the higher one; the same if the wheels decide [m/s].
+        agrees: True if no wheel disagrees.
+    """
+
+    low: float
+    high: float
+    agrees: bool
+
+
+def least_apart(fastest: float) -> float:
+    """Least distance of two wheels that disagree, by the fastest track [m/s]."""
+    return max(LEAST_APART, OF_FASTEST * fastest)
+
+
+def middle_of(mean: float, wheels: Sequence[float], limit: float) -> Middle:
+    """Speeds that a side may have.
+
+    Args:
+        mean: mean of its wheels [m/s].
+        wheels: speeds of the wheels [m/s]; fewer than two say nothing.
+        limit: least distance of two that disagree [m/s].
+    """
+    if len(wheels) < 2:
+        return Middle(mean, mean, True)
+    ordered = sorted(wheels)
+    if ordered[-1] - ordered[0] <= limit:
+        return Middle(mean, mean, True)
+    low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
+    if high - low > limit:
+        return Middle(low, high, False)
+    return Middle(0.5 * (low + high), 0.5 * (low + high), False)
+
+
+def are_found(wheels: WheelsRecord) -> bool:
+    """Return True while wheels are found to disagree."""
+    return wheels.way >= LEAST_WAY
+
+
+def take_wheels(
+    left: WheelsRecord,
+    right: WheelsRecord,
+    spin: SpinRecord,
+    stamp: int,
+    middles: tuple[Middle, Middle],
+    wheels: tuple[Sequence[float], Sequence[float]],
+) -> tuple[float, float]:
+    """Add a sample of the wheels of both sides; return the speeds of the sides [m/s].
+
+    Args:
+        left: record of the left side, changed in place.
+        right: record of the right side, changed in place.
+        spin: record of a spinning track, with the gyro's yaw rate.
+        stamp: stamp of the sample [ns].
+        middles: speeds that the left and the right side may have.
+        wheels: speeds of the wheels of both sides [m/s].
+    """
+    one, other = middles
+    turning, error = _turning(spin, stamp)
+    expected_left = other.low - turning if other.low == other.high else math.nan
+    expected_right = one.low + turning if one.low == one.high else math.nan
+    return (
+        _take_side(left, stamp, one, wheels[0], expected_left, error),
+        _take_side(right, stamp, other, wheels[1], expected_right, error),
+    )
+
+
+def _turning(spin: SpinRecord, stamp: int) -> tuple[float, float]:
+    """Difference of the sides by the gyro, right less left, and its error [m/s].
+
+    It is NaN if the gyro says nothing: it is silent, it fails, or a whole track spins.
+    """
+    is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST
+    if not is_recent or is_found(spin):
+        return math.nan, 0.0
+    width = width_of_bends(spin)
+    if width == 0.0:
+        return 0.0, UNKNOWN_WIDTH * abs(spin.rate)
+    turning = width * spin.rate
+    return turning, max(LEAST_SHARE, SIGMAS * spread_of_bends(spin)) * abs(turning)
+
+
+def _take_side(
+    side: WheelsRecord,
+    stamp: int,
+    middle: Middle,
+    wheels: Sequence[float],
+    expected: float,
+    error: float,
+) -> float:
+    """Add a sample of one side; return its speed [m/s]."""
+    if middle.agrees:
+        if side.since != NEVER and (stamp - side.newest) * NANOSECOND > OVER:
+            _forget(side)
+        return middle.low
+    if side.since == NEVER:
+        side.since = side.newest = stamp
+    was_found, before = are_found(side), side.newest
+    side.newest = stamp
+    side.samples += 1
+    interval = min(OVER, (stamp - before) * NANOSECOND)
+    side.way += (max(wheels) - min(wheels)) * interval
+    side.times += are_found(side) and not was_found
+    low, high = middle.low, middle.high
+    speed, half = 0.5 * (low + high), 0.5 * (high - low)
+    nearest = low if abs(low - expected) < abs(high - expected) else high
+    # False if nothing is expected.
+    decides = half == 0.0 or abs(nearest - expected) + error < NEAR * (high - low)
+    side.doubt = 0.0 if decides else half
+    if decides:
+        speed, side.decided = (nearest if half else speed), stamp
+    elif 0 <= side.odd < len(wheels):
+        # What was certain goes on, less and less so.
+        odd = wheels[side.odd]
+        speed = high if abs(odd - low) < abs(odd - high) else low
+    else:
+        side.apart = half
+        return speed
+    side.odd = max(range(len(wheels)), key=lambda k: abs(wheels[k] - speed))
+    side.apart = abs(wheels[side.odd] - speed)
+    return speed
+
+
+def _forget(side: WheelsRecord) -> None:
+    """Reset the record: the wheels agree again."""
+    side.since = side.newest = side.decided = NEVER
+    side.odd, side.samples = NO_WHEEL, 0
+    side.apart = side.doubt = side.way = 0.0
+
+
+def wheel_density(side: WheelsRecord, newest: int, start: int, end: int) -> float:
+    """Error density over a step of a side whose wheels disagree, if in doubt [m²/s].
+
+    The distance is off by the doubt times its duration, at one standard deviation.
+
+    Args:
+        side: record.
+        newest: stamp of the newest track speeds [ns].
+        start: stamp of the step's start [ns].
+        end: stamp of its end [ns].
+    """
+    if side.doubt == 0.0 or side.newest != newest or newest == NEVER:
+        return 0.0
+    since = max(side.since, side.decided)
+    age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
+    return 2.0 * side.doubt * side.doubt * age

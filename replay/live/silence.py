@@ -1,0 +1,60 @@
+"""Inputs that do not come: topics without messages, joints that are in none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from icreckon.estimator.base.errors import nearest_hint
+
+MOST_NAMES = 8
+"""Most topics that a warning lists."""
+
+
+def silent_topic(
+    purpose: str,
+    topic: str,
+    fitting: Iterable[str],
+    available: Mapping[str, Sequence[str]],
+    waited: float,
+) -> str:
+    """Text on a topic on which nothing has come.
+
+    Args:
+        purpose: purpose of the stream.
+        topic: the topic.
+        fitting: message types that can be read for it.
+        available: types of the topics that somebody publishes.
+        waited: time since the start [s].
+    """
+    if topic in available:
+        return (
+            f"{purpose}: {topic} has a publisher, and no message has come for {waited:.0f} s: does the "
+            "driver run, and is input_reliability:=best_effort needed?"
+        )
+    types = set(fitting)
+    others = sorted(name for name, of in available.items() if types & set(of))
+    if not others:
+        found = f"there is none of type {' or '.join(sorted(types))}" if types else ""
+    else:
+        more = f" and {len(others) - MOST_NAMES} more" if len(others) > MOST_NAMES else ""
+        found = f"of a fitting type there is {', '.join(others[:MOST_NAMES])}{more}"
+    return (
+        f"{purpose}: nobody has published {topic} for {waited:.0f} s{'; ' if found else ''}{found}; name "
+        f"the topic in [log.{purpose}] of the robot file"
+    )
+
+
+def missing_joints(topic: str, wanted: Iterable[str], seen: Iterable[str]) -> list[str]:
+    """Text on each mapped joint that is in no message.
+
+    Args:
+        topic: topic of the joints.
+        wanted: names of the joints in the robot file.
+        seen: names in the messages.
+    """
+    found = sorted(seen)
+    return [
+        f"joint {name!r} of [log.tracks] has not come on {topic}{nearest_hint(name, found)}"
+        for name in wanted
+        if name not in found
+    ]

@@ -1,0 +1,79 @@
+"""Wheels of each side: their mean, and those that disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.faults.odd_wheels import LEAST_WAY, OVER, least_apart
+from icreckon.estimator.log.series import TrackSpeedSeries
+
+
+class Sides(NamedTuple):
+    """Track speeds by the wheels of both sides.
+
+    Attributes:
+        tracks: track speeds, with those of the wheels if any disagree.
+        notes: findings about wheels that do, for the user.
+    """
+
+    tracks: TrackSpeedSeries
+    notes: list[str]
+
+
+def mean_of_sides(values: Floats, left: int) -> Floats:
+    """Means (n, 2) of the values (n, k) of the left and the right side.
+
+    Args:
+        values: values of the left wheels, then of the right ones.
+        left: number of the left ones.
+    """
+    return np.column_stack([values[:, :left].mean(axis=1), values[:, left:].mean(axis=1)])
+
+
+def of_sides(
+    stamps: Stamps, speeds: Floats, left: int, names: Sequence[str], fastest: float
+) -> Sides:
+    """Track speeds by those of the wheels of both sides.
+
+    Args:
+        stamps: (n,) [ns], rising.
+        speeds: (n, k) of the left wheels, then of the right ones [m/s].
+        left: number of the left ones.
+        names: (k,) names of the wheels.
+        fastest: highest speed of a track [m/s].
+    """
+    means = mean_of_sides(speeds, left)
+    wheels = speeds[:, :left], speeds[:, left:]
+    disagree = [_range(one) > least_apart(fastest) for one in wheels]
+    if not (disagree[0].any() or disagree[1].any()):
+        return Sides(TrackSpeedSeries(stamps, means), [])
+    intervals = np.minimum(np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, OVER)
+    notes = []
+    sides = zip(("left", "right"), wheels, disagree, (names[:left], names[left:]), strict=True)
+    for side, of_side, odd, of_names in sides:
+        if (_range(of_side) * intervals)[odd].sum() >= LEAST_WAY:
+            seconds = float(intervals[odd].sum())
+            notes.append(
+                f"wheels of the {side} side disagree for {seconds:.1f} s: "
+                + _which(of_side[odd], of_names)
+            )
+    return Sides(TrackSpeedSeries(stamps, means, *wheels), notes)
+
+
+def _range(wheels: Floats) -> Floats:
+    """Distance (n,) of the fastest wheel from the slowest [m/s]."""
+    return np.ptp(wheels, axis=1) if wheels.shape[1] else np.zeros(len(wheels))
+
+
+def _which(wheels: Floats, names: Sequence[str]) -> str:
+    """Text on the wheel that is furthest from the others, by samples (n, k)."""
+    if len(names) == 2:
+        apart = float(_range(wheels).max())
+        return f"{names[0]} and {names[1]} are up to {apart:.2f} m/s apart"
+    off = np.abs(wheels - np.median(wheels, axis=1, keepdims=True))
+    odd = int(off.sum(axis=0).argmax())
+    return f"{names[odd]} is up to {off[:, odd].max():.2f} m/s off"

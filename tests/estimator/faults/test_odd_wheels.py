@@ -1,0 +1,291 @@
+"""A wheel that disagrees with the others of its side is found, left out, and costs little."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import odd_wheel as benchmark
+import pytest
+from _logs import WITH_TRUTH
+
+from conftest import sample_log
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.faults.odd_wheels import (
+    NO_WHEEL,
+    Middle,
+    WheelsRecord,
+    are_found,
+    middle_of,
+    take_wheels,
+    wheel_density,
+)
+from icreckon.estimator.faults.spinning_tracks import SpinRecord
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.reading.read_log import read_log
+
+STEP, LIMIT = 20_000_000, 0.15
+AGREE = (0.5, 0.5)
+
+
+@pytest.fixture(scope="module")
+def drive(robot: Robot) -> Log:
+    return benchmark.with_odd_wheel(benchmark.drive(robot, 1, 2), benchmark.LATER)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "middle"),
+    [
+        ((0.7,), Middle(0.4, 0.4, True)),
+        ((0.5, 0.6), Middle(0.4, 0.4, True)),
+        ((0.5, 1.3), Middle(0.5, 1.3, False)),
+        ((1.3, 0.5, 0.6), Middle(0.6, 0.6, False)),
+        ((0.5, -0.3, 0.6, 0.6), Middle(0.55, 0.55, False)),
+        ((0.5, 0.6, 1.3, 1.4), Middle(0.6, 1.3, False)),
+    ],
+)
+def test_most_wheels_decide(wheels: tuple[float, ...], middle: Middle) -> None:
+    assert middle_of(0.4, wheels, LIMIT) == pytest.approx(middle)
+
+
+class Sides:
+    """Both sides of a robot that drives straight on, as far as its gyro says."""
+
+    def __init__(self) -> None:
+        self.left, self.right, self.spin = WheelsRecord(), WheelsRecord(), SpinRecord()
+        self.stamp = 0
+
+    def take(
+        self,
+        left: tuple[float, ...],
+        right: tuple[float, ...] = AGREE,
+        *,
+        rate: float | None = 0.0,
+        times: int = 1,
+    ) -> tuple[float, float]:
+        for _ in range(times):
+            self.stamp += STEP
+            if rate is not None:
+                self.spin.stamp, self.spin.rate = self.stamp, rate
+            middles = tuple(middle_of(sum(one) / len(one), one, LIMIT) for one in (left, right))
+            speeds = take_wheels(
+                self.left, self.right, self.spin, self.stamp, middles, (left, right)
+            )
+        return speeds
+
+    def density(self) -> float:
+        return wheel_density(self.left, self.stamp, self.stamp, self.stamp + STEP)
+
+
+@pytest.mark.parametrize(("left", "odd"), [((1.3, 0.5), 0), ((0.5, 0.0), 1)])
+def test_the_gyro_decides_between_two(left: tuple[float, float], odd: int) -> None:
+    sides = Sides()
+    assert sides.take(left) == (0.5, 0.5)
+    assert (sides.left.odd, sides.density()) == (odd, 0.0)
+    assert not are_found(sides.left)
+    sides.take(left, times=12)
+    assert are_found(sides.left)
+    assert not are_found(sides.right)
+    assert (sides.left.samples, sides.left.times, sides.left.since) == (13, 1, STEP)
+    assert sides.left.apart == pytest.approx(abs(left[0] - left[1]))
+
+
+def test_a_wheel_of_the_other_side_may_be_odd_too() -> None:
+    """Nothing decides then, and both are in doubt."""
+    sides = Sides()
+    assert sides.take((1.3, 0.5), (0.5, 1.3)) == (0.9, 0.9)
+    assert sides.left.odd == sides.right.odd == NO_WHEEL
+    assert sides.left.doubt == sides.right.doubt == pytest.approx(0.4)
+
+
+def test_three_need_no_gyro() -> None:
+    sides = Sides()
+    assert sides.take((0.5, 1.3, 0.52), rate=None, times=10) == (0.52, 0.5)
+    assert (sides.left.odd, sides.density(), are_found(sides.left)) == (1, 0.0, True)
+
+
+def test_doubt_grows_with_its_time_until_the_gyro_comes() -> None:
+    """The distance is off by the doubt times its duration, at one standard deviation."""
+    sides, variance = Sides(), 0.0
+    for _ in range(100):
+        assert sides.take((1.3, 0.5), rate=None) == (0.9, 0.5)
+        variance += sides.density() * STEP * NANOSECOND
+    assert sides.left.odd == NO_WHEEL
+    assert math.sqrt(variance) == pytest.approx(0.4 * 100 * STEP * NANOSECOND, rel=0.01)
+    assert sides.take((1.3, 0.5)) == (0.5, 0.5)
+    assert sides.density() == 0.0
+    # Without it, what was certain goes on, and is doubted more and more.
+    sides.stamp += 10 * STEP
+    assert sides.take((1.3, 0.5), rate=None) == (0.5, 0.5)
+    before = sides.density()
+    sides.take((1.3, 0.5), rate=None, times=5)
+    assert 0.0 < before < sides.density()
+
+
+def test_a_gyro_that_fits_neither_does_not_decide() -> None:
+    sides = Sides()
+    assert sides.take((1.3, 0.5), (0.9, 0.9)) == (0.9, 0.9)
+    # Before bends, a turn says little of the speeds.
+    assert sides.take((1.3, 0.5), rate=0.5)[0] == 0.9
+    sides.spin.way = 1.0
+    assert sides.take((1.3, 0.5))[0] == 0.9
+
+
+def test_agreement_ends_it_and_a_moment_is_not_reported() -> None:
+    sides = Sides()
+    sides.take((1.3, 0.5), times=2)
+    assert not are_found(sides.left)
+    sides.take((1.3, 0.5), times=10)
+    assert sides.take((0.5, 0.6)) == (0.55, 0.5)
+    assert are_found(sides.left)
+    assert sides.density() == 0.0
+    sides.take((0.5, 0.6), times=15)
+    assert sides.left == WheelsRecord(times=1)
+
+
+def test_what_is_shifted_is_the_clock() -> None:
+    sides = Sides()
+    sides.take((1.3, 0.5), times=10)
+    later = sides.left.shifted(7)
+    assert (later.since, later.newest) == (STEP + 7, sides.stamp + 7)
+    assert (later.decided, later.odd) == (sides.stamp + 7, 0)
+    assert WheelsRecord().shifted(7) == WheelsRecord()
+
+
+@pytest.mark.parametrize("variant", benchmark.VARIANTS)
+def test_a_free_wheel_costs_little(variant: str, robot: Robot, drive: Log) -> None:
+    """1.2 m if the mean were believed."""
+    found = benchmark.motion_over_fault(drive, robot, variant, benchmark.LATER)
+    assert found.error < 0.2
+    assert found.error < 3.0 * found.sigma
+    assert found.delay < 0.25
+
+
+def test_health_names_the_wheel_while_it_spins(robot: Robot, drive: Log) -> None:
+    estimator, seen = PoseEstimator(robot, "gyro"), set()
+    for measurement in drive.measurements():
+        estimator.feed(measurement)
+        slip = estimator.health.slip
+        odd = slip.left_wheels
+        if odd is not None:
+            after = (odd.since - drive.start) * NANOSECOND - benchmark.LATER
+            assert 0.0 <= after < 0.1
+            assert odd.apart == pytest.approx(benchmark.EXCESS, abs=0.3)
+            assert odd.samples > 1
+        seen.add((None if odd is None else odd.wheel, slip.right_wheels, slip.odd_wheels))
+    assert seen == {(None, None, 0), (0, None, 1), (None, None, 1)}
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_engines_agree_on_an_odd_wheel(variant: str, robot: Robot, drive: Log) -> None:
+    compiled = run(drive, robot, variant)
+    plain = run(drive, robot, variant, settings=Settings(engine="plain"))
+    assert plain.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
+    assert plain.health.slip == compiled.health.slip
+    assert compiled.health.slip.odd_wheels == 1
+
+
+def test_engines_agree_while_in_doubt(robot: Robot) -> None:
+    """Without a gyro the mean counts, and its error grows."""
+    drive = benchmark.drive(robot, 1, 2, 10.0)
+    odd = replace(benchmark.with_odd_wheel(drive, benchmark.SOON), imu=None)
+    compiled, certain = run(odd, robot, "inertia-online"), run(drive, robot, "inertia-online")
+    plain = run(odd, robot, "inertia-online", settings=Settings(engine="plain"))
+    assert plain.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
+    assert plain.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
+    assert compiled.state_sigmas[-1, 0] > 0.3 + certain.state_sigmas[-1, 0]
+
+
+def test_lanes_leave_such_logs_to_the_streaming_filter(robot: Robot, drive: Log) -> None:
+    with pytest.raises(BatchError, match="wheels of one side that disagree"):
+        run_side_by_side(drive, robot, ["gyro"])
+    one_by_one, at_once = (PoseEstimator(robot, "gyro") for _ in range(2))
+    for measurement in drive.measurements():
+        one_by_one.feed(measurement)
+    assert drive.imu is not None
+    feed_arrays(at_once, drive.tracks, drive.imu)
+    assert np.array_equal(at_once.state, one_by_one.state)
+
+
+def test_wheels_that_come_late_are_where_they_belong(robot: Robot, drive: Log) -> None:
+    middle = drive.start + round((benchmark.LATER + 1.5) * 1e9)
+    measurements = [one for one in drive.measurements() if one.stamp <= middle]
+    late = [
+        one
+        for one in measurements
+        if isinstance(one, TrackSpeeds) and middle - 5e8 < one.stamp < middle - 3e8
+    ]
+    assert len(late) >= 5
+    in_order, with_late = (PoseEstimator(robot, "gyro") for _ in range(2))
+    for one in measurements:
+        in_order.feed(one)
+    for one in [*(one for one in measurements if one not in late), *late]:
+        with_late.feed(one)
+    assert with_late.state == pytest.approx(in_order.state, abs=1e-9)
+    assert with_late.health.slip == in_order.health.slip
+    assert in_order.health.slip.left_wheels is not None
+
+
+def test_a_restored_estimator_goes_on_in_the_middle(
+    robot: Robot, drive: Log, tmp_path: Path
+) -> None:
+    estimator, middle = PoseEstimator(robot, "gyro"), drive.start + 31 * benchmark.SECOND
+    measurements = list(drive.measurements())
+    for measurement in measurements:
+        if measurement.stamp <= middle:
+            estimator.feed(measurement)
+    assert estimator.health.slip.left_wheels is not None
+    estimator.save(tmp_path / "state.json")
+    restored = PoseEstimator.restore(tmp_path / "state.json", robot, "gyro")
+    for measurement in measurements:
+        if measurement.stamp > middle:
+            estimator.feed(measurement)
+            restored.feed(measurement)
+    assert np.array_equal(restored.state, estimator.state)
+    assert restored.health.slip == estimator.health.slip
+
+
+def test_a_log_keeps_the_wheels(drive: Log) -> None:
+    again = Log.from_measurements(drive.measurements())
+    part = again.between(drive.start, drive.start + 10**9).tracks
+    assert drive.tracks.left_wheels is not None
+    assert part.left_wheels is not None
+    assert part.right_wheels is not None
+    assert np.array_equal(part.left_wheels, drive.tracks.left_wheels[: len(part.stamps)])
+    assert part.right_wheels.shape == (len(part.stamps), 2)
+    mixed = [TrackSpeeds(0, 0.1, 0.1), TrackSpeeds(1, 0.1, 0.1, (0.1, 0.1), (0.1, 0.1))]
+    with pytest.raises(EstimatorError, match=r"as many wheels in each sample; found .*\(0, 0\)"):
+        Log.from_measurements(mixed)
+
+
+def test_wheels_that_are_no_numbers_are_refused(robot: Robot) -> None:
+    estimator = PoseEstimator(robot, "gyro")
+    with pytest.raises(EstimatorError, match="tracks: left_wheels must be numbers, found"):
+        estimator.feed(TrackSpeeds(0, 0.1, 0.1, ("a", 0.1), (0.1, 0.1)))  # type: ignore[arg-type]
+    assert not estimator.feed(TrackSpeeds(0, 0.1, 0.1, (math.nan, 0.1), (0.1, 0.1)))
+    assert estimator.health.sensors["tracks"].rejected == {"not finite": 1}
+    lists = TrackSpeeds(0, 0.1, 0.1, [0.1, 0.1], np.array([0.1, 0.1]))  # type: ignore[arg-type]
+    assert estimator.feed(lists)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("trajectory_seed", [3, 4])
+def test_no_false_alarm_in_ordinary_drives(count: int, trajectory_seed: int, robot: Robot) -> None:
+    assert benchmark.false_alarms(benchmark.drive(robot, trajectory_seed, count), robot) == 0
+
+
+@pytest.mark.parametrize("name", ["husky_deflated_part1", "marmotte_part1"])
+def test_no_false_alarm_on_real_logs(name: str, data_dir: Path) -> None:
+    robot = load_robot(WITH_TRUTH[name])
+    log = benchmark.with_wheels(read_log(sample_log(data_dir, name), robot), 2)
+    assert benchmark.false_alarms(log, robot) == 0

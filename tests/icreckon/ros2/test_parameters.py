@@ -1,0 +1,50 @@
+"""Parameters of the node, and messages, without ROS."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+import pytest
+
+from bag_messages import pose_with_covariance
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.ros2.messages import pose_of
+from icreckon.ros2.parameters import options_from, unknown_parameters
+
+
+def test_unknown_parameters_come_with_the_nearest() -> None:
+    known = ["robot", "base_offset", "use_sim_time", "qos_overrides./tf.publisher.depth"]
+    assert unknown_parameters(known) == []
+    (text,) = unknown_parameters([*known, "robot_fle"])
+    assert text == "parameter 'robot_fle' is unknown and has no effect; did you mean 'robot'?"
+
+
+@pytest.mark.parametrize("values", [[1, 2, 0], array("d", [1.0, 2.0, 0.0]), array("q", [1, 2, 0])])
+def test_a_pose_is_three_numbers_of_any_kind(values: object) -> None:
+    options = options_from({"robot": "a", "start_pose": values, "base_offset": values})
+    assert options.start == options.base == (1.0, 2.0, 0.0)
+
+
+def test_without_them_there_is_no_start_and_no_offset() -> None:
+    options = options_from({"robot": "a", "start_pose": []})
+    assert options.start is None
+    assert options.base == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", ["start_pose", "base_offset"])
+@pytest.mark.parametrize("values", [[1.0, 2.0], [1.0, 2.0, float("nan")]])
+def test_no_pose_is_one_clear_line(name: str, values: list[float]) -> None:
+    with pytest.raises(EstimatorError, match=rf"parameter {name} must be three numbers, x, y"):
+        options_from({"robot": "a", name: values})
+
+
+def test_a_pose_message_is_planar() -> None:
+    turned = (0.0, 0.0, 2.0 * np.sin(0.2), 2.0 * np.cos(0.2))
+    message = pose_with_covariance(0, (0.1, 0.2, 0.3), x=1.0, y=2.0, q=turned)
+    pose, covariance = pose_of(message)
+    assert pose == pytest.approx((1.0, 2.0, 0.4))
+    assert np.array_equal(np.array(covariance), np.diag([0.1, 0.2, 0.3]))
+    for zero in ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, np.nan, 1.0)):
+        with pytest.raises(EstimatorError, match="orientation is no rotation"):
+            pose_of(pose_with_covariance(0, (0.1, 0.2, 0.3), q=zero))
