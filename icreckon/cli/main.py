@@ -61,9 +61,24 @@ Definitions = Annotated[
         "repeatable.",
     ),
 ]
+
+
+def _limit_unpacking(context: typer.Context, gigabytes: float) -> float:
+    """Set the limit of unpacked sizes until the command ends."""
+    from icreckon.replay.bags.unpacking import unpacked_limit
+
+    context.with_resource(unpacked_limit(gigabytes))
+    return gigabytes
+
+
 UnpackedLimit = Annotated[
     float,
-    typer.Option(min=0.0, help="Largest unpacked size of a chunk or message of a bag, in GB."),
+    typer.Option(
+        "--unpacked-limit",
+        callback=_limit_unpacking,
+        help="Largest unpacked size of a chunk or message of a bag, of a table, or of a bag that is "
+        "compressed as a whole, in GB.",
+    ),
 ]
 Formats = Annotated[
     str | None,
@@ -246,7 +261,7 @@ def replay(
         ),
     ] = None,
     msg: Definitions = None,
-    unpacked_limit: UnpackedLimit = 0.5,
+    _unpacked_limit: UnpackedLimit = 0.5,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -274,24 +289,22 @@ def replay(
     If the log has a ground truth, they are scored against it, otherwise compared with one another.
     """
     from icreckon.cli.replay import run_replay
-    from icreckon.replay.bags import unpacking as limits
 
-    with limits.unpacked_limit(unpacked_limit):
-        run_replay(
-            paths=log,
-            message_files=msg or [],
-            robot_name=robot,
-            variants=variants,
-            fixes=fixes,
-            smooth=smooth,
-            engine=engine,
-            formats=formats,
-            out=out,
-            as_json=json,
-            wide=wide,
-            overwrite=overwrite,
-            workers=workers,
-        )
+    run_replay(
+        paths=log,
+        message_files=msg or [],
+        robot_name=robot,
+        variants=variants,
+        fixes=fixes,
+        smooth=smooth,
+        engine=engine,
+        formats=formats,
+        out=out,
+        as_json=json,
+        wide=wide,
+        overwrite=overwrite,
+        workers=workers,
+    )
 
 
 @app.command()
@@ -301,7 +314,7 @@ def inspect(
         Path | None, typer.Option(help="Write the proposed robot file here, to be completed.")
     ] = None,
     msg: Definitions = None,
-    unpacked_limit: UnpackedLimit = 0.5,
+    _unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
@@ -309,12 +322,8 @@ def inspect(
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
     from icreckon.cli.inspect import run_inspect
-    from icreckon.replay.bags import unpacking as limits
 
-    with limits.unpacked_limit(unpacked_limit):
-        run_inspect(
-            paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite
-        )
+    run_inspect(paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite)
 
 
 @app.command()
@@ -331,7 +340,7 @@ def check(
         ),
     ] = None,
     msg: Definitions = None,
-    unpacked_limit: UnpackedLimit = 0.5,
+    _unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace earlier settings at --ros.")
@@ -343,17 +352,15 @@ def check(
     anything does.
     """
     from icreckon.cli.check import run_check
-    from icreckon.replay.bags import unpacking as limits
 
-    with limits.unpacked_limit(unpacked_limit):
-        run_check(
-            paths=log,
-            message_files=msg or [],
-            robot_name=robot,
-            ros=ros,
-            as_json=json,
-            overwrite=overwrite,
-        )
+    run_check(
+        paths=log,
+        message_files=msg or [],
+        robot_name=robot,
+        ros=ros,
+        as_json=json,
+        overwrite=overwrite,
+    )
 
 
 @app.command()
@@ -392,7 +399,7 @@ def calibrate(
         float, typer.Option(help="Length of the segments that are predicted, in seconds.")
     ] = 3.0,
     msg: Definitions = None,
-    unpacked_limit: UnpackedLimit = 0.5,
+    _unpacked_limit: UnpackedLimit = 0.5,
     out: Out = None,
     json: Json = False,
     overwrite: Overwrite = False,
@@ -402,21 +409,19 @@ def calibrate(
     Reports which parameters the logs determine, and which model they support.
     """
     from icreckon.cli.calibrate import run_calibrate
-    from icreckon.replay.bags import unpacking as limits
 
-    with limits.unpacked_limit(unpacked_limit):
-        run_calibrate(
-            paths=log,
-            message_files=msg or [],
-            robot_name=robot,
-            write=write,
-            lever_arm=lever_arm,
-            models=models,
-            segment=segment,
-            out=out,
-            as_json=json,
-            overwrite=overwrite,
-        )
+    run_calibrate(
+        paths=log,
+        message_files=msg or [],
+        robot_name=robot,
+        write=write,
+        lever_arm=lever_arm,
+        models=models,
+        segment=segment,
+        out=out,
+        as_json=json,
+        overwrite=overwrite,
+    )
 
 
 # Former name of the command, which goes with the next version.

@@ -1,5 +1,5 @@
-"""Bag files: reading, decoding, recovery of damaged files, writing.
+"""Files of logs, bags and tables: reading, decoding, recovery, writing.
 
-In: bag files. Out: raw records and decoded messages. The only room that imports rosbags and mcap.
-Below: `base`.
+In: bag files and table files. Out: raw records, decoded messages, tables. It limits what a file may
+unpack to, and is the only room that imports rosbags and mcap. Below: `base`.
 """

@@ -1,7 +1,7 @@
 """Bag reader: channels and raw messages, recovered if the index is broken.
 
 `over_bag` hides the difference. The content decides the format: ROS 1 bag, ROS 2 folder, bare MCAP
-or SQLite file.
+or SQLite file. Files that are compressed as a whole are unpacked first.
 """
 
 from __future__ import annotations
@@ -9,19 +9,23 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Protocol, Self, TypeVar
 
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
+from icreckon.replay.bags.readers import Ros1Reader, Ros2Reader, check_count
 from icreckon.replay.bags.records import LATEST, Channel, Record
 from icreckon.replay.bags.recovery import MCAP_MAGIC, NO_DEFINITION, ROS1_MAGIC, RecordWalk
-from icreckon.replay.bags.unpacking import Ros1Reader, Ros2Reader
+from icreckon.replay.bags.unpacking import limit, unpack_file
 from icreckon.replay.base.errors import ReplayError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 STORAGE_SUFFIXES = (".mcap", ".db3")
+PACKED_SUFFIX = ".zstd"
+"""Ending of the name of a file that is compressed as a whole."""
 
 T = TypeVar("T")
 
@@ -45,7 +49,8 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
     """Run a function over a bag, or over its recoverable part if the index is broken.
 
     Args:
-        path: a ROS 1 bag, a ROS 2 folder, or a bare `.mcap` or `.db3` file.
+        path: a ROS 1 bag, a ROS 2 folder, or a bare `.mcap` or `.db3` file; also compressed as a whole
+            (`.mcap.zstd`, `.db3.zstd`).
         work: function of the bag; it may be called again from the start, with the bag opened by
             another method.
 
@@ -53,18 +58,39 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
         The result of `work`.
 
     Raises:
-        ReplayError: no such file, no bag, or nothing of it is readable.
+        ReplayError: no such file, no bag, nothing of it is readable, or it unpacks to more than the
+            limit, see `unpacking.unpacked_limit`.
     """
+    if not path.exists():
+        raise ReplayError(f"{path}: no such file or folder")
+    packed = _packed_files(path)
+    if not packed:
+        return _read(path, _ways(path, []), [], work)
+    with TemporaryDirectory(prefix="icreckon-") as folder:
+        try:
+            unpacked, notes = _unpacked(packed, Path(folder))
+            return _read(path, _ways(path, unpacked), notes, work)
+        except ReplayError as problem:
+            # The temporary place means nothing to a reader.
+            shown = str(problem).replace(folder, str(packed[0].parent))
+            raise ReplayError(shown) from problem
+
+
+def _read(path: Path, ways: list[list[Path]], notes: list[str], work: Callable[[Bag], T]) -> T:
+    """Run a function over a bag, opened by the first method that works."""
     reason = ""
-    for files in _ways(path):
+    for files in ways:
         try:
             with _IndexedBag(files) as bag:
+                bag.notes[:0] = notes
                 if reason:
                     bag.notes.append(f"{path.name}: {reason}; its files were read one by one")
                 return work(bag)
         except _UnreadableError as problem:
             reason = reason or str(problem)
-    return work(_RecoveredBag(path, reason))
+    recovered = _RecoveredBag(path, ways[-1], reason)
+    recovered.notes[:0] = notes
+    return work(recovered)
 
 
 class _UnreadableError(Exception):
@@ -79,7 +105,7 @@ class _IndexedBag:
         self.counts: dict[Channel, int] = {}
         self.notes: list[str] = []
         self._stack = ExitStack()
-        self._sources: list[tuple[rosbag1.Reader | rosbag2.Reader, list[Connection]]] = []
+        self._sources: list[tuple[Path, rosbag1.Reader | rosbag2.Reader, list[Connection]]] = []
 
     def __enter__(self) -> Self:
         try:
@@ -87,7 +113,7 @@ class _IndexedBag:
                 ros1 = file.is_file() and _magic(file) == ROS1_MAGIC
                 reader = Ros1Reader(file) if ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
-                self._sources.append((reader, list(reader.connections)))
+                self._sources.append((file, reader, list(reader.connections)))
             self._count()
         except ReplayError as problem:
             self._stack.close()
@@ -99,7 +125,7 @@ class _IndexedBag:
         return self
 
     def _count(self) -> None:
-        for _, connections in self._sources:
+        for _, _, connections in self._sources:
             for connection in connections:
                 channel = _channel(connection)
                 self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
@@ -113,20 +139,22 @@ class _IndexedBag:
         self._stack.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[Record]:
-        for reader, connections in self._sources:
+        for file, reader, connections in self._sources:
             wanted = [connection for connection in connections if connection.topic in topics]
             if not wanted:
                 continue
             channels = {connection.id: _channel(connection) for connection in wanted}
             listed, found = sum(connection.msgcount for connection in wanted), 0
+            size = _size(file)
             try:
                 for connection, time, data in reader.messages(wanted):
                     if not 0 <= time < LATEST:
                         break
                     found += 1
+                    check_count(found, size)
                     yield Record(channels[connection.id], time, data)
             except ReplayError as problem:
-                raise ReplayError(f"{reader.path}: {problem}") from None
+                raise ReplayError(f"{file}: {problem}") from None
             except Exception as problem:
                 raise _UnreadableError(_reason(problem)) from problem
             if found != listed:
@@ -136,8 +164,7 @@ class _IndexedBag:
 class _RecoveredBag:
     """Readable part of a bag whose index is missing or broken."""
 
-    def __init__(self, path: Path, reason: str) -> None:
-        files = [path] if path.is_file() else _storage_files(path)
+    def __init__(self, path: Path, files: list[Path], reason: str) -> None:
         self.counts: dict[Channel, int] = {}
         self.notes: list[str] = []
         self._walks: list[RecordWalk] = []
@@ -149,11 +176,12 @@ class _RecoveredBag:
                     "`sqlite3 broken.db3 .recover | sqlite3 saved.db3` may save what is left"
                 )
             walk = RecordWalk(file)
-            count = 0
+            count, size = 0, _size(file)
             try:
                 for record in walk.records():
                     self.counts[record.channel] = self.counts.get(record.channel, 0) + 1
                     count += 1
+                    check_count(count, size)
             except OSError as problem:
                 raise ReplayError(f"{file}: cannot be read: {problem.strerror}") from None
             except ReplayError as problem:
@@ -174,6 +202,19 @@ class _RecoveredBag:
 
 def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
     size = walk.path.stat().st_size
+    if walk.damaged and count:
+        chunks = (
+            f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'} damaged"
+        )
+        more = (
+            ""
+            if walk.complete
+            else f", and the file is cut short at byte {walk.position} of {size}"
+        )
+        return (
+            f"{walk.path.name}: {reason}; {chunks}, the first at byte {walk.damaged[0]}{more}; "
+            f"{count} messages beside that were read"
+        )
     if walk.complete:
         return f"{walk.path.name}: {reason}; all its {count} messages were read without the index"
     return (
@@ -182,23 +223,68 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
     )
 
 
-def _ways(path: Path) -> list[list[Path]]:
-    """Methods of opening the bag, each a list of files to open together."""
-    if not path.exists():
-        raise ReplayError(f"{path}: no such file or folder")
+def _size(path: Path) -> int:
+    """Size of a bag, a file or the files of a folder [bytes]."""
+    files = [path] if path.is_file() else _storage_files(path)
+    return sum(file.stat().st_size for file in files)
+
+
+def _packed_files(path: Path) -> list[Path]:
+    """Files of a bag that are compressed as a whole, and were not unpacked beside."""
+    try:
+        found = [path] if path.is_file() else sorted(path.iterdir())
+    except OSError as problem:
+        raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
+    return [
+        file
+        for file in found
+        if file.suffix == PACKED_SUFFIX
+        and file.with_suffix("").suffix in STORAGE_SUFFIXES
+        and not (path.is_dir() and file.with_suffix("").exists())
+    ]
+
+
+def _unpacked(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
+    """Unpack files to a folder; return the new ones, and notes on damaged ones."""
+    files, notes, rest = [], [], limit()
+    for file in packed:
+        target = folder / file.stem
+        try:
+            if not unpack_file(file, target, rest):
+                notes.append(f"{file.name}: cut short or damaged; what could be unpacked was read")
+        except ReplayError as problem:
+            raise ReplayError(f"{file}: {problem}") from None
+        except OSError as problem:
+            raise ReplayError(
+                f"{file}: cannot be unpacked to {folder.parent}: {problem.strerror}; TMPDIR names "
+                "another place"
+            ) from None
+        rest -= target.stat().st_size
+        files.append(target)
+    return files, notes
+
+
+def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
+    """Methods of opening the bag, each a list of files to open together.
+
+    Args:
+        path: the bag.
+        unpacked: files of it that were compressed as a whole, unpacked.
+    """
     try:
         if path.is_file():
-            _check_is_bag(path)
-            return [[path]]
-        files = _storage_files(path)
+            files = unpacked or [path]
+            _check_is_bag(files[0])
+            return [files]
+        files = sorted([*_storage_files(path), *unpacked], key=lambda file: file.name)
         if not files:
             raise ReplayError(f"{path}: {_why_no_bag(path)}")
         for file in files:
             _check_is_bag(file)
     except OSError as problem:
         raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
-    # Of a bag that is compressed as a whole and was unpacked beside, rosbags would unpack all once more.
-    return [files] if any(path.glob("*.zstd")) else [[path], files]
+    # Of a bag that is compressed as a whole, rosbags would unpack all, without a limit.
+    return [files] if any(path.glob(f"*{PACKED_SUFFIX}")) else [[path], files]
 
 
 def _storage_files(folder: Path) -> list[Path]:
@@ -208,9 +294,6 @@ def _storage_files(folder: Path) -> list[Path]:
 def _why_no_bag(folder: Path) -> str:
     if any(folder.glob("*.bag")):
         return "a folder of ROS 1 bags; give one of the .bag files, or several if they are one log"
-    packed = sorted(file.name for file in folder.glob("*.zstd"))
-    if packed:
-        return f"a bag compressed as a whole; unpack it first: `unzstd {packed[0]}`"
     return "not a bag: the folder holds no .mcap and no .db3 file"
 
 

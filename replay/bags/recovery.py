@@ -1,8 +1,8 @@
 """Recovery of ROS 1 bags and MCAP files: sequential reading without the index.
 
 A killed recorder leaves a file without an index, often cut in the middle of a chunk. Both formats are
-sequences of records with a length field, so everything before the break is readable. Formats: ROS bag
-2.0 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec).
+sequences of records with a length field, so everything before the break is readable, and what follows a
+damaged chunk, too. Formats: ROS bag 2.0 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec).
 """
 
 from __future__ import annotations
@@ -35,6 +35,10 @@ class BreakError(Exception):
     """The records end before the end that the format prescribes."""
 
 
+DAMAGE = (BreakError, struct.error, KeyError, UnicodeDecodeError)
+"""Exceptions of records that are not as the format prescribes."""
+
+
 class RecordWalk:
     """Sequential reader of the records of one file.
 
@@ -43,6 +47,7 @@ class RecordWalk:
         channels: the channels found so far.
         position: byte up to which whole records (or a chunk's whole messages) were read.
         complete: whether the last walk reached the end that the format prescribes.
+        damaged: places of the damaged chunks, of which at most the beginning was read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -50,14 +55,16 @@ class RecordWalk:
         self.channels: dict[int, Channel] = {}
         self.position = 0
         self.complete = False
+        self.damaged: list[int] = []
 
     def records(self) -> Iterator[Record]:
         """Yield the messages in the order of the file, up to the break.
 
         Raises:
             OSError: the file cannot be read.
+            ReplayError: a chunk unpacks to more than the limit.
         """
-        self.channels, self.position, self.complete = {}, 0, False
+        self.channels, self.position, self.complete, self.damaged = {}, 0, False, []
         with self.path.open("rb") as file:
             magic = file.read(len(MCAP_MAGIC))
             try:
@@ -66,9 +73,19 @@ class RecordWalk:
                 else:
                     file.seek(len(ROS1_MAGIC))
                     yield from self._ros1(file)
-            except (BreakError, struct.error, KeyError, UnicodeDecodeError):
+            except DAMAGE:
                 return
             self.complete = True
+
+    def _chunk(self, records: Iterator[Record], *, cut: bool) -> Iterator[Record]:
+        """Yield the records of a chunk up to its damage, and note that."""
+        try:
+            yield from records
+        except DAMAGE:
+            if not cut:
+                self.damaged.append(self.position)
+        if cut:
+            raise BreakError
 
     def _mcap(self, file: BinaryIO) -> Iterator[Record]:
         schemas: dict[int, _Schema] = {}
@@ -79,21 +96,29 @@ class RecordWalk:
                 return
             content = file.read(min(length, _rest(file)))
             if operation == MCAP_CHUNK:
-                data, whole = _mcap_chunk(content, length)
-                yield from self._mcap_records(BytesIO(data), schemas)
-                if not whole:
-                    raise BreakError
+                records = self._mcap_chunk(content, schemas)
+                yield from self._chunk(records, cut=len(content) < length)
             elif len(content) < length:
                 raise BreakError
             else:
                 yield from self._mcap_record(operation, content, schemas)
 
-    def _mcap_records(self, data: BinaryIO, schemas: dict[int, _Schema]) -> Iterator[Record]:
-        while len(head := data.read(9)) == 9:
+    def _mcap_chunk(self, content: bytes, schemas: dict[int, _Schema]) -> Iterator[Record]:
+        _, _, size, checksum = struct.unpack_from("<QQQI", content)
+        compression, position = _text(content, 28)
+        (compressed,) = struct.unpack_from("<Q", content, position)
+        start = position + 8
+        data = _unpacked(content[start : start + compressed], compression, size)
+        if len(data) == size and checksum and crc32(data) != checksum:
+            raise BreakError
+        records = BytesIO(data)
+        while head := records.read(9):
             operation, length = struct.unpack("<BQ", head)
-            if length > _rest(data):
-                return
-            yield from self._mcap_record(operation, data.read(length), schemas)
+            if length > _rest(records):
+                raise BreakError
+            yield from self._mcap_record(operation, records.read(length), schemas)
+        if len(data) != size:
+            raise BreakError
 
     def _mcap_record(
         self, operation: int, content: bytes, schemas: dict[int, _Schema]
@@ -133,23 +158,21 @@ class RecordWalk:
             if operation == ROS1_CHUNK:
                 compression = fields[b"compression"].decode()
                 size = struct.unpack("<L", fields[b"size"])[0]
-                data = _unpacked(content, compression, size)
-                yield from self._ros1_records(BytesIO(data))
-                if not whole or len(data) != size:
-                    raise BreakError
+                records = self._ros1_chunk(content, compression, size)
+                yield from self._chunk(records, cut=not whole)
             elif not whole:
                 raise BreakError
             else:
                 yield from self._ros1_record(operation, fields, content)
 
-    def _ros1_records(self, data: BinaryIO) -> Iterator[Record]:
-        while _rest(data):
-            try:
-                fields = _ros1_fields(_sized(data))
-                content = _sized(data)
-            except (BreakError, struct.error):
-                return
-            yield from self._ros1_record(fields[b"op"][0], fields, content)
+    def _ros1_chunk(self, content: bytes, compression: str, size: int) -> Iterator[Record]:
+        data = _unpacked(content, compression, size)
+        records = BytesIO(data)
+        while _rest(records):
+            fields = _ros1_fields(_sized(records))
+            yield from self._ros1_record(fields[b"op"][0], fields, _sized(records))
+        if len(data) != size:
+            raise BreakError
 
     def _ros1_record(
         self, operation: int, fields: dict[bytes, bytes], content: bytes
@@ -190,19 +213,6 @@ def _unpacked(data: bytes, compression: str, size: int) -> bytes:
     if compression not in STREAM_DECOMPRESSORS:
         raise BreakError
     return inflate(data, compression, size)
-
-
-def _mcap_chunk(content: bytes, length: int) -> tuple[bytes, bool]:
-    """Decompress the records of a chunk; also return whether they are complete."""
-    _, _, size, checksum = struct.unpack_from("<QQQI", content)
-    compression, position = _text(content, 28)
-    (compressed,) = struct.unpack_from("<Q", content, position)
-    start = position + 8
-    data = _unpacked(content[start : start + compressed], compression, size)
-    whole = len(content) == length and len(data) == size
-    if whole and checksum and crc32(data) != checksum:
-        raise BreakError
-    return data, whole
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

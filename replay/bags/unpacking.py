@@ -1,25 +1,21 @@
 """Decompression within limits: a small file cannot fill the memory.
 
-A chunk is unpacked up to the size that it declares, and that size has a limit, see `unpacked_limit`.
+Nothing is unpacked beyond the size that it declares, nor beyond the limit, see `unpacked_limit`.
 """
 
 from __future__ import annotations
 
 import bz2
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import partial
-from types import MappingProxyType
+from pathlib import Path
 from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-from rosbags import rosbag1, rosbag2
-from rosbags.rosbag1.reader import Chunk, Header, RecordType
-from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
+from icreckon.estimator.base.checks import is_finite
 from icreckon.replay.base.errors import ReplayError
 
 if sys.version_info >= (3, 14):
@@ -28,9 +24,13 @@ else:
     from backports import zstd
 
 GIGABYTE = 10**9
+LARGEST_LIMIT = 1e6
+"""Largest limit [GB]."""
 PIECE = 1 << 16
 PART = 1 << 20
 """Most bytes that are unpacked at once."""
+MOST_FRAMES = 1000
+"""Most frames of a chunk, one after the other; recorders write one."""
 STREAM_DECOMPRESSORS: dict[str, Callable[[], Any]] = {
     "zstd": zstd.ZstdDecompressor,
     "lz4": LZ4FrameDecompressor,
@@ -39,21 +39,51 @@ STREAM_DECOMPRESSORS: dict[str, Callable[[], Any]] = {
 DAMAGE = (zstd.ZstdError, RuntimeError, OSError, EOFError, ValueError)
 """Exceptions of decompressors on bytes that they cannot read."""
 _limit: ContextVar[int] = ContextVar("_limit", default=500_000_000)
-"""Limit of the unpacked size of a chunk or a message [bytes]."""
+"""Limit of the unpacked size of a chunk, a message, a table or a bag's files [bytes]."""
 
 
 @contextmanager
 def unpacked_limit(gigabytes: float) -> Iterator[None]:
-    """Set the limit of the unpacked size of a chunk or a message, 0.5 GB otherwise.
+    """Set the limit of unpacked sizes, 0.5 GB otherwise.
+
+    It holds for a chunk or a message of a bag, for the files of a bag that are compressed as a whole,
+    and for a table.
 
     Args:
         gigabytes: the limit, in 1e9 bytes.
+
+    Raises:
+        ReplayError: the limit is negative, larger than 1e6, or no finite number.
     """
+    if not (is_finite(gigabytes) and 0.0 <= gigabytes <= LARGEST_LIMIT):
+        raise ReplayError(
+            f"the limit of unpacked sizes must be from 0 to {LARGEST_LIMIT:g} GB, found {gigabytes!r}"
+        )
     token = _limit.set(round(gigabytes * GIGABYTE))
     try:
         yield
     finally:
         _limit.reset(token)
+
+
+def limit() -> int:
+    """Limit of unpacked sizes [bytes], see `unpacked_limit`."""
+    return _limit.get()
+
+
+def too_large(what: str, size: int, most: int | None = None) -> ReplayError:
+    """Error of something that unpacks to more than the limit.
+
+    Args:
+        what: what it is, such as "a part of the bag".
+        size: unpacked size, or the least that it can be [bytes].
+        most: the limit [bytes]; that of this thread by default.
+    """
+    most = limit() if most is None else most
+    return ReplayError(
+        f"{what} unpacks to {size / GIGABYTE:.3g} GB, and the limit is {most / GIGABYTE:.3g} GB, "
+        "so that no small file can fill the memory; --unpacked-limit raises it"
+    )
 
 
 def inflate(data: bytes, compression: str, size: int) -> bytes:
@@ -68,104 +98,86 @@ def inflate(data: bytes, compression: str, size: int) -> bytes:
         The decompressed bytes up to the break; one more than `size` if there are more.
 
     Raises:
-        ReplayError: `size` is beyond the limit.
+        ReplayError: the chunk declares more than the limit, and there is more.
     """
-    if size > _limit.get():
-        raise _too_large(size)
+    most = min(size, limit())
     unpacked = bytearray()
+    at = 0
     try:
-        while data and len(unpacked) <= size:
-            data = _inflate_frame(data, STREAM_DECOMPRESSORS[compression](), size, unpacked)
+        for _ in range(MOST_FRAMES):
+            if at == len(data) or len(unpacked) > most:
+                break
+            at = _inflate_frame(data, at, STREAM_DECOMPRESSORS[compression](), most, unpacked)
     except DAMAGE:
         pass
+    if most < size and len(unpacked) > most:
+        raise too_large("a part of the bag", size)
     return bytes(unpacked)
 
 
-def _inflate_frame(data: bytes, decompressor: Any, size: int, unpacked: bytearray) -> bytes:
-    """Append a frame, to one byte more than `size` at most; return what follows it."""
-    for start in range(0, len(data), PIECE):
+def _inflate_frame(data: bytes, at: int, decompressor: Any, most: int, unpacked: bytearray) -> int:
+    """Append a frame, to one byte more than `most` in all; return the place behind it."""
+    for start in range(at, len(data), PIECE):
         piece = data[start : start + PIECE]
-        while len(unpacked) <= size:
+        end = start + len(piece)
+        while len(unpacked) <= most:
             unpacked += decompressor.decompress(
-                piece, max_length=min(PART, size + 1 - len(unpacked))
+                piece, max_length=min(PART, most + 1 - len(unpacked))
             )
             piece = b""
             if decompressor.eof:
-                return bytes(decompressor.unused_data or b"") + data[start + PIECE :]
+                return end - len(decompressor.unused_data or b"")
             if decompressor.needs_input:
                 break
-    return b""
+    return len(data)
 
 
-def _too_large(size: int) -> ReplayError:
-    return ReplayError(
-        f"a part of the bag unpacks to {size / GIGABYTE:.3g} GB, and the limit is "
-        f"{_limit.get() / GIGABYTE:.3g} GB, so that no small file can fill the memory; "
-        "--unpacked-limit raises it"
-    )
+def inflate_message(data: bytes) -> bytes:
+    """Decompress a message of a bag with compressed messages (zstd).
 
-
-def _chunk(data: bytes, size: int, *, compression: str) -> bytes:
-    return inflate(data, compression, size)
-
-
-# The table by which rosbags unpacks the chunks of MCAP files; it checks the sizes afterwards.
-DECOMPRESSORS.update({name: partial(_chunk, compression=name) for name in ("zstd", "lz4")})
-
-
-class Ros1Reader(rosbag1.Reader):
-    """Reader of ROS 1 bags that unpacks chunks up to the size that they declare."""
-
-    def read_chunk(self) -> Chunk:
-        """Read the header of a chunk."""
-        assert self.bio is not None  # noqa: S101 - open, see `rosbag1.Reader`
-        start = self.bio.tell()
-        header = Header.read(self.bio, RecordType.CHUNK)
-        compression, size = header.get_string("compression"), header.get_uint32("size")
-        self.bio.seek(start)
-        chunk = super().read_chunk()
-        if compression not in STREAM_DECOMPRESSORS:
-            return chunk
-        return chunk._replace(decompressor=partial(_ros1_chunk, compression=compression, size=size))
-
-
-def _ros1_chunk(data: bytes, *, compression: str, size: int) -> bytes:
-    unpacked = inflate(data, compression, size)
-    if len(unpacked) != size:
-        raise rosbag1.ReaderError(
-            f"a chunk unpacks to other than the {size} bytes that it declares"
-        )
-    return unpacked
-
-
-class _FolderReader(DirectoryReader):
-    """Reader of ROS 2 folders that unpacks messages up to the limit."""
-
-    _packed = False
-
-    def open(self) -> None:
-        """Open the folder, and leave the unpacking of its messages to `messages`."""
-        super().open()
-        self._packed = self.metadata.compression_mode == "message"
-        self.metadata = self.metadata._replace(compression_mode=None)
-
-    def messages(self, *args: Any, **options: Any) -> Generator[Any, None, None]:
-        """Read messages, as `rosbag2.Reader.messages`."""
-        for connection, time, data in super().messages(*args, **options):
-            yield connection, time, _message(data) if self._packed else data
-
-
-class Ros2Reader(rosbag2.Reader):
-    """Reader of ROS 2 bags that unpacks within the limits."""
-
-    STORAGE_PLUGINS = MappingProxyType({**rosbag2.Reader.STORAGE_PLUGINS, "dir": _FolderReader})
-
-
-def _message(data: bytes) -> bytes:
-    """Unpack a message of a bag with compressed messages."""
-    limit = _limit.get()
+    Raises:
+        ReplayError: it unpacks to more than the limit.
+    """
     declared = zstd.get_frame_info(data).decompressed_size
-    unpacked = inflate(data, "zstd", limit if declared is None else declared)
-    if len(unpacked) > limit:
-        raise _too_large(len(unpacked))
+    unpacked = inflate(data, "zstd", limit() if declared is None else declared)
+    if len(unpacked) > limit():
+        raise too_large("a part of the bag", len(unpacked))
     return unpacked
+
+
+def unpack_file(packed: Path, target: Path, most: int) -> bool:
+    """Decompress a file (zstd), up to its break if it is damaged.
+
+    Args:
+        packed: the compressed file.
+        target: the file to write.
+        most: most bytes to write.
+
+    Returns:
+        True if all of it was decompressed.
+
+    Raises:
+        ReplayError: it unpacks to more than `most`.
+        OSError: a file cannot be read or written.
+    """
+    decompressor, piece, size = zstd.ZstdDecompressor(), b"", 0
+    with packed.open("rb") as source, target.open("wb") as sink:
+        while True:
+            if decompressor.eof:
+                piece = decompressor.unused_data or source.read(PIECE)
+                if not piece:
+                    return True
+                decompressor = zstd.ZstdDecompressor()
+            elif decompressor.needs_input:
+                piece = source.read(PIECE)
+                if not piece:
+                    return False
+            try:
+                part = decompressor.decompress(piece, max_length=PART)
+            except zstd.ZstdError:
+                return False
+            piece = b""
+            size += len(part)
+            if size > most:
+                raise too_large("the bag", size)
+            sink.write(part)

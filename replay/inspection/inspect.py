@@ -18,6 +18,7 @@ from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
+from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
@@ -41,7 +42,7 @@ from icreckon.replay.inspection.wheels import (
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import as_paths, gather
-from icreckon.replay.reading.tables import Table, is_table
+from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
 MOST_STOPS = 8

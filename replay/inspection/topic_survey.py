@@ -21,6 +21,10 @@ from icreckon.replay.reading.message_rows import imu_row
 
 SAMPLES = 200
 """Messages of a topic that are decoded to guess its stream."""
+SAMPLE_BYTES = 1_000_000
+"""Bytes of these messages from which no more are kept."""
+LONGEST_FRAME = 200
+"""Most characters of a frame's name that are kept."""
 SHAPE_CHECKS: dict[str, Callable[[Any], object]] = {
     JOINT_STATE: lambda message: (message.name, message.velocity),
     IMU: imu_row,
@@ -69,6 +73,7 @@ class Survey:
         offsets: header stamp minus time of recording [ns], of messages with a header.
         frame_id: frame of the first message that has one.
         messages: some decoded ones, of the types in `SHAPE_CHECKS`.
+        sampled: bytes of the messages that were decoded.
     """
 
     channel: Channel
@@ -76,6 +81,11 @@ class Survey:
     offsets: array[int] = field(default_factory=lambda: array("q"))
     frame_id: str = ""
     messages: list[Any] = field(default_factory=list)
+    sampled: int = 0
+
+    def wants_messages(self) -> bool:
+        """Return True if more messages are to be decoded."""
+        return len(self.messages) < SAMPLES and self.sampled < SAMPLE_BYTES
 
     def extend(self, other: Survey) -> None:
         """Append the survey of the topic in another file."""
@@ -132,8 +142,9 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
             except (struct.error, IndexError, TypeError, UnicodeDecodeError):
                 continue
             survey.offsets.append(header.stamp - record.time)
-            survey.frame_id = survey.frame_id or header.frame_id
-        if record.channel in decoders and len(survey.messages) < SAMPLES:
+            survey.frame_id = survey.frame_id or header.frame_id[:LONGEST_FRAME]
+        if record.channel in decoders and survey.wants_messages():
+            survey.sampled += len(record.data)
             try:
                 message = decoders[record.channel](record.data)
                 SHAPE_CHECKS[record.channel.msgtype](message)

@@ -13,6 +13,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.bags.bag_files import Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, STRING, TWIST
+from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.field_paths import FieldReader, FieldRowReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
@@ -28,7 +29,7 @@ from icreckon.replay.reading.message_rows import (
     twist_row,
 )
 from icreckon.replay.reading.stream import RowReader, Stream
-from icreckon.replay.reading.tables import Table, is_table, table_streams, wanted_columns
+from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TRANSFORM_READERS, TransformStream
 
 PROGRESS_EVERY = 2000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.replay.bags.message_types import NAVSATFIX
+from icreckon.replay.bags.table_files import read_table
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import (
     NANOSECONDS_OF,
@@ -23,25 +25,10 @@ from icreckon.replay.mapping.columns import (
 from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
-PARQUET_MAGIC = b"PAR1"
-CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".csv.bz2")
-DELIMITERS = "\t;,"
+MOST_NAMED = 5
+"""Most columns that a message names."""
 LARGEST_TIME = 2.0**62
 """Times from here on are damage: differences of them overflow int64 nanoseconds."""
-
-
-def is_table(path: Path) -> bool:
-    """Test for a table file: Parquet by its first bytes, CSV by its name."""
-    if not path.is_file():
-        return False
-    if path.name.lower().endswith(CSV_SUFFIXES):
-        return True
-    try:
-        with path.open("rb") as file:
-            return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
-    except OSError:
-        # The reader reports the error.
-        return False
 
 
 class Column(NamedTuple):
@@ -51,6 +38,13 @@ class Column(NamedTuple):
     kind: str
     is_number: bool
     filled: int
+
+
+def _kind(kind: Any) -> Any:
+    """Type of the values of a column."""
+    import pyarrow as pa
+
+    return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 
 class Table:
@@ -65,14 +59,17 @@ class Table:
         """Read the file.
 
         Raises:
-            ReplayError: it cannot be read, is empty, or two columns share a name.
+            ReplayError: it cannot be read, is empty or beyond the limits of `read_table`, or two
+                columns share a name.
         """
         import pyarrow as pa
 
         self.path = path
         try:
-            self._table = _read(path)
-            columns = self._table.column_names
+            self._table, self._others = read_table(path)
+            columns = [*self._table.column_names, *self._others]
+        except ReplayError as problem:
+            raise ReplayError(f"{path}: {problem}") from None
         except UnicodeDecodeError:
             raise ReplayError(
                 f"{path}: the names of its columns are not UTF-8; `iconv -f latin1 -t utf-8` mends that"
@@ -81,21 +78,25 @@ class Table:
             reason = " ".join(str(problem).split())
             raise ReplayError(f"{path}: the table cannot be read: {reason}") from None
         names = [name.lstrip("\ufeff").lstrip("#").strip() for name in columns]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
-            raise ReplayError(f"{path}: several columns are named {', '.join(map(repr, twice))}")
-        self._table = self._table.rename_columns(names)
+            named = ", ".join(map(repr, twice[:MOST_NAMED]))
+            raise ReplayError(f"{path}: several columns are named {named}")
+        self._table = self._table.rename_columns(names[: self._table.num_columns])
+        self._others = dict(
+            zip(names[self._table.num_columns :], self._others.values(), strict=True)
+        )
         if not self._table.num_rows:
             raise ReplayError(f"{path}: the table has no rows")
         self.columns = tuple(
             Column(
                 field.name,
-                str(field.type),
+                str(_kind(field.type)),
                 pa.types.is_floating(field.type) or pa.types.is_integer(field.type),
                 len(self._table) - self._table.column(place).null_count,
             )
             for place, field in enumerate(self._table.schema)
-        )
+        ) + tuple(Column(name, kind, False, len(self)) for name, kind in self._others.items())
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -119,14 +120,17 @@ class Table:
     def _numbers(self, name: str) -> Floats:
         import pyarrow as pa
 
+        if name in self._others:
+            raise ReplayError(
+                f"{self.path}: column {name!r} holds {self._others[name]}, not numbers"
+            )
         column = self._table.column(name)
         if pa.types.is_null(column.type):
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
-            text = next((str(value) for value in column.to_pylist() if value is not None), "")
-            raise ReplayError(
-                f"{self.path}: column {name!r} holds {column.type}, not numbers (such as {text!r})"
-            )
+            kind, filled = _kind(column.type), column.drop_null()
+            such = f" (such as {str(filled[0].as_py())!r})" if len(filled) else ""
+            raise ReplayError(f"{self.path}: column {name!r} holds {kind}, not numbers{such}")
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
@@ -137,6 +141,8 @@ class Table:
         """
         import pyarrow as pa
 
+        if name in self._others:
+            raise ReplayError(f"{self.path}: column {name!r} holds {self._others[name]}, not times")
         column = self._table.column(name)
         there = ~np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
         if pa.types.is_timestamp(column.type):
@@ -160,20 +166,6 @@ class Table:
         whole = np.floor(values)
         rest = np.round((values - whole) * factor).astype(np.int64)
         return whole.astype(np.int64) * factor + rest, there
-
-
-def _read(path: Path) -> Any:
-    with path.open("rb") as file:
-        if file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC:
-            from pyarrow import parquet
-
-            return parquet.read_table(path)
-    from pyarrow import csv, input_stream
-
-    with input_stream(path, compression="detect") as stream:
-        first = stream.read(1 << 16).split(b"\n", 1)[0].decode("utf-8", "replace")
-    delimiter = max(DELIMITERS, key=first.count)
-    return csv.read_csv(path, parse_options=csv.ParseOptions(delimiter=delimiter))
 
 
 def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:

@@ -1,0 +1,140 @@
+"""Table files: CSV and Parquet to tables in memory, within limits."""
+
+from __future__ import annotations
+
+from io import RawIOBase
+from pathlib import Path
+from typing import Any
+
+from icreckon.replay.bags.unpacking import limit, too_large
+from icreckon.replay.base.errors import ReplayError
+
+PARQUET_MAGIC = b"PAR1"
+CSV_SUFFIXES = (".csv", ".tsv", ".txt")
+PACKED_CSV_SUFFIXES = (".csv.gz", ".csv.bz2")
+DELIMITERS = "\t;,"
+FIRST_BYTES = 1 << 20
+"""Bytes of a CSV file in which its first line must end."""
+MOST_COLUMNS = 10_000
+CELL = 8
+"""Size of a number in memory [bytes]."""
+
+
+def is_table(path: Path) -> bool:
+    """Test for a table file: Parquet by its first bytes, CSV by its name."""
+    if not path.is_file():
+        return False
+    if path.name.lower().endswith((*CSV_SUFFIXES, *PACKED_CSV_SUFFIXES)):
+        return True
+    try:
+        return _is_parquet(path)
+    except OSError:
+        # The reader reports the error.
+        return False
+
+
+def _is_parquet(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
+
+
+def read_table(path: Path) -> tuple[Any, dict[str, str]]:
+    """Read a table file.
+
+    Args:
+        path: the file; Parquet by its first bytes, otherwise CSV with a line of names, its delimiter
+            a comma, a semicolon or a tab.
+
+    Returns:
+        The columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries, and the types
+        of the other columns, such as lists, by name.
+
+    Raises:
+        ReplayError: it has more than `MOST_COLUMNS` columns, or unpacks to more than the limit.
+        pyarrow.ArrowException: it is no such table.
+        OSError: it cannot be read.
+    """
+    return _read_parquet(path) if _is_parquet(path) else (_read_csv(path), {})
+
+
+def _read_csv(path: Path) -> Any:
+    from pyarrow import csv, input_stream
+
+    packed = path.name.lower().endswith(PACKED_CSV_SUFFIXES)
+    with input_stream(path, compression="detect") as stream:
+        first = stream.read(FIRST_BYTES).split(b"\n", 1)[0].decode("utf-8", "replace")
+    delimiter = max(DELIMITERS, key=first.count)
+    _check_columns(first.count(delimiter) + 1)
+    options = csv.ParseOptions(delimiter=delimiter)
+    if not packed:
+        return csv.read_csv(path, parse_options=options)
+    with input_stream(path, compression="detect") as stream:
+        return csv.read_csv(_Limited(stream), parse_options=options)
+
+
+class _Limited(RawIOBase):
+    """Stream of unpacked bytes that ends in an error at the limit."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+        # pyarrow reads in a thread of its own, which has no limit.
+        self._limit = limit()
+        self._read = 0
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        """Read some bytes.
+
+        Raises:
+            ReplayError: there are more than the limit.
+        """
+        data: bytes = self._stream.read(size if size >= 0 else None)
+        self._read += len(data)
+        if self._read > self._limit:
+            raise too_large("the table", self._read, self._limit)
+        return data
+
+
+def _read_parquet(path: Path) -> tuple[Any, dict[str, str]]:
+    from pyarrow import parquet
+
+    with parquet.ParquetFile(path) as file:
+        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+        schema = file.schema_arrow
+    _check_columns(len(schema.names))
+    texts = [field.name for field in schema if _is_text(field.type)]
+    read = [field.name for field in schema if _is_flat(field.type) or field.name in texts]
+    # Equal numbers take no place in a file.
+    cells = sum(group.num_rows for group in groups) * len(read)
+    size = max(sum(group.total_byte_size for group in groups), cells * CELL)
+    if size > max(limit(), path.stat().st_size):
+        raise too_large("the table", size)
+    with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
+        table = file.read(columns=read, use_threads=False)
+    return table, {field.name: str(field.type) for field in schema if field.name not in read}
+
+
+def _check_columns(count: int) -> None:
+    if count > MOST_COLUMNS:
+        raise ReplayError(f"it has {count} columns, and at most {MOST_COLUMNS} are read")
+
+
+def _is_flat(kind: Any) -> bool:
+    """Test for numbers and times, which have a size of their own."""
+    from pyarrow import types
+
+    return bool(types.is_primitive(kind) or types.is_null(kind))
+
+
+def _is_text(kind: Any) -> bool:
+    from pyarrow import types
+
+    return bool(
+        types.is_string(kind)
+        or types.is_binary(kind)
+        or types.is_large_string(kind)
+        or types.is_large_binary(kind)
+    )
