@@ -37,8 +37,16 @@ def is_finite(value: object) -> bool:
 LARGEST = 1e10
 
 
+# Size of the largest number of a file, and least positive one: no robot has others, and in squares and
+# ratios of these nothing overflows.
+LARGEST_NUMBER, LEAST_POSITIVE = 1e9, 1e-12
+
+
 class Bound(NamedTuple):
     """Allowed numbers of a field, as `Annotated[float, Bound("at least 1 s", 1.0)]`.
+
+    Numbers beyond `LARGEST_NUMBER` in size are never allowed, nor, where the lower bound is zero,
+    positive ones below `LEAST_POSITIVE`.
 
     Attributes:
         wanted: description of them, for messages.
@@ -63,7 +71,13 @@ class Bound(NamedTuple):
         if is_finite(value):
             number = float(value)  # type: ignore[arg-type]
             if self.least <= number <= self.most and not (self.beyond and number == self.least):
-                return
+                if abs(number) > LARGEST_NUMBER:
+                    size = f"no larger than {LARGEST_NUMBER:g}"
+                elif self.least == 0.0 < number < LEAST_POSITIVE:
+                    size = f"no smaller than {LEAST_POSITIVE:g}"
+                else:
+                    return
+                raise error(f"{name} must be {self.wanted}, {size}, found {value!r}")
         if self.beyond and is_number(value) and value != value:
             raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
         raise error(f"{name} must be {self.wanted}, found {value!r}")
@@ -72,6 +86,8 @@ class Bound(NamedTuple):
 Finite = Annotated[float, Bound("finite")]
 Positive = Annotated[float, Bound("a positive number", 0.0, beyond=True)]
 NotNegative = Annotated[float, Bound("zero or a positive number", 0.0)]
+# Part of another quantity; the standard deviation of a factor [-].
+Share = Annotated[float, Bound("zero or a positive number, 100 at most", 0.0, 100.0)]
 # Coordinate of a place on the robot [m].
 OnRobot = Annotated[float, Bound("a number of metres, 100 at most", -100.0, 100.0)]
 # Standard deviation and correlation time of fixes that wander [m, s].

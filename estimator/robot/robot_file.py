@@ -14,7 +14,15 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import Bound, Finite, NotNegative, Positive, check_bounds
+from icreckon.estimator.base.checks import (
+    Bound,
+    Finite,
+    NotNegative,
+    OnRobot,
+    Positive,
+    Share,
+    check_bounds,
+)
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
 from icreckon.estimator.base.frames import rep103_to_paper, rpy_to_matrix
@@ -31,6 +39,8 @@ LARGEST_DIFFERENCE = 0.5
 TYPICAL_ROLLING = 0.05
 # Default lag of the load transfer [s].
 LOAD_LAG = 0.2
+# Largest distance of constant ICRs, as a multiple of the gauge.
+LARGEST_ETA = 1000.0
 # Most contact points of a track.
 MOST_POINTS = 1000
 
@@ -119,13 +129,13 @@ PAPER_PARAMETERS = Indices.__struct_fields__[:8]
 class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Constant ICRs of the tracks in the paper's axes (X right, Y forward) [m]."""
 
-    x_ICRl: float
-    x_ICRr: float
-    y_ICR: Finite = 0.0
+    x_ICRl: OnRobot
+    x_ICRr: OnRobot
+    y_ICR: OnRobot = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        if not -np.inf < self.x_ICRl < 0.0 < self.x_ICRr < np.inf:
+        if not self.x_ICRl < 0.0 < self.x_ICRr:
             raise SettingError(
                 f"x_ICRl < 0 < x_ICRr must hold, found {self.x_ICRl!r} and {self.x_ICRr!r}"
             )
@@ -159,8 +169,8 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     gyro_axes: Literal["xyz", "z"] = "xyz"
     gyro_range: NotNegative = 0.0
-    gyro_scale: Positive = 1.0
-    gyro_scale_sigma: NotNegative = 0.0
+    gyro_scale: Annotated[float, Bound("a positive number from 0.1 to 10", 0.1, 10.0)] = 1.0
+    gyro_scale_sigma: Share = 0.0
     gyro_bias: Annotated[float, Bound("a number of rad/s, 1 at most", -1.0, 1.0)] = 0.0
     gyro_noise_density: Positive = 1e-3
     gyro_bias_sigma: NotNegative = 0.01
@@ -191,9 +201,9 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     speed_noise_density: NotNegative = 1e-3
-    scale_sigma: NotNegative = 0.0
+    scale_sigma: Share = 0.0
     difference: Finite = 0.0
-    difference_sigma: NotNegative = 0.003
+    difference_sigma: Share = 0.003
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -216,7 +226,7 @@ class Slope(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     sigma: Annotated[float, Bound("from 0 to 9.81 m/s²", 0.0, 9.81)] = 0.5
-    walk: NotNegative = 0.05
+    walk: Annotated[float, Bound("zero or a positive number, 100 at most", 0.0, 100.0)] = 0.05
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -244,12 +254,12 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         EstimatorError: a value is negative or not a finite number, or `time_constant` is zero.
     """
 
-    turning_x: NotNegative = 0.05
-    turning_y: NotNegative = 0.02
-    turning_w: NotNegative = 0.1
-    driving_x: NotNegative = 0.005
-    driving_y: NotNegative = 0.003
-    driving_w: NotNegative = 0.01
+    turning_x: Share = 0.05
+    turning_y: Share = 0.02
+    turning_w: Share = 0.1
+    driving_x: Share = 0.005
+    driving_y: Share = 0.003
+    driving_w: Share = 0.01
     time_constant: Positive = 1.0
     white_time: NotNegative = 0.1
 
@@ -280,7 +290,7 @@ class UndetectedSlip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         EstimatorError: a value is negative or not a finite number, or `time` is zero.
     """
 
-    share: NotNegative = 0.0
+    share: Share = 0.0
     time: Positive = 5.0
 
     def __post_init__(self) -> None:
@@ -328,6 +338,11 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
             raise SettingError(
                 f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, "
                 f"found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
+            )
+        if icr is not None and icr.x_ICRr - icr.x_ICRl > LARGEST_ETA * gauge:
+            raise SettingError(
+                f"the constant ICRs must be at most {LARGEST_ETA:g} times track_gauge = {gauge!r} m "
+                f"apart, found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
             )
 
     @cached_property

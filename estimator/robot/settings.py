@@ -55,9 +55,13 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-# A shorter time contains no readings [s].
-SHORTEST_STANDSTILL = 1e-3
-_LONG_ENOUGH = Bound(f"at least {SHORTEST_STANDSTILL:g} s", SHORTEST_STANDSTILL)
+# A shorter time contains no readings, and the readings of a longer one are kept in vain [s].
+SHORTEST_STANDSTILL, LONGEST_STANDSTILL = 1e-3, 60.0
+_LONG_ENOUGH = Bound(
+    f"from {SHORTEST_STANDSTILL:g} to {LONGEST_STANDSTILL:g} s",
+    SHORTEST_STANDSTILL,
+    LONGEST_STANDSTILL,
+)
 
 
 class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,7 +69,7 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
     Attributes:
         track_speed: both tracks are slower than this [m/s]; at 0 standstill is never detected.
-        duration: they are for at least this long [s], no less than 1 ms.
+        duration: they are for at least this long [s], from 1 ms to 60 s.
         quiet_gyro: the yaw-rate readings of that time are within this of their mean [rad/s], or
             within five standard deviations of the file's noise if that is more; measured noise beyond
             that counts with eight.
@@ -73,7 +77,7 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             deviations of the two together if that is more.
 
     Raises:
-        EstimatorError: a value is negative or not a finite number, or `duration` is too short.
+        EstimatorError: a value is negative or not a finite number, or `duration` is out of range.
     """
 
     track_speed: NotNegative = 0.005

@@ -272,6 +272,6 @@ def _random_blends(
         target = draw()
         events.append((start, *target))
         change = max(abs(target[0] - before[0]), abs(target[1] - before[1]))
-        start, before = start + blend_length(change) + rng.exponential(hold), target
+        start, before = start + blend_length(change) + rng.exponential(abs(hold)), target
         if start > duration:
             return blends(events)

@@ -14,10 +14,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol, get_type_hints
 
 import msgspec
-import numpy as np
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.checks import Bound
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
@@ -121,10 +121,7 @@ def check_trajectory(
             raise SimulationError(
                 f"option {option!r} of trajectory {name!r} cannot be {value!r}: {problem}"
             ) from None
-        if not np.isfinite(value):
-            raise SimulationError(
-                f"option {option!r} of trajectory {name!r} must be finite, found {value!r}"
-            )
+        Bound("finite").require(f"option {option!r} of trajectory {name!r}", value, SimulationError)
     _check_together(name, {**trajectory_options(name), **options})
 
 

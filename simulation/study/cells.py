@@ -21,13 +21,12 @@ from icreckon.estimator.robot.variants import find_variant
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, merged
 from icreckon.simulation.sensors.specs import fix_errors, noise_preset
-from icreckon.simulation.study.plan import LatinHypercube, Study, nest
+from icreckon.simulation.study.plan import MOST_CELLS, LatinHypercube, Study, nest
 
 # Roots of dotted keys outside the scenario.
 ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
 ROBOTS = (ROBOT, TRUE_ROBOT, FILTER)
 OUTAGE = "outage"
-MOST_CELLS = 100_000
 # A grid's axis is logarithmic if its largest value is at least this many times the smallest.
 LOG_SPAN = 20.0
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from icreckon.estimator.base.checks import is_finite
+from icreckon.estimator.base.checks import Bound, is_finite
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.scores import HORIZONS
@@ -28,6 +28,8 @@ STUDIES_FOLDER = Path(__file__).parent / "studies"
 DEFAULT_TRUTHS = 20
 # More runs take a year, and gigabytes for their results.
 MOST_RUNS = 10_000_000
+MOST_CELLS = 100_000
+_HORIZON = Bound("at least 1 s", 1.0)
 DEFAULT_VARIANTS = ("constant-online", "inertia-online", "friction-online")
 SCALES = ("linear", "log")
 # Names become folders and labels columns.
@@ -48,6 +50,10 @@ class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     def __post_init__(self) -> None:
         settle_types(self)
         _require_whole("points of a latin hypercube", self.points, 1)
+        if self.points > MOST_CELLS:
+            raise SimulationError(
+                f"points of a latin hypercube must be at most {MOST_CELLS}, found {self.points}"
+            )
         ranges = flatten(self.ranges)
         if not ranges:
             raise SimulationError("a latin hypercube needs ranges; give at least one key")
@@ -196,8 +202,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         if not self.horizons or len(set(self.horizons)) < len(self.horizons):
             raise SimulationError(f"horizons must be times, each once, found {self.horizons!r}")
         for horizon in self.horizons:
-            if not (is_finite(horizon) and horizon >= 1.0):
-                raise SimulationError(f"a horizon must be at least 1 s, found {horizon!r}")
+            _HORIZON.require("a horizon", horizon, SimulationError)
 
     def filters(self) -> tuple[FilterSpec, ...]:
         """Filters in full."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import Bound, NotNegative, Positive
+from icreckon.estimator.base.checks import Bound, NotNegative, OnRobot, Positive
 from icreckon.estimator.base.frames import rep103_to_paper
 from icreckon.estimator.motion.contact import Body
 from icreckon.estimator.motion.icr import GRAVITY
@@ -33,6 +33,8 @@ STEEPEST = 60.0
 STEEPEST_ROLLING = 30.0
 # Shortest waves, as a multiple of the length over which a vehicle touches the ground.
 SHORTEST_WAVE = 4.0
+# Heaviest payload [kg].
+HEAVIEST = 1e6
 
 
 class Needs(NamedTuple):
@@ -191,8 +193,10 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """
 
     time: tuple[float, float]
-    mass: Positive
-    position: tuple[float, float, float] = (0.0, 0.0, 0.3)
+    mass: Annotated[
+        float, Bound("a positive number of kg, 1e6 at most", 0.0, HEAVIEST, beyond=True)
+    ]
+    position: tuple[OnRobot, OnRobot, OnRobot] = (0.0, 0.0, 0.3)
 
     def __post_init__(self) -> None:
         settle_types(self, "{} of a payload")
@@ -201,10 +205,9 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
                 "time of a payload must rise from its first to its second value, "
                 f"found {self.time[0]!r} to {self.time[1]!r}"
             )
-        if not (np.isfinite(self.position).all() and self.position[2] >= 0.0):
+        if self.position[2] < 0.0:
             raise SimulationError(
-                "position of a payload must be finite and not below the ground, "
-                f"found {self.position!r}"
+                f"position of a payload must not be below the ground, found {self.position!r}"
             )
 
 

@@ -62,7 +62,7 @@ BEYOND_FLOATS = 10**400
         ("StandstillSettings", "track_speed", -0.1, "zero or a positive number, found -0.1"),
         ("StandstillSettings", "quiet_gyro", math.inf, "zero or a positive number, found inf"),
         ("StandstillSettings", "bias_margin", "0", "zero or a positive number, found '0'"),
-        ("StandstillSettings", "duration", 0.0, "at least 0.001 s, found 0.0"),
+        ("StandstillSettings", "duration", 0.0, "from 0.001 to 60 s, found 0.0"),
     ],
 )
 def test_what_a_setting_cannot_be_is_refused(kind: str, name: str, value: Any, said: str) -> None:
