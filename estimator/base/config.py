@@ -49,6 +49,8 @@ def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
         raise error(f"{path}: cannot be read: {problem}") from None
     except tomllib.TOMLDecodeError as problem:
         raise error(f"{path}: not a valid TOML file: {problem}") from None
+    except RecursionError:
+        raise error(f"{path}: not a valid TOML file: lists within lists, too deep") from None
 
 
 def convert(data: dict[str, Any], kind: type[T], source: str, error: type[IcreckonError]) -> T:

@@ -166,7 +166,7 @@ def read_saved(path: Path) -> SavedEstimator:
         raise EstimatorError(f"{path}: no such file") from None
     except OSError as problem:
         raise EstimatorError(f"{path}: cannot be read: {problem.strerror}") from None
-    except msgspec.DecodeError as problem:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise EstimatorError(f"{path}: damaged, or no saved estimator: {problem}") from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise EstimatorError(f"{path}: no saved estimator; PoseEstimator.save writes one")

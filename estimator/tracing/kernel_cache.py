@@ -121,12 +121,20 @@ def cache_folder() -> Path:
         return Path(chosen) / "icreckon"
     match platform.system():
         case "Windows":
-            base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+            base = Path(os.environ.get("LOCALAPPDATA", _home() / "AppData" / "Local"))
         case "Darwin":
-            base = Path.home() / "Library" / "Caches"
+            base = _home() / "Library" / "Caches"
         case _:
-            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+            base = Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache")
     return base / "icreckon" / "kernels"
+
+
+def _home() -> Path:
+    """Home folder of the user; a place that cannot be written if there is none."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return Path(os.devnull)
 
 
 def keeps_kernels() -> bool:

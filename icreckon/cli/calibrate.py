@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import typer
@@ -47,7 +48,7 @@ def run_calibrate(
             f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
             f"file, which `icreckon inspect {paths[0]} --write robot.toml` proposes"
         )
-    if len({path.resolve() for path in paths}) < len(paths):
+    if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
     robot = load_robot(robot_name)
     starts = (FIRST_WORDS.encode(), FORMER_FIRST_WORDS.encode())

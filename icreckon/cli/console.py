@@ -25,6 +25,8 @@ from icreckon.report.printable import printable
 TABLE_WIDTH = 150
 # Exit status of a command that has written incomplete results.
 FAILED = 1
+# Most characters of an error; names from a file may be of any length.
+LONGEST_LINE = 2000
 
 
 class _PlainConsole(Console):
@@ -135,6 +137,8 @@ def explain(problem: Exception) -> int:
     console = messages()
     if isinstance(problem, IcreckonError):
         line = " ".join(str(problem).splitlines())
+        if len(line) > LONGEST_LINE:
+            line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
         console.print(f"icreckon: {line}", style="red", markup=False, soft_wrap=True)
         return 1
     from icreckon.replay.base.outputs import NO_ROOM

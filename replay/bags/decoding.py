@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -214,7 +215,7 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
     """
     found = []
     for file in files:
-        folder = file.resolve().parent
+        folder = Path(os.path.realpath(file)).parent
         package = folder.parent.name if folder.name == "msg" else folder.name
         name = f"{package}/msg/{file.stem}"
         try:

@@ -35,7 +35,7 @@ class BreakError(Exception):
     """The records end before the end that the format prescribes."""
 
 
-DAMAGE = (BreakError, struct.error, KeyError, UnicodeDecodeError)
+DAMAGE = (BreakError, struct.error, IndexError, KeyError, UnicodeDecodeError)
 """Exceptions of records that are not as the format prescribes."""
 
 

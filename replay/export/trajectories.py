@@ -6,7 +6,7 @@ its 4x4 matrix in sequence, and the times in a separate file.
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -132,10 +132,11 @@ def _parse(words: list[str], where: str) -> tuple[int, list[float]]:
     if len(words) != 8:
         raise refusal
     try:
-        stamp = int((Decimal(words[0]) * NANOSECONDS).to_integral_value())
+        stamp = (Decimal(words[0]) * NANOSECONDS).to_integral_value()
         row = [float(word) for word in words[1:]]
-    except (ValueError, OverflowError, InvalidOperation):
+        possible = abs(stamp) < 2**63
+    except (ValueError, ArithmeticError):
         raise refusal from None
-    if not np.isfinite(row).all() or not any(row[3:]):
+    if not (possible and np.isfinite(row).all() and any(row[3:])):
         raise refusal
-    return stamp, row
+    return int(stamp), row

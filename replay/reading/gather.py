@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -71,11 +72,12 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     for one in paths:
         if str(one) != str(one).encode("utf-8", "replace").decode():
             raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
-    seen: set[Path] = set()
+    seen: set[str] = set()
     for one in paths:
-        if one.resolve() in seen:
+        place = os.path.realpath(one)
+        if place in seen:
             raise ReplayError(f"{one} is given twice")
-        seen.add(one.resolve())
+        seen.add(place)
     return paths
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -11,48 +10,25 @@ from pathlib import Path
 
 import pytest
 
-from bag_messages import imu, joints, write_bag
 from command_line import fails, icreckon, icreckon_alone
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.inspect import inspect
+from small_robot import drive, write_robot
 
 SECOND = 10**9
 NAMES = ("/[/]x", "/a[red]b", "/esc\x1b[2Jx", "/csi\x9b2J", "/:smiley:", "/$x_{$", "/line\nbreak")
-ROBOT = """
-name = {name}
-
-[vehicle]
-mass = 50.0
-track_gauge = 0.8
-sprocket_radius = 0.1
-
-[imu]
-gyro_axes = "z"
-
-[log]
-tracks = {{ topic = {topic}, left = ["l"], right = ["r"] }}
-imu = {{ topic = "/imu" }}
-truth = {{ topic = "/odom", source = {name} }}
-"""
-
-
-def drive(path: Path, topic: str) -> Path:
-    stamps = [k * SECOND // 10 for k in range(1, 40)]
-    messages = [(topic, joints(stamp, (1.0, 1.2))) for stamp in stamps]
-    messages += [("/imu", imu(stamp)) for stamp in stamps]
-    return write_bag(path, sorted(messages, key=lambda one: one[1].header.stamp.nanosec))
+STAMPS = [k * SECOND // 10 for k in range(1, 40)]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_names_are_shown_as_they_are(tmp_path: Path, name: str) -> None:
-    bag = drive(tmp_path / name.replace("/", ""), name)
+    bag = drive(tmp_path / name.replace("/", ""), STAMPS, name)
     shown = name.replace("\x1b", "\ufffd").replace("\x9b", "\ufffd")
     done = icreckon("inspect", bag, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     table = done.stdout.partition("Proposed robot file")[0]
     assert all(part in table for part in shown.split("\n"))
-    robot = ROBOT.format(name=json.dumps(name), topic=json.dumps(name))
-    (tmp_path / "robot.toml").write_text(robot, encoding="utf-8")
+    write_robot(tmp_path / "robot.toml", name, name)
     words = ("--robot", "robot.toml", "--variants", "gyro", "--workers", 1)
     done_too = icreckon("replay", bag, *words, cwd=tmp_path)
     assert done_too.returncode == 0, done_too.stderr
@@ -65,7 +41,7 @@ def test_names_are_shown_as_they_are(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[31mb", '"a"', "a\\b", "a\x7fb"])
 def test_file_names_make_valid_robot_files(tmp_path: Path, name: str) -> None:
-    bag = drive(tmp_path / name, "/js")
+    bag = drive(tmp_path / name, STAMPS)
     done = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "\x1b" not in done.stderr
@@ -74,7 +50,7 @@ def test_file_names_make_valid_robot_files(tmp_path: Path, name: str) -> None:
 
 
 def test_a_name_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
-    bag = drive(tmp_path / "log", "/js")
+    bag = drive(tmp_path / "log", STAMPS)
     odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/od\xffd"))
     bag.rename(odd)
     with pytest.raises(ReplayError, match="the name is not UTF-8; rename the file"):
@@ -83,7 +59,7 @@ def test_a_name_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_terminal_that_lacks_characters(tmp_path: Path) -> None:
-    bag = drive(tmp_path / "log", "/räder/\u8f66")
+    bag = drive(tmp_path / "log", STAMPS, "/räder/\u8f66")
     done = subprocess.run(
         [sys.executable, "-c", "from icreckon.cli.main import main; main()", "inspect", str(bag)],
         capture_output=True,

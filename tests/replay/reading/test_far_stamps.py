@@ -9,37 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_messages import imu, joints, robot_with, write_bag
+from bag_messages import robot_with
 from icreckon.estimator.log.scores import even_grid
 from icreckon.replay.reading.read_log import read_log
+from small_robot import drive, write_robot
 
 SECOND, NOW, YEARS = 10**9, 500_000_000 * 10**9, 50 * 365 * 86_400 * 10**9
 LIMIT = 3 * 2**30
 """Address space of a command [B], most of it libraries."""
-ROBOT = """
-name = "small"
-[vehicle]
-mass = 50.0
-track_gauge = 0.8
-sprocket_radius = 0.1
-
-[imu]
-gyro_axes = "z"
-
-[log.tracks]
-topic = "/js"
-left = ["l"]
-right = ["r"]
-
-[log.imu]
-topic = "/imu"
-
-[log.columns]
-time = "t"
-tracks = { left = ["l"], right = ["r"] }
-imu = { angular_velocity = ["w"] }
-truth = { x = "x", y = "y", yaw = "yaw" }
-"""
 COUNT, PERIOD = 400, SECOND // 20
 
 
@@ -56,12 +33,7 @@ def stamps(kind: str) -> list[int]:
 
 
 def bag(path: Path, kind: str) -> Path:
-    messages = []
-    for k, stamp in enumerate(stamps(kind)):
-        speed = 10.0 * np.sin(0.05 * k) ** 2
-        messages.append(("/js", joints(stamp, (speed, 1.2 * speed))))
-        messages.append(("/imu", imu(stamp, rate=(0.0, 0.0, 0.25 * speed))))
-    return write_bag(path, messages)
+    return drive(path, stamps(kind))
 
 
 def table(path: Path, kind: str) -> Path:
@@ -95,7 +67,7 @@ def limited(folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
 )
 def test_commands_stay_small(tmp_path: Path, form, kind: str) -> None:
     log = form(tmp_path / ("log.csv" if form is table else "log"), kind)
-    (tmp_path / "robot.toml").write_text(ROBOT, encoding="utf-8")
+    write_robot(tmp_path / "robot.toml")
     done = limited(tmp_path, "inspect", log)
     assert done.returncode == 0, done.stderr
     done = limited(tmp_path, "replay", log, "--robot", "robot.toml", "--variants", "differential")
