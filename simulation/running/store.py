@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.atomic_write import remove_abandoned, write_whole
+from icreckon.estimator.base.owned_files import alone_in
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.manifest import as_json, differences
 from icreckon.simulation.study.cells import Plan
@@ -128,11 +129,14 @@ def open_store(
         SimulationError: the folder has other content, or cannot be written.
     """
     try:
-        if overwrite:
-            _throw_away_others(folder, manifest)
-        _refuse_others(folder, manifest)
-        (folder / BLOCKS).mkdir(parents=True, exist_ok=True)
-        write_whole(folder / MANIFEST, as_json(manifest).encode())
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # Two commands may begin the same study at once.
+        with alone_in(folder.parent):
+            if overwrite:
+                _throw_away_others(folder, manifest)
+            _refuse_others(folder, manifest)
+            (folder / BLOCKS).mkdir(parents=True, exist_ok=True)
+            write_whole(folder / MANIFEST, as_json(manifest).encode())
     except OSError as problem:
         raise SimulationError(f"{folder}: cannot be written: {problem.strerror}") from None
     return BlockStore(folder, manifest["digest"], shape)

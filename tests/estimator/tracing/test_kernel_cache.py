@@ -156,6 +156,17 @@ def test_the_cache_is_where_the_user_wants_it(monkeypatch: pytest.MonkeyPatch) -
     assert cache_folder().parts[-2:] == ("icreckon", "kernels")
 
 
+def test_a_user_without_a_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", none)
+    assert cache_folder().parts[-2:] == ("icreckon", "kernels")
+    assert not kernel_cache.keeps_kernels()
+
+
 def doubled(x: np.ndarray) -> None:
     for k in range(len(x)):
         x[k] *= 2

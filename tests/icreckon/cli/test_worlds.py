@@ -1,0 +1,156 @@
+"""Two commands at once in one place, and installations that nothing can be written to.
+
+Commands that share an empty compile cache are in `test_fresh_cache.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from command_line import icreckon
+from conftest import REPOSITORY
+from small_robot import drive, write_robot
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions are those of POSIX")
+
+MAIN = "from icreckon.cli.main import main; main()"
+STAMPS = [k * 10**8 for k in range(1, 60)]
+STUDY = """
+engine = "streaming"
+variants = ["differential", "gyro"]
+runs = 4
+truths = 2
+horizons = [4.0]
+[scenario]
+duration = 10.0
+truth = "kinematic"
+[sweep.grid]
+gyro.factor = [1.0, 10.0]
+"""
+
+
+def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", MAIN, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+    )
+
+
+def ended(*processes: subprocess.Popen[str]) -> list[tuple[int, str]]:
+    """Exit status and last line of messages of each."""
+    found = []
+    for process in processes:
+        _, said = process.communicate(timeout=240)
+        assert "Traceback" not in said
+        found.append((process.returncode or 0, said.strip().splitlines()[-1]))
+    return found
+
+
+def test_two_with_one_output_do_not_mix(tmp_path: Path) -> None:
+    words = ("simulate", "--duration", "60", "--truth", "kinematic", "--out", "out", "--seed")
+    found = sorted(ended(*(begin(*words, seed, cwd=tmp_path) for seed in (1, 2))))
+    (first, _), (second, said) = found
+    assert (first, second) == (0, 1), found
+    assert "is being written by another process" in said or "exists already" in said
+    assert [one.name for one in tmp_path.iterdir()] == ["out"]
+    assert icreckon("inspect", "out", cwd=tmp_path).returncode == 0
+
+
+def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
+    drive(tmp_path / "log", STAMPS)
+    write_robot(tmp_path / "robot.toml")
+    words = ("replay", "log", "--robot", "robot.toml", "--variants", "gyro", "--formats", "none")
+    found = ended(*(begin(*words, "--workers", 1, cwd=tmp_path) for _ in range(2)))
+    assert all(code in (0, 1) for code, _ in found)
+    done = [code for code, _ in found].count(0)
+    folders = [one for one in tmp_path.iterdir() if (one / "results.json").is_file()]
+    assert len(folders) == done >= 1
+    assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
+    for folder in folders:
+        assert json.loads((folder / "results.json").read_text(encoding="utf-8"))["variants"]
+
+
+def test_two_with_one_study_come_to_what_one_does(tmp_path: Path) -> None:
+    (tmp_path / "tiny.toml").write_text(STUDY, encoding="utf-8")
+    words = ("study", "tiny.toml", "--workers", 1, "--out")
+    assert icreckon(*words, "alone", cwd=tmp_path).returncode == 0
+    found = ended(*(begin(*words, "shared", cwd=tmp_path) for _ in range(2)))
+    assert [code for code, _ in found] == [0, 0], found
+    alone, shared = (
+        json.loads((tmp_path / name / "results.json").read_text(encoding="utf-8"))
+        for name in ("alone", "shared")
+    )
+    assert alone["cells"] == shared["cells"]
+    assert not list((tmp_path / "shared").rglob("*.tmp"))
+
+
+@pytest.fixture
+def read_only(tmp_path: Path) -> Iterator[Path]:
+    """A copy of the package, and an empty home, that cannot be written to."""
+    place = tmp_path / "installed"
+    skip = shutil.ignore_patterns("__pycache__", ".git")
+    shutil.copytree(REPOSITORY / "icreckon", place / "icreckon", ignore=skip)
+    (place / "home").mkdir()
+    subprocess.run(["chmod", "-R", "a-w", place], check=True)
+    yield place
+    subprocess.run(["chmod", "-R", "u+w", place], check=True)
+
+
+def confined(place: Path, *words: object, home: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command of a read-only installation; root without its privilege to write anywhere."""
+    rights = "-dac_override,-dac_read_search"
+    prefix = ["setpriv", "--bounding-set", rights, "--inh-caps", rights]
+    if os.geteuid():
+        prefix = []
+    elif shutil.which("setpriv") is None:
+        pytest.skip("root without setpriv cannot be confined")
+    left_out = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "MPLCONFIGDIR", "XDG_CONFIG_HOME")
+    env = {name: value for name, value in os.environ.items() if name not in left_out}
+    return subprocess.run(
+        [*prefix, sys.executable, "-c", MAIN, *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env={**env, "PYTHONPATH": str(place), "HOME": str(place / home)},
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("home", ["home", "none"])
+def test_a_read_only_installation_reads_logs(tmp_path: Path, read_only: Path, home: str) -> None:
+    drive(tmp_path / "log", STAMPS)
+    done = confined(read_only, "inspect", "log", "--write", "new.toml", home=home, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "new.toml").is_file()
+    assert not any("arning" in line for line in done.stderr.splitlines())
+    failed = confined(read_only, "prepare", home=home, cwd=tmp_path)
+    assert failed.returncode == 1
+    (line,) = failed.stderr.strip().splitlines()
+    assert line.startswith("icreckon: ")
+    assert "NUMBA_CACHE_DIR" in line
+
+
+@pytest.mark.slow
+def test_a_read_only_installation_replays_with_one_remark(tmp_path: Path, read_only: Path) -> None:
+    drive(tmp_path / "log", STAMPS)
+    write_robot(tmp_path / "robot.toml")
+    words = ("log", "--robot", "robot.toml", "--variants", "inertia-online", "--out", "out")
+    done = confined(read_only, "replay", *words, home="none", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "page.html").is_file()
+    remarks = [line for line in done.stderr.splitlines() if line.startswith("icreckon: ")]
+    (remark,) = remarks
+    assert "compiled functions cannot be kept" in remark
+    assert "Traceback" not in done.stderr
