@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from icreckon.replay.comparison.results import Results
-from icreckon.report.printable import printable
+from icreckon.report.printable import any_letters, printable
 
 BEFORE, AFTER = "#999999", "#0072B2"
 ROWS = ("along [cm]", "across [cm]", "turning [deg]")
@@ -29,7 +29,7 @@ def write_calibration_figure(path: Path, results: Results) -> None:
         results: output of `replay.calibration.results.summarise_calibration`.
     """
     style: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
-    with mpl.rc_context(style):
+    with mpl.rc_context(style), any_letters():
         figure = Figure(figsize=(15, 9), layout="constrained")
         grid = figure.add_gridspec(3, 2, width_ratios=(1.4, 1.0))
         left = [figure.add_subplot(grid[0, 0])]

@@ -14,7 +14,7 @@ from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.colours import OTHER_COLOUR, TRUTH_COLOUR
 from icreckon.replay.base.colours import colour_of as _colour
 from icreckon.replay.comparison.results import Results
-from icreckon.report.printable import printable
+from icreckon.report.printable import any_letters, printable
 from icreckon.report.replay.page_text import failures, has_yaw_errors
 
 # Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
@@ -33,7 +33,7 @@ def write_figure(path: Path, results: Results) -> None:
         results: output of `replay.comparison.results.summarise`.
     """
     style: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
-    with mpl.rc_context(style):
+    with mpl.rc_context(style), any_letters():
         figure = Figure(figsize=(15, 9), layout="constrained")
         grid = figure.add_gridspec(6, 2, width_ratios=(1.15, 1.0))
         _draw_paths(figure.add_subplot(grid[:, 0]), results)

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from icreckon.replay.base.colours import COLOURS
+from icreckon.report.printable import any_letters
 from icreckon.report.study.text import NEES, title_of, unit_of
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
@@ -88,7 +89,7 @@ def study_figures(results: Results) -> list[Figure]:
 
 
 def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(STYLE), any_letters():
         drawing = Drawing(figsize=SIZE, layout="constrained")
         draw(drawing.add_subplot())
         return Figure(name, caption, _png(drawing))
@@ -212,7 +213,7 @@ def _distribution(results: Results) -> Figure:
     rows = max(1, (len(kept) + 1) // 2)
     columns = min(2, max(1, len(kept)))
     share = np.array(PERCENTILES) / 100.0
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(STYLE), any_letters():
         drawing = Drawing(figsize=(SIZE[0], SIZE[1] * (0.35 + 0.65 * rows)), layout="constrained")
         grid = drawing.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
         panels = list(grid.flat)

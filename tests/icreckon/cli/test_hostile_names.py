@@ -58,6 +58,17 @@ def test_a_name_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
     assert "od\\udcffd" in fails("inspect", odd, cwd=tmp_path, run=icreckon_alone)
 
 
+def test_letters_that_a_figure_lacks_are_no_warning(tmp_path: Path) -> None:
+    """Tests make errors of warnings, and a command prints them."""
+    bag = drive(tmp_path / "\u8d70\u884c", STAMPS)
+    write_robot(tmp_path / "robot.toml", "\u8eca\u4e21 \u0e23\u0e16")
+    words = ("--robot", "robot.toml", "--variants", "gyro", "--workers", 1, "--out", "out")
+    done = icreckon("replay", bag, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Glyph" not in done.stderr
+    assert "\u8eca\u4e21" in (tmp_path / "out" / "page.html").read_text(encoding="utf-8")
+
+
 def test_a_terminal_that_lacks_characters(tmp_path: Path) -> None:
     bag = drive(tmp_path / "log", STAMPS, "/räder/\u8f66")
     done = subprocess.run(
