@@ -130,10 +130,10 @@ def test_a_nasty_file_is_one_line(tmp_path: Path, name: str) -> None:
         path.mkdir()
         PLACES[name](path)
     write_robot(tmp_path / "robot.toml")
+    robot = ("--robot", "robot.toml")
     for words in (
         ("inspect",),
-        ("replay", "--robot", "robot.toml"),
-        ("calibrate", "--robot", "robot.toml"),
+        *((command, *robot) for command in ("check", "replay", "calibrate")),
     ):
         # What is readable is listed, though it holds nothing.
         if words[0] == "inspect" and name in LISTED:
