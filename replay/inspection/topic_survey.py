@@ -22,7 +22,7 @@ from icreckon.replay.reading.message_rows import imu_row
 SAMPLES = 200
 """Messages of a topic that are decoded to guess its stream."""
 SAMPLE_BYTES = 1_000_000
-"""Bytes of these messages from which no more are kept."""
+"""Most bytes of these messages."""
 LONGEST_FRAME = 200
 """Most characters of a frame's name that are kept."""
 SHAPE_CHECKS: dict[str, Callable[[Any], object]] = {
@@ -83,9 +83,9 @@ class Survey:
     messages: list[Any] = field(default_factory=list)
     sampled: int = 0
 
-    def wants_messages(self) -> bool:
-        """Return True if more messages are to be decoded."""
-        return len(self.messages) < SAMPLES and self.sampled < SAMPLE_BYTES
+    def wants(self, size: int) -> bool:
+        """Return True if a message of a size [bytes] is to be decoded."""
+        return len(self.messages) < SAMPLES and self.sampled + size <= SAMPLE_BYTES
 
     def extend(self, other: Survey) -> None:
         """Append the survey of the topic in another file."""
@@ -143,7 +143,7 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
                 continue
             survey.offsets.append(header.stamp - record.time)
             survey.frame_id = survey.frame_id or header.frame_id[:LONGEST_FRAME]
-        if record.channel in decoders and survey.wants_messages():
+        if record.channel in decoders and survey.wants(len(record.data)):
             survey.sampled += len(record.data)
             try:
                 message = decoders[record.channel](record.data)
