@@ -35,6 +35,8 @@ LEAST_DRIVING = 0.3
 LEVER = 0.3
 # Factor between noise densities that is reported [-].
 OTHER_NOISE = 3.0
+# Fewest pairs of neighbouring samples at standstill that show the noise.
+FEWEST_STILL = 20
 
 
 def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
@@ -175,7 +177,7 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
 def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     """Noise of the gyro at standstill."""
     still = still_samples(log)
-    if log.imu is None or still is None:
+    if log.imu is None or still is None or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
         return
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
     found = density(in_base(log.imu, robot)[0], still, step)
