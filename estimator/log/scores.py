@@ -29,6 +29,8 @@ VELOCITY_WINDOW = 1.0
 PATH_STEP = 0.5
 # Longest gap that is filled with evenly spaced times [s].
 LONGEST_FILLED = 10.0
+# Gap in a truth from which on segments across it are left out: this [s], or so many usual intervals.
+LEAST_GAP, USUAL_GAPS = 1.0, 2.5
 # A covariance with a smaller eigenvalue counts as singular.
 LEAST_EIGENVALUE = 1e-12
 
@@ -124,7 +126,7 @@ def drift(
     *,
     unit: Unit = "s",
     within: list[Interval] | None = None,
-    largest_gap: float = 1.0,
+    largest_gap: float | None = None,
 ) -> Drift:
     """Drift over all segments of a given length, which begin `SEGMENT_STEP` apart.
 
@@ -136,11 +138,15 @@ def drift(
         horizon: length of the segments [s, m].
         unit: "s" for segments of a duration, "m" for those of a distance.
         within: intervals of stamps [ns] that must contain a segment; None for everywhere.
-        largest_gap: segments across a longer gap in the truth are left out [s].
+        largest_gap: segments across a longer gap in the truth are left out [s]; None for one second, or
+            more where the truth is slower, see `USUAL_GAPS`.
     """
     stamps = shared_stamps(estimate, truth)
     if len(stamps) < 2:
         return Drift(horizon, unit, stamps[:0], *(np.zeros(0) for _ in range(4)))
+    if largest_gap is None:
+        usual = float(np.median(np.diff(truth.stamps))) * NANOSECOND
+        largest_gap = max(LEAST_GAP, min(USUAL_GAPS * usual, LONGEST_FILLED))
     true_poses = interpolate_poses(truth, stamps)
     travelled = path_length(PoseSeries(stamps, true_poses))
     first = segment_starts(stamps)

@@ -29,7 +29,12 @@ from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.fixes import LogPart, with_fixes_within
+from icreckon.replay.comparison.fixes import (
+    OF_FIXES,
+    LogPart,
+    with_fixes_within,
+    with_truth_of_fixes,
+)
 from icreckon.replay.comparison.initial_pose import start_from_fixes
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth
 
@@ -97,7 +102,7 @@ def compare(
         variants: names of filter variants.
         settings: settings of the pose estimator.
         fixes: part of the log in which fixes are used, see `replay.comparison.fixes`; None for all
-            logged fixes.
+            logged fixes. Without a truth, the others are scored against.
         smooth: whether each run is smoothed, too, see `estimator.streaming.smoother`.
         engine: "auto", as above; "batch", for a log of any length; or "streaming".
         workers: number of processes for the variants; 1 runs them in this one. A batch always runs in
@@ -117,11 +122,13 @@ def compare(
         raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
     for name in variants:
         motion_model(robot, find_variant(name))
+    if fixes is not None:
+        log = with_truth_of_fixes(log)
     log, alignment = _aligned(_without_false_headings(log), robot, variants, settings, engine)
     if fixes is not None:
         log = with_fixes_within(log, fixes)
     start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if log.truth is not None:
+    if log.truth is not None and log.truth.source != OF_FIXES:
         start = _pose_at(log.truth, log.start)
         sigma = (0.0, 0.0, 0.0) if alignment is None else alignment.start_sigma
     elif log.fixes is not None:
@@ -168,7 +175,15 @@ def _aligned(
             "truth is not used"
         )
         return replace(log, truth=None, notes=(*log.notes, note)), None
-    return replace(log, truth=found.truth, notes=(*log.notes, *found.notes)), found
+    notes = (*log.notes, *found.notes)
+    if truth.source == OF_FIXES:
+        errors = "" if found.headings is None else f", about {found.headings.noise:.2f} m,"
+        notes = (
+            *notes,
+            f"without a truth, the fixes that are not used are scored against: their own errors{errors} "
+            "are in the figures, and a difference of variants that is smaller shows nothing",
+        )
+    return replace(log, truth=found.truth, notes=notes), found
 
 
 def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:

@@ -10,9 +10,11 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix, PoseFix
-from icreckon.estimator.log.series import FixSeries
+from icreckon.estimator.log.series import FixSeries, PoseSeries, Truth
 from icreckon.replay.base.errors import ReplayError
 
+# Source of a truth that is the fixes of a log, of which not all are used.
+OF_FIXES = "fixes that were not used"
 # Fixes from a truth: period [s], and their standard deviations [m, rad].
 TRUTH_FIX_PERIOD = 1.0
 TRUTH_FIX_SIGMA = (0.05, 0.02)
@@ -58,6 +60,20 @@ def _bound(word: str) -> Bound:
     if not 0.0 <= value < float("inf"):
         raise ValueError(word)
     return Bound(value, is_share)
+
+
+def with_truth_of_fixes(log: Log) -> Log:
+    """Log whose fixes are its truth, too, if it has none: those that are not used are scored against.
+
+    Args:
+        log: the log, with all of its fixes.
+    """
+    fixes = log.fixes
+    if log.truth is not None or fixes is None or len(fixes.stamps) < 2:
+        return log
+    headings = bool(np.isfinite(fixes.poses[:, 2]).all())
+    truth = Truth(PoseSeries(fixes.stamps, fixes.poses.copy()), None, None, OF_FIXES, headings)
+    return replace(log, truth=truth)
 
 
 def with_fixes_within(log: Log, part: LogPart) -> Log:

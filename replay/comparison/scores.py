@@ -22,6 +22,7 @@ from icreckon.estimator.log.scores import (
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import horizon_labels
+from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.plot_series import largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
 
@@ -83,7 +84,9 @@ def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> 
     nees = pose_nees(estimate, truth.poses, within=scored, position_only=not truth.headings)
     name = "nees_pose_mean" if truth.headings else "nees_position_mean"
     found["nees_pose_mean"] = math.nan
-    found[name] = float(nees.mean()) if len(nees) else math.nan
+    # Errors of fixes are not known to the filter's covariance.
+    known = len(nees) > 0 and truth.source != OF_FIXES
+    found[name] = float(nees.mean()) if known else math.nan
     end = min(truth.poses.stamps[-1], estimate.stamps[-1])
     at = np.array([end])
     last = interpolate_poses(estimate.pose_series, at) - interpolate_poses(truth.poses, at)

@@ -1,0 +1,68 @@
+"""A log without a truth is scored against the fixes that a replay does not use."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.fixes import OF_FIXES, parse_part
+from icreckon.replay.comparison.results import summarise
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+VARIANTS = ("gyro", "inertia-online")
+PART = parse_part("0:40%")
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """A drive with a fix a second, as a GPS with corrections has them."""
+    return simulate(Scenario(duration=240.0, seed=1, fix_rate=1.0, trajectory="aggressive"), ALPHA)
+
+
+def scored(log: Log, part=PART) -> dict:
+    return summarise(
+        compare(log, ALPHA, VARIANTS, fixes=part), ALPHA, command="test", configuration={}
+    )
+
+
+def test_drift_is_about_that_against_the_truth(log: Log):
+    by_truth, by_fixes = scored(log), scored(replace(log, truth=None))
+    assert by_fixes["truth"]["source"] == OF_FIXES
+    for name in VARIANTS:
+        known, found = (one["variants"][name] for one in (by_truth, by_fixes))
+        key = "drift_percent_30s_mean"
+        assert found[key] == pytest.approx(known[key], rel=0.35)
+        assert found["drift_segments_30s"] > 30
+        # Nothing says how wrong the fixes are, so consistency is not judged.
+        assert found["nees_pose_mean"] is None
+        assert found["nees_position_mean"] is None
+        # The run itself is the same: the fixes that are scored against are not used.
+        assert found["used"] == known["used"]
+    gyro, inertia = (by_fixes["variants"][name]["drift_percent_30s_mean"] for name in VARIANTS)
+    assert inertia < gyro
+    notes = by_fixes["log"]["notes"]
+    assert any("the fixes that are not used are scored against" in note for note in notes)
+
+
+def test_errors_of_the_fixes_are_stated(log: Log):
+    fixes = log.fixes
+    rng = np.random.default_rng(3)
+    poses = fixes.poses.copy()
+    poses[:, :2] += rng.normal(0.0, 0.4, (len(poses), 2))
+    rough = replace(log, truth=None, fixes=replace(fixes, poses=poses))
+    (note,) = (one for one in scored(rough)["log"]["notes"] if "scored against" in one)
+    stated = float(note.partition("about ")[2].split()[0])
+    assert stated == pytest.approx(0.4, rel=0.3)
+
+
+def test_all_fixes_leave_nothing_to_score(log: Log):
+    assert scored(replace(log, truth=None), None)["truth"] is None
+
+
+def test_a_truth_stays_the_truth(log: Log):
+    assert scored(log)["truth"]["source"] == "friction"
