@@ -37,8 +37,11 @@ from icreckon.estimator.motion import icr as kinematics  # noqa: F401
 from icreckon.estimator.motion import index_model as motion  # noqa: F401
 from icreckon.estimator.robot.robot_file import Robot as Robot
 from icreckon.estimator.robot.robot_file import Slip as Slip
+from icreckon.estimator.robot.robot_file import changed_robot as changed_robot
 from icreckon.estimator.robot.robot_file import load_robot as load_robot
+from icreckon.estimator.robot.robot_file import make_robot as make_robot
 from icreckon.estimator.robot.robot_file import robot_names as robot_names
+from icreckon.estimator.robot.robot_toml import robot_toml as robot_toml
 from icreckon.estimator.robot.settings import FixWander as FixWander
 from icreckon.estimator.robot.settings import GateSettings as GateSettings
 from icreckon.estimator.robot.settings import Settings as Settings
@@ -55,6 +58,7 @@ from icreckon.estimator.streaming.run import run as run
 from icreckon.estimator.streaming.smoother import Smoothing as Smoothing
 from icreckon.estimator.streaming.smoother import smooth as smooth
 from icreckon.replay.base.errors import ReplayError as ReplayError
+from icreckon.replay.checking.robot_check import check_robot as check_robot
 from icreckon.replay.comparison.compare import compare as compare
 from icreckon.replay.comparison.fixes import parse_part as parse_part
 from icreckon.replay.comparison.results import summarise as summarise

@@ -118,8 +118,26 @@ class Log:
             raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
         return filled
 
+    def part(self, start: float, end: float) -> Log:
+        """Part of the log between two times since its start, both included [s].
+
+        Raises:
+            EstimatorError: it holds neither track speeds nor IMU samples there.
+        """
+        first, last = (self.start + round(seconds / NANOSECOND) for seconds in (start, end))
+        return self.between(first, last)
+
     def between(self, start: int, end: int) -> Log:
-        """Part of the log between two stamps, both included [ns], with counts and notes."""
+        """Part of the log between two stamps, both included [ns], with counts and notes.
+
+        Raises:
+            EstimatorError: it holds neither track speeds nor IMU samples there.
+        """
+        if start <= end and (end < self.start or start > self.end):
+            raise EstimatorError(
+                f"nothing of log {self.name!r} is between {start} and {end} ns: it is from {self.start} "
+                f"to {self.end} ns; part(0.0, 10.0) takes seconds since its start"
+            )
 
         def cut(series: _Series, *columns: str) -> _Series:
             inside = (series.stamps >= start) & (series.stamps <= end)

@@ -6,6 +6,7 @@ except in `[indices]` and `[constant_icr]`, which use the paper's symbols and ax
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -441,6 +442,55 @@ def load_robot(name_or_path: str | Path) -> Robot:
                 " (or give the path of a .toml file)"
             )
     return convert(read_toml(path, EstimatorError), Robot, str(path), EstimatorError)
+
+
+def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
+    """Make a robot without a file; what is left out has its default.
+
+    Args:
+        name: name of the robot.
+        tables: tables of a robot file, as `vehicle={"mass": 30.0, "track_gauge": 0.42,
+            "sprocket_radius": 0.1}`; `vehicle` is required.
+
+    Raises:
+        EstimatorError: a misspelt key, a wrong type or a bad value.
+    """
+    data = {"name": name} | {key: as_plain_table(value) for key, value in tables.items()}
+    return convert(data, Robot, f"robot {name!r}", EstimatorError)
+
+
+def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:
+    """Copy of a robot with other values.
+
+    Args:
+        robot: the robot.
+        changes: values by their keys in a robot file, as `{"vehicle.track_gauge": 0.45}`.
+
+    Raises:
+        EstimatorError: a misspelt key, a wrong type or a bad value.
+    """
+    require_robot(robot)
+    data = {key: value for key, value in msgspec.to_builtins(robot).items() if value is not None}
+    for key, value in changes.items():
+        *path, last = str(key).split(".")
+        table = data
+        for step in path:
+            table = table.setdefault(step, {})
+            if not isinstance(table, dict):
+                raise EstimatorError(f"{key}: {step} is no table of a robot file")
+        table[last] = as_plain_table(value)
+    return convert(data, Robot, f"robot {robot.name!r}", EstimatorError)
+
+
+def as_plain_table(value: Any) -> Any:
+    """Plain data of a value: of structures, mappings, tuples and numpy's numbers."""
+    if isinstance(value, Mapping):
+        return {str(key): as_plain_table(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [as_plain_table(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return msgspec.to_builtins(value) if isinstance(value, msgspec.Struct) else value
 
 
 def require_robot(robot: object) -> None:

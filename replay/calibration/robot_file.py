@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-import msgspec
 
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.calibration.result import FoundParameter
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_toml import table_lines, toml_key, toml_value, tree_lines
 
 FIRST_WORDS = "# Calibrated by icreckon"
 # First words of the files of `icreckon identify`, the former name of the command.
 FORMER_FIRST_WORDS = "# Identified by icreckon"
-# Significant digits of a computed number.
-DIGITS = 7
-# Column at which the comments of short lines are aligned.
-COMMENT_AT = 40
 SIGMAS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
     "gyro_bias_sigma": "of the bias of another log; the previous value counts as one more log",
@@ -48,25 +41,25 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
     lines = [
         f"{FIRST_WORDS} {first}",
         *(f"# {line}" for line in more),
-        f"name = {_value(robot.name)}",
+        f"name = {toml_value(robot.name)}",
         f"format = {robot.format}",
-        *([f"note = {_value(robot.note)}"] if robot.note else []),
+        *([f"note = {toml_value(robot.note)}"] if robot.note else []),
     ]
     comments = {one.name: _comment(one) for one in found.parameters}
-    lines += _table("vehicle", robot.vehicle, _vehicle_comments(robot, comments))
-    lines += _table("indices", robot.indices, _under("indices", comments))
+    lines += table_lines("vehicle", robot.vehicle, _vehicle_comments(robot, comments))
+    lines += table_lines("indices", robot.indices, _under("indices", comments))
     if robot.constant_icr is not None:
-        lines += _table("constant_icr", robot.constant_icr, _under("constant_icr", comments))
-    lines += _table("imu", robot.imu, _imu_comments(found, comments))
-    lines += _table("tracks", robot.tracks, _under("tracks", comments) | SIGMAS)
-    lines += _table("slope", robot.slope, {})
-    lines += _table("undetected_slip", robot.undetected_slip, {})
+        lines += table_lines("constant_icr", robot.constant_icr, _under("constant_icr", comments))
+    lines += table_lines("imu", robot.imu, _imu_comments(found, comments))
+    lines += table_lines("tracks", robot.tracks, _under("tracks", comments) | SIGMAS)
+    lines += table_lines("slope", robot.slope, {})
+    lines += table_lines("undetected_slip", robot.undetected_slip, {})
     if robot.soil is not None:
-        lines += _table("soil", robot.soil, _under("soil", comments))
+        lines += table_lines("soil", robot.soil, _under("soil", comments))
     for variant, slip in robot.slip.items():
-        lines += _table(f"slip.{_key(variant)}", slip, {})
+        lines += table_lines(f"slip.{toml_key(variant)}", slip, {})
     for name, table in robot.log.items():
-        lines += _tree(f"log.{_key(name)}", table)
+        lines += tree_lines(f"log.{toml_key(name)}", table)
     return "\n".join(lines) + "\n"
 
 
@@ -120,46 +113,3 @@ def _imu_comments(found: Calibration, comments: Mapping[str, str]) -> dict[str, 
             "held" if sigma is None else f"{sigma:.2g}" for sigma in places
         )
     return own
-
-
-def _table(name: str, values: msgspec.Struct, comments: Mapping[str, str]) -> list[str]:
-    lines = ["", f"[{name}]"]
-    for field in msgspec.structs.fields(values):
-        value = getattr(values, field.name)
-        if value is None:
-            continue
-        lines.append(_line(field.name, value, comments.get(field.name, "")))
-    return lines
-
-
-def _tree(name: str, table: Any) -> list[str]:
-    """Format a table of the mapping, nested tables last."""
-    plain = {key: value for key, value in table.items() if not isinstance(value, dict)}
-    lines = ["", f"[{name}]", *(_line(_key(key), value, "") for key, value in plain.items())]
-    for key, value in table.items():
-        if isinstance(value, dict):
-            lines += _tree(f"{name}.{_key(key)}", value)
-    return lines
-
-
-def _line(key: str, value: Any, comment: str) -> str:
-    line = f"{key} = {_value(value)}"
-    return f"{line:{COMMENT_AT}} # {comment}" if comment else line
-
-
-def _key(name: str) -> str:
-    return name if name.replace("-", "").replace("_", "").isalnum() else json.dumps(name)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        text = f"{value:.{DIGITS}g}"
-        return text if any(mark in text for mark in ".en") else f"{text}.0"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
-    # JSON's escapes are a subset of TOML's.
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -32,6 +32,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.fixes import (
     OF_FIXES,
     LogPart,
+    parse_part,
     with_fixes_within,
     with_truth_of_fixes,
 )
@@ -74,10 +75,10 @@ class Comparison:
 def compare(
     log: Log,
     robot: Robot,
-    variants: Sequence[str] = DEFAULT_VARIANTS,
+    variants: Sequence[str] | str = DEFAULT_VARIANTS,
     *,
     settings: Settings | None = None,
-    fixes: LogPart | None = None,
+    fixes: LogPart | str | None = None,
     smooth: bool = False,
     engine: str = "auto",
     workers: int = 1,
@@ -99,10 +100,10 @@ def compare(
     Args:
         log: the log.
         robot: the robot.
-        variants: names of filter variants.
+        variants: names of filter variants, or one name.
         settings: settings of the pose estimator.
-        fixes: part of the log in which fixes are used, see `replay.comparison.fixes`; None for all
-            logged fixes. Without a truth, the others are scored against.
+        fixes: part of the log in which fixes are used, as "0:40%" or "12:90" (seconds), or from
+            `parse_part`; None for all logged fixes. Without a truth, the others are scored against.
         smooth: whether each run is smoothed, too, see `estimator.streaming.smoother`.
         engine: "auto", as above; "batch", for a log of any length; or "streaming".
         workers: number of processes for the variants; 1 runs them in this one. A batch always runs in
@@ -120,6 +121,8 @@ def compare(
     report = progress or _unreported
     if engine not in ENGINES:
         raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
+    variants = (variants,) if isinstance(variants, str) else tuple(variants)
+    fixes = parse_part(fixes) if isinstance(fixes, str) else fixes
     for name in variants:
         motion_model(robot, find_variant(name))
     if fixes is not None:

@@ -63,7 +63,7 @@ def _bound(word: str) -> Bound:
 
 
 def with_truth_of_fixes(log: Log) -> Log:
-    """Log whose fixes are its truth, too, if it has none: those that are not used are scored against.
+    """Log whose fixes are its truth, too, if it has none.
 
     Args:
         log: the log, with all of its fixes.

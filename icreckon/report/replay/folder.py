@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.results import Results, write_results
 from icreckon.replay.export.folder import write_exports
@@ -19,7 +20,7 @@ PAGE_FILE = "page.html"
 
 
 def write_report(
-    folder: Path,
+    folder: Path | str,
     comparison: Comparison,
     results: Results,
     robot: Robot,
@@ -33,7 +34,13 @@ def write_report(
         results: output of `summarise` for them.
         robot: the robot.
         formats: names from `replay.export.formats.FORMATS`.
+
+    Raises:
+        ReplayError: there is no such folder.
     """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ReplayError(f"{folder}: no such folder; make it first")
     write_exports(folder, comparison, robot, formats)
     write_views(folder, results)
 
