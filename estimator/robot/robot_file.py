@@ -6,7 +6,7 @@ except in `[indices]` and `[constant_icr]`, which use the paper's symbols and ax
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -441,7 +441,25 @@ def load_robot(name_or_path: str | Path) -> Robot:
                 f"no robot named {str(name_or_path)!r}{nearest_hint(str(name_or_path), robot_names())}"
                 " (or give the path of a .toml file)"
             )
-    return convert(read_toml(path, EstimatorError), Robot, str(path), EstimatorError)
+    data = read_toml(path, EstimatorError)
+    missing = list(_not_filled_in(data))
+    if len(missing) > 1:
+        raise EstimatorError(
+            f"{path}: {', '.join(missing)} must be numbers, found nan: they are not filled in"
+        )
+    return convert(data, Robot, str(path), EstimatorError)
+
+
+def _not_filled_in(data: Any, name: str = "") -> Iterator[str]:
+    """Keys whose value is NaN, as "vehicle.mass"."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield from _not_filled_in(value, f"{name}.{key}" if name else key)
+    elif isinstance(data, list):
+        for value in data:
+            yield from _not_filled_in(value, name)
+    elif isinstance(data, float) and data != data:
+        yield name
 
 
 def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:

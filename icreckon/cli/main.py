@@ -327,6 +327,17 @@ def inspect(
 
 
 @app.command()
+def robots() -> None:
+    """List the robots that ship with icreckon, for --robot.
+
+    Their files are in the folder that is printed, to begin a file of your own with.
+    """
+    from icreckon.cli.comparing import show_robots
+
+    show_robots()
+
+
+@app.command()
 def check(
     log: Logs,
     robot: Annotated[

@@ -11,6 +11,14 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin
 
 from icreckon.estimator.base.array_types import Stamps
@@ -28,6 +36,20 @@ SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 MAGICS = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V2.0\n")
 """First bytes of the files that a bag may replace."""
 
+UNSPECIFIED = QosTime(0, 0)
+LATCHED = Qos(
+    history=QosHistory.KEEP_LAST,
+    depth=1,
+    reliability=QosReliability.RELIABLE,
+    durability=QosDurability.TRANSIENT_LOCAL,
+    deadline=UNSPECIFIED,
+    lifespan=UNSPECIFIED,
+    liveliness=QosLiveliness.AUTOMATIC,
+    liveliness_lease_duration=UNSPECIFIED,
+    avoid_ros_namespace_conventions=False,
+)
+"""Quality of service of a latched topic."""
+
 LARGEST_STAMP = 2**31 * NANOSECONDS
 """Both ROS 1 and ROS 2 store the seconds of a stamp in 32 bits."""
 
@@ -41,6 +63,7 @@ class Outbox(NamedTuple):
         stamps: (n,) their stamps [ns].
         make: function that makes the i-th message, if there is no `packing`.
         packing: function that makes all at once, if they differ in numbers only.
+        latched: whether who subscribes later gets the newest message, too.
     """
 
     topic: str
@@ -48,6 +71,7 @@ class Outbox(NamedTuple):
     stamps: Stamps
     make: Callable[[Messages, int], Any] | None = None
     packing: Callable[[Messages], Packing] | None = None
+    latched: bool = False
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
         """Yield the serialised messages in order."""
@@ -106,7 +130,12 @@ def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
     def packed(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
         topic, msgtype = outbox.topic, outbox.msgtype
         if topic not in connections:
-            connections[topic] = writer.add_connection(topic, msgtype, typestore=messages.store)
+            options: dict[str, Any] = {}
+            if outbox.latched:
+                options = {"latching": 1} if messages.ros1 else {"offered_qos_profiles": [LATCHED]}
+            connections[topic] = writer.add_connection(
+                topic, msgtype, typestore=messages.store, **options
+            )
         connection = connections[topic]
         sent = zip(map(int, outbox.stamps), outbox.serialised(messages), strict=True)
         return ((stamp, connection, data) for stamp, data in sent)

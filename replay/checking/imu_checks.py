@@ -39,6 +39,19 @@ OTHER_NOISE = 3.0
 FEWEST_STILL = 20
 
 
+def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
+    """IMU that the file maps and the log lacks."""
+    topic = robot.log.get("imu", {}).get("topic")
+    if log.imu is None and topic is not None:
+        yield Check(
+            "IMU",
+            str(topic),
+            "no sample",
+            f"the log has no IMU sample on {topic}: the heading is that of the tracks alone",
+            "the right topic in [log.imu]; icreckon inspect lists those of the log",
+        )
+
+
 def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
     """Unit of the accelerometer, by the mean specific force."""
     imu = log.imu

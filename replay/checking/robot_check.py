@@ -18,6 +18,7 @@ from icreckon.replay.checking.imu_checks import (
     check_gravity,
     check_mounting,
     check_noise,
+    check_presence,
 )
 from icreckon.replay.checking.track_checks import (
     check_latency,
@@ -36,6 +37,7 @@ STREAMS = {
 }
 # In this order: each needs what those before it have mended.
 CHECKS = (
+    check_presence,
     check_gravity,
     check_mounting,
     check_turning,

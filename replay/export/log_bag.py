@@ -148,7 +148,9 @@ def _mapping(log: Log, topics: TopicMap) -> Outbox:
 
 
 def _text(topic: str, stamps: Stamps, text: str) -> Outbox:
-    return Outbox(topic, STRING, stamps, lambda messages, _: messages.new(STRING, data=text))
+    return Outbox(
+        topic, STRING, stamps, lambda messages, _: messages.new(STRING, data=text), latched=True
+    )
 
 
 def _joint_states(

@@ -195,7 +195,7 @@ def _path(topic: str, series: PoseSeries) -> Outbox:
         ]
         return messages.new(PATH, header=messages.header(stamps[0], ODOM), poses=stamped)
 
-    return Outbox(topic, PATH, stamps[:1], make)
+    return Outbox(topic, PATH, stamps[:1], make, latched=True)
 
 
 def _icrs(

@@ -63,6 +63,13 @@ def test_a_stream_that_the_file_leaves_out(folder: Path):
     assert 'topic = "/ground_truth/pose" in [log.truth]' in done.stdout
 
 
+def test_shipped_robots_are_listed(folder: Path):
+    done = icreckon("robots", cwd=folder)
+    assert done.returncode == 0
+    assert "warthog" in done.stdout
+    assert str(ROBOTS_FOLDER) in done.stdout
+
+
 def test_without_a_robot(folder: Path):
     assert "what is the robot?" in fails("check", "drive", cwd=folder)
 

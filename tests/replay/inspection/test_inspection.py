@@ -25,7 +25,7 @@ def proposed(inspection: Inspection, folder: Path) -> tuple[Robot, TopicMap]:
     path = folder / "proposed.toml"
     path.write_text(inspection.proposed_robot_file, encoding="utf-8")
     if "nan" in inspection.proposed_robot_file:
-        with pytest.raises(EstimatorError, match="is not filled in"):
+        with pytest.raises(EstimatorError, match="not filled in"):
             load_robot(path)
     completed = inspection.proposed_robot_file.replace("= nan", "= 1.0")
     path.write_text(completed, encoding="utf-8")
