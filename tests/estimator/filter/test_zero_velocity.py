@@ -25,7 +25,7 @@ EPOCH = 1_700_000_000_123_456_789
 STEP = 10_000_000
 BIAS = 0.012
 # Vibration, say, keeps the filter from finding out by itself.
-BLIND = StandstillSettings(duration=1000.0)
+BLIND = StandstillSettings(duration=60.0)
 
 
 def brought_to_a_stop(

@@ -97,7 +97,7 @@ def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(
     assert "the page to open is a/page.html" in done.stderr.replace("\n", "")
     names = {path.name for path in (tmp_path / "a").iterdir()}
     assert names == {
-        *("page.html", "figure.png", "results.json", "odometry.bag"),
+        *(".icreckon-files", "page.html", "figure.png", "results.json", "odometry.bag"),
         *(
             f"{n}.{form}"
             for n in ("constant-online", "ground_truth")

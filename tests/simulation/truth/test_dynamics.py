@@ -362,7 +362,7 @@ def test_a_drawn_contact_differs_from_the_file_by_its_spread():
         (lambda: Payload(time=(0.0, 1.0), mass=-1.0), "mass of a payload must be a positive"),
         (
             lambda: Payload(time=(0.0, 1.0), mass=1.0, position=(0.0, 0.0, -1.0)),
-            "not below the ground",
+            "must not be below the ground",
         ),
     ],
 )
