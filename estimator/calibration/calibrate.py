@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.calibration.assembly import as_found, assembled, with_difference
 from icreckon.estimator.calibration.common_values import with_common
@@ -21,11 +21,14 @@ from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Motion, Recording, motion_of, record
 from icreckon.estimator.log.lag import NOWHERE
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 
 SEGMENT = 3.0
 """Length of a segment [s]."""
 SHORTEST, LONGEST = 1.0, 20.0
+LEAST_MOVED = 0.02
+"""Way of a truth over that of the tracks, below which one of them shows no motion [-]."""
 AGAINST = -0.3
 """Correlation of turning by gyro and truth, or tracks, that indicates a wrong sign."""
 
@@ -79,6 +82,7 @@ def calibrate(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
         )
     report = progress or (lambda _: None)
+    _check_truths(logs)
     headed = [with_headings(log, robot) for log in logs]
     motions = [motion_of(log, robot) for log, _ in headed]
     recording = record(motions, robot, segment, difference=robot.tracks.difference)
@@ -131,6 +135,21 @@ def calibrate(
     )
     report(1.0)
     return replace(found, notes=(*found.notes, *(text for _, texts in headed for text in texts)))
+
+
+def _check_truths(logs: Sequence[Log]) -> None:
+    """Refuse a truth that stays where it is while the tracks drive."""
+    for log in logs:
+        if log.truth is None or len(log.tracks.stamps) < 2 or len(log.truth.poses.stamps) < 2:
+            continue
+        seconds = (log.tracks.stamps - log.tracks.stamps[0]) * NANOSECOND
+        driven = float(np.trapezoid(np.abs(log.tracks.speeds.mean(axis=1)), seconds))
+        moved = float(path_length(log.truth.poses)[-1])
+        if driven > 1.0 and moved < LEAST_MOVED * driven:
+            raise EstimatorError(
+                f"log {log.name!r}: its truth moves {moved:.3g} m while the tracks drive {driven:.3g} m; "
+                "look at its topic, unit and receiver"
+            )
 
 
 def _models(wanted: Sequence[str]) -> list[str]:

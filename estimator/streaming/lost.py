@@ -74,6 +74,12 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
         run: the run.
         start: stamp from which times are counted [ns].
     """
+    if not len(run.trajectory.stamps):
+        tracks = run.health.sensors.get("tracks")
+        counts = {} if tracks is None else tracks.rejected
+        text = ", ".join(f"{count} x {reason}" for reason, count in counts.items())
+        reason = "no track speeds were used" + (f": rejected {text}" if text else "")
+        return LostFilter(run.variant, reason)
     sigmas = run.state_sigmas
     kinds = loss_kinds(
         run.trajectory,

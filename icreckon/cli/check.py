@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from rich.text import Text
 from icreckon.cli.comparing import the_robot
 from icreckon.cli.console import FAILED, messages, progress, results
 from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
@@ -45,8 +47,14 @@ def run_check(
     checks = check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
-        with progress("filtering, as the file is and mended") as report:
+        # Without a result with everything mended nothing has a price.
+        with progress("filtering, as the file is and mended") as report, suppress(ReplayError):
             worth = worth_of(log, robot, checks, report)
+    if not as_json:
+        for what, count in log.dropped.items():
+            results().print(Text(f"Dropped from the log: {count} x {what}"))
+        for note in log.notes:
+            results().print(Text(f"Note: {note}"))
     left_out = [] if guessed is None else topics_left_out(guessed, robot)
     if as_json:
         typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
@@ -121,7 +129,9 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
         if not is_wrong:
             return ""
         return f"Path {of}, against that with all of this mended: {as_it_is} away."
-    if not is_wrong:
+    if math.isnan(worth.as_it_is) and math.isnan(worth.mended):
+        return "The log is too short, or its truth too rough, to tell what this costs."
+    if not is_wrong or math.isnan(worth.mended):
         return f"Drift {of}: {as_it_is}."
     text = f"Drift {of}: {as_it_is}, with all of this mended {worth.mended:.1f} %."
     if worth.mended > worth.as_it_is:

@@ -108,8 +108,12 @@ class OdometryNode:
 
     def __init__(self, robot: str | None = None, variant: str | None = None) -> None:
         import rclpy
+        from rclpy.exceptions import ParameterException
 
-        self.node = rclpy.create_node(NODE_NAME)
+        try:
+            self.node = rclpy.create_node(NODE_NAME)
+        except ParameterException as problem:
+            raise EstimatorError(f"parameters of the node: {problem}") from None
         self._log = self.node.get_logger()
         self._problems: dict[str, int] = {}
         self.options = self._declared(robot, variant)

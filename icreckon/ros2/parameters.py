@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import msgspec
 
+from icreckon.estimator.base.config import in_words
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.replay.live.base_frame import CENTRE, Pose
 
@@ -148,9 +149,10 @@ def options_from(values: Mapping[str, Any]) -> NodeOptions:
     Raises:
         EstimatorError: a value is invalid.
     """
+    # Arrays of ROS are no sequences for msgspec.
+    plain = {name: list(one) if isinstance(one, array) else one for name, one in values.items()}
     try:
-        # Arrays of ROS are no sequences for msgspec.
-        plain = {name: list(one) if isinstance(one, array) else one for name, one in values.items()}
         return msgspec.convert(plain, NodeOptions)
     except msgspec.ValidationError as problem:
-        raise EstimatorError(f"parameters of the node: {problem}") from None
+        text = in_words(str(problem), plain)
+        raise EstimatorError(f"parameters of the node: {text}") from None

@@ -24,13 +24,15 @@ from icreckon.replay.checking.check import (
     tracks_usable,
     with_imu,
 )
-from icreckon.replay.inspection.imu_mounting import density, estimate_mounting, forward_yaw
+from icreckon.replay.inspection.imu_mounting import ABSURD, density, estimate_mounting, forward_yaw
 from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
 
 # Smallest tilt of a mounting that is reported [deg], and that from which a mounting is another one.
 LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
+# Fewest track speeds that show anything.
+FEWEST = 20
 # Distance of the centre of turning from that of the robot [m].
 LEVER = 0.3
 # Factor between noise densities that is reported [-].
@@ -40,8 +42,29 @@ FEWEST_STILL = 20
 
 
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
-    """IMU that the file maps and the log lacks."""
+    """Sensors that the file maps and the log lacks, or that read what none does."""
+    if len(log.tracks.stamps) < FEWEST:
+        yield Check(
+            "track speeds",
+            "a log",
+            f"{len(log.tracks.stamps)} samples",
+            f"the log has {len(log.tracks.stamps)} track speeds: too few to check anything",
+            "a log of half a minute or more, with bends",
+        )
+    columns = robot.log.get("columns", {})
     topic = robot.log.get("imu", {}).get("topic")
+    if topic is None and "imu" in columns:
+        topic = "its columns"
+    if log.imu is not None and np.abs(log.imu.angular_velocity).max() > ABSURD:
+        largest = float(np.abs(log.imu.angular_velocity).max())
+        yield Check(
+            "gyro",
+            "rad/s",
+            f"up to {largest:.3g} rad/s",
+            f"the gyro reads {largest:.3g} rad/s",
+            "look at its driver",
+            lambda log, robot: (replace(log, imu=None), robot),
+        )
     if log.imu is None and topic is not None:
         yield Check(
             "IMU",

@@ -68,7 +68,7 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
 
 def is_of_another(checks: Sequence[Check]) -> bool:
     """True if so much contradicts that the file seems to be that of another robot."""
-    names = {one.name for one in checks if one.problem}
+    names = {one.name for one in checks if one.problem and one.mend is not None}
     return len([one for one in ({MOUNTING, FORWARD}, {SCALE}, {TRACK}) if names & one]) >= 2
 
 

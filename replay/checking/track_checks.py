@@ -48,6 +48,8 @@ USUAL_ERRORS = (
     (2.0, "is the radius half of what it should be?"),
     (0.001, "is a length or a speed in mm?"),
     (0.01, "is a length or a speed in cm?"),
+    (1000.0, "is the truth in mm?"),
+    (100.0, "is the truth in cm?"),
     (1.0 / 3.6, "are the speeds in km/h?"),
     (0.44704, "are the speeds in mph?"),
     (2.0 * math.pi, "are the rates in turns per second?"),
@@ -58,6 +60,10 @@ USUAL_ERRORS = (
 BACKWARD_WINDOW = 0.5
 # Largest relative distance from a usual error [-].
 USUAL_ERROR = 0.04
+# Scales that are a matter of units at all [-].
+PLAUSIBLE = (3e-4, 3e3)
+# Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
+FEWEST, CLEARLY_TURNS = 20, 0.05
 # Track gauge that no robot has [m].
 TOO_WIDE = 20.0
 
@@ -67,6 +73,16 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     if log.imu is None or not tracks_usable(log):
         return
     vertical = in_base(log.imu, robot)[0]
+    turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / _effective_track(robot)
+    if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and turning > CLEARLY_TURNS:
+        yield Check(
+            "gyro",
+            "shows turns",
+            f"reads {vertical[0]:.4g} rad/s all the time",
+            "the gyro reads one value all the time, and the tracks turn",
+            "look at its driver and cable; gyro_axes in [imu] if only one axis is logged",
+        )
+        return
     correlation = turning_correlation(log.tracks, log.imu, vertical)
     if correlation is None or abs(correlation) < CLEAR_TURNING:
         shown = (
@@ -199,6 +215,16 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         ratio, sigma, source, least = *by_force, "accelerometer", SCALE_BY_FORCE
     error = "" if sigma is None else f" ± {sigma:.3f}"
     shown = f"{ratio:.3f}{error}, {source} over tracks"
+    if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
+        yield Check(
+            SCALE,
+            "1",
+            shown,
+            f"the {source} moves {ratio:.3g} times as far as the tracks: one of them shows no motion, or "
+            "they are in units that nobody uses",
+            "look at both; a receiver without a fix may repeat one position",
+        )
+        return
     if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
         yield Check(SCALE, "1", shown)
         return

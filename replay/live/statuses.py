@@ -28,6 +28,8 @@ CHANGED_LATENCY = 0.05
 """Difference of latencies from which a latency is reported as changed [s]."""
 MANY_REJECTED = 0.1
 """Share of rejected measurements between two reports from which a sensor is reported as WARN."""
+GYRO, IMU = "gyro", "imu"
+"""Sensor whose use shows that the IMU works, and the stream that counts rejected samples."""
 LARGE_FACTOR = 3.0
 """Factor on the slip that is reported, see `SlipHealth.factor`."""
 
@@ -42,6 +44,7 @@ class LiveStatuses:
     def __init__(self, live: LiveOdometry) -> None:
         self._live = live
         self._before: dict[str, tuple[int, int]] = {}
+        self._estimates: dict[str, tuple[int, int, int]] = {}
 
     def report(self) -> list[DiagnosticStatus]:
         """Make the statuses of the present moment."""
@@ -50,11 +53,17 @@ class LiveStatuses:
         if live.map is not None:
             statuses.append(self._map())
         newest = live.odom if live.map is None or live.map.estimator is None else live.map.estimator
-        for name, sensor in sorted(newest.health.sensors.items()):
-            statuses.append(self._sensor(name, sensor))
+        sensors = newest.health.sensors
+        gyro_before = self._before.get(GYRO, (0, 0))[0]
+        gyro_now = max(0, sensors[GYRO].used - gyro_before) if GYRO in sensors else 0
+        for name, sensor in sorted(sensors.items()):
+            statuses.append(self._sensor(name, sensor, gyro_now if name == IMU else 0))
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
-        statuses += [self._slip(newest.health.slip), gyro_status(newest.health.gyro)]
+            statuses += self._never_heard()
+        statuses.append(self._slip(newest.health.slip))
+        if GYRO in sensors:
+            statuses.append(gyro_status(newest.health.gyro, is_silent=gyro_now == 0))
         if newest.health.tilt is not None:
             statuses.append(tilt_status(newest.health.tilt))
         statuses += [self._clocks(), self._latency(newest)]
@@ -75,7 +84,37 @@ class LiveStatuses:
         }
         if frame == "map" and health.wander is not None:
             details["wander_of_fixes_m"] = health.wander.text
-        return estimate_status(name, estimator.pose_covariance, estimator.twist, details)
+        status = estimate_status(name, estimator.pose_covariance, estimator.twist, details)
+        return self._with_changes(frame, status, estimator)
+
+    def _with_changes(
+        self, frame: str, status: DiagnosticStatus, estimator: PoseEstimator
+    ) -> DiagnosticStatus:
+        """Status of an estimate, with faults of the tracks since the last report."""
+        health, stamp = estimator.health, estimator.stamp or 0
+        now = stamp, health.track_gaps, health.stuck_tracks
+        before = self._estimates.get(frame, (-1, 0, 0))
+        self._estimates[frame] = now
+        if now == before:
+            text = f"no estimate since the last report; {status.message}"
+            return status._replace(level=STALE, message=text)
+        texts = []
+        if now[1] > before[1]:
+            texts.append("a gap in the track speeds was bridged")
+        if now[2] > before[2]:
+            texts.append("the sensor of a track repeats its reading and is not trusted")
+        if not texts:
+            return status
+        return status._replace(level=WARN, message=f"{status.message}; {'; '.join(texts)}")
+
+    def _never_heard(self) -> list[DiagnosticStatus]:
+        """Status of an IMU from which nothing has come, though the robot is reckoned."""
+        inputs = self._live.inputs
+        topics = {one.topic for one in inputs.subscriptions() if one.purpose == IMU}
+        if not topics or any(topic in inputs.heard for topic in topics):
+            return []
+        text = f"nothing has come on {', '.join(sorted(topics))}: the heading is that of the tracks"
+        return [DiagnosticStatus(ERROR, f"icreckon: {IMU}", text, {})]
 
     def _map(self) -> DiagnosticStatus:
         estimator = self._live.map.estimator if self._live.map is not None else None
@@ -83,14 +122,15 @@ class LiveStatuses:
             return DiagnosticStatus(STALE, "icreckon: pose in map", "no fix yet", {})
         return self._estimate("map", estimator)
 
-    def _sensor(self, name: str, sensor: SensorHealth) -> DiagnosticStatus:
+    def _sensor(self, name: str, sensor: SensorHealth, others: int = 0) -> DiagnosticStatus:
+        """Status of a sensor; others are uses of its samples by other sensors."""
         rejected = sum(sensor.rejected.values())
         used_before, rejected_before = self._before.get(name, (0, 0))
         self._before[name] = (sensor.used, rejected)
         if sensor.used < used_before or rejected < rejected_before:
             # The estimator has started anew.
             used_before = rejected_before = 0
-        used_now = sensor.used - used_before
+        used_now = sensor.used - used_before + others
         rejected_now = rejected - rejected_before
         values = {"used": str(sensor.used), "late": str(sensor.late)}
         values |= {
@@ -221,9 +261,17 @@ def _odd_wheel(side: str, odd: OddWheel, names: Sequence[str]) -> str:
     return f"{name} of the {side} side is {odd.apart:.2f} m/s off and is not used"
 
 
-def gyro_status(gyro: GyroHealth) -> DiagnosticStatus:
-    """Fault of the gyro."""
+def gyro_status(gyro: GyroHealth, *, is_silent: bool = False) -> DiagnosticStatus:
+    """Fault of the gyro.
+
+    Args:
+        gyro: its faults.
+        is_silent: whether nothing of it was used since the last report.
+    """
     name, values = "icreckon: gyro faults", {"times": str(gyro.times)}
+    if gyro.fault is None and is_silent:
+        text = "nothing of it was used since the last report"
+        return DiagnosticStatus(STALE, name, text, values)
     if gyro.fault is None:
         return DiagnosticStatus(OK, name, "it works", values)
     values["since_ns"] = str(gyro.since)

@@ -359,8 +359,12 @@ def test_whole_numbers_are_real_numbers(ros: dict[str, str], tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ("reorder:=soon", "parameters of the node: Expected `float`, got `str` - at `$.reorder`"),
-        ("publish_tf:=1", "parameters of the node: Expected `bool`, got `int` - at `$.publish_tf`"),
+        ("reorder:=soon", "parameters of the node: reorder: expected a number, found text"),
+        (
+            "publish_tf:=1",
+            "parameters of the node: publish_tf: expected true or false, found a whole number",
+        ),
+        ("use_sim_time:=1", "parameters of the node: Trying to set parameter 'use_sim_time'"),
         ("reorder:=20", "parameter reorder must be from 0 to 10, found 20.0"),
     ],
 )

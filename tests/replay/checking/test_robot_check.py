@@ -8,13 +8,17 @@ import pytest
 from msgspec.structs import replace as with_values
 
 from conftest import sample_log
+from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
+from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK
 from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
 from icreckon.replay.checking.worth import worth_of
+from icreckon.replay.comparison.compare import compare
 from icreckon.replay.mapping.topics import FixTopic, ImuTopic, TopicMap, TrackTopic
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
@@ -228,7 +232,7 @@ def test_what_is_missing_is_no_error(log: Log, missing: str):
         forces[::3] = np.nan
         log = replace(log, imu=replace(log.imu, linear_acceleration=forces))
     found = problems(log, ALPHA)
-    assert found.keys() == ({"IMU"} if missing == "imu" else set())
+    assert found.keys() == {"imu": {"IMU"}, "tracks": {"track speeds"}}.get(missing, set())
 
 
 def test_streams_that_the_file_leaves_out():
@@ -293,3 +297,33 @@ def test_angles_of_a_matrix_are_those_it_was_made_of():
     rng = np.random.default_rng(4)
     for roll, pitch, yaw in rng.uniform([-3.1, -1.5, -3.1], [3.1, 1.5, 3.1], (50, 3)):
         assert matrix_to_rpy(rpy_to_matrix(roll, pitch, yaw)) == pytest.approx((roll, pitch, yaw))
+
+
+def test_a_truth_that_stays_is_named_and_not_mended(log: Log):
+    poses = np.zeros_like(log.truth.poses.poses)
+    truth = replace(log.truth, poses=replace(log.truth.poses, poses=poses), twists=None)
+    stays = replace(log, truth=truth.positions_alone())
+    (found,) = (one for one in check_robot(stays, ALPHA) if one.problem)
+    assert (found.name, found.mend) == (SCALE, None)
+    assert "one of them shows no motion" in found.problem
+    with pytest.raises(EstimatorError, match="its truth moves 0 m while the tracks drive"):
+        calibrate([stays], ALPHA)
+
+
+def test_sensors_that_show_nothing_are_named(log: Log):
+    still = scaled_imu(log, rates=0.0)
+    assert problems(still, ALPHA) == {
+        "gyro": "the gyro reads one value all the time, and the tracks turn"
+    }
+    absurd = scaled_imu(log, rates=1e300)
+    assert problems(absurd, ALPHA).keys() == {"gyro"}
+    first = TrackSpeedSeries(log.tracks.stamps[:1], log.tracks.speeds[:1])
+    assert "too few" in problems(replace(log, tracks=first), ALPHA)["track speeds"]
+
+
+def test_speeds_that_the_filter_refuses_have_no_result_and_no_traceback(log: Log):
+    wrong = speeds(log, lambda v: 1e3 * np.abs(v) + 1e3)
+    with pytest.raises(ReplayError, match="no variant has a result"):
+        worth_of(wrong, ALPHA, check_robot(wrong, ALPHA))
+    with pytest.raises(ReplayError, match=r"no track speeds were used: rejected .* absurdly fast"):
+        compare(wrong, ALPHA, "gyro")

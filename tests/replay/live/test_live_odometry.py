@@ -423,3 +423,27 @@ def test_the_buffer_gives_way_when_the_clock_jumps() -> None:
     back = buffer.put([TrackSpeeds(11 * second, 0.0, 0.0)])
     assert [one.stamp for group in back for one in group] == [10**9 * second]
     assert [one.stamp for group in buffer.take_all() for one in group] == [11 * second]
+
+
+def test_an_imu_that_never_comes_is_an_error(robot: Robot, messages: list[Arrived]) -> None:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    statuses = LiveStatuses(live)
+    list(through(live, [one for one in messages if one.topic != robot.log["imu"]["topic"]]))
+    found = {one.name: one for one in statuses.report()}
+    assert live.odom.stamp is not None
+    assert found["icreckon: imu"].level == ERROR
+    assert "nothing has come on" in found["icreckon: imu"].message
+    assert "icreckon: gyro faults" not in found
+    # Nothing more comes: the estimate is old.
+    assert {one.name: one for one in statuses.report()}["icreckon: pose in odom"].level == STALE
+
+
+def test_a_gap_in_the_track_speeds_is_reported_once(robot: Robot, messages: list[Arrived]) -> None:
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    statuses = LiveStatuses(live)
+    start, tracks = messages[0].arrival, robot.log["tracks"]["topic"]
+    kept = [one for one in messages if one.topic != tracks or not 3e9 < one.arrival - start < 5e9]
+    list(through(live, kept))
+    pose = {one.name: one for one in statuses.report()}["icreckon: pose in odom"]
+    assert pose.level == WARN
+    assert "a gap in the track speeds was bridged" in pose.message

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from icreckon.estimator.filter.health import OddWheel, SensorHealth, Slide, SlipHealth
+from icreckon.estimator.filter.health import (
+    GyroHealth,
+    OddWheel,
+    SensorHealth,
+    Slide,
+    SlipHealth,
+)
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.diagnostic_status import OK, WARN
+from icreckon.replay.base.diagnostic_status import OK, STALE, WARN
 from icreckon.replay.live.odometry import LiveOdometry
-from icreckon.replay.live.statuses import LiveStatuses, slip_status
+from icreckon.replay.live.statuses import LiveStatuses, gyro_status, slip_status
 
 
 @pytest.mark.parametrize(
@@ -69,3 +75,19 @@ def test_wheels_have_theirs() -> None:
     values = slip_status(SlipHealth(left_wheels=OddWheel(5, 1, 0.8, 9), odd_wheels=3)).values
     found = values["left_wheels_since_ns"], values["left_wheels_samples"], values["odd_wheels"]
     assert found == ("5", "9", "3")
+
+
+def test_rejections_of_the_stream_do_not_make_a_working_imu_stale() -> None:
+    statuses = LiveStatuses(LiveOdometry(load_robot("auriga-alpha"), "gyro"))
+    one = SensorHealth(used=0, rejected={"duplicate stamp": 1})
+    assert statuses._sensor("imu", one, 100).level == OK
+    again = statuses._sensor("imu", one, 100)
+    assert (again.level, again.message) == (OK, "100 used since the last report")
+    assert statuses._sensor("imu", one, 0).level == STALE
+    many = SensorHealth(used=0, rejected={"duplicate stamp": 51})
+    assert statuses._sensor("imu", many, 50).message.startswith("50% rejected")
+
+
+def test_a_silent_gyro_does_not_work() -> None:
+    assert gyro_status(GyroHealth(), is_silent=True).level == STALE
+    assert gyro_status(GyroHealth()).message == "it works"
