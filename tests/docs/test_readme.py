@@ -181,7 +181,7 @@ def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: P
     """The block of the README with a simulated bag for LOG; what `inspect` cannot know is filled in."""
     path = f"{fresh_clone / '.venv' / 'bin'}:{os.environ['PATH']}"
     shell("icreckon simulate --out LOG --duration 60 --fix-rate 0", tmp_path, PATH=path)
-    first, second, third, fourth = SHELL[2].strip().splitlines()
+    first, second, check, third, fourth = SHELL[2].strip().splitlines()
     assert "/joint_states" in shell(first, tmp_path, PATH=path)
     shell(second, tmp_path, PATH=path)
     robot = tmp_path / "robot.toml"
@@ -190,6 +190,10 @@ def test_the_replay_commands_work_on_the_demo_bag(fresh_clone: Path, tmp_path: P
         assert f"{name} = nan" in proposed
         proposed = proposed.replace(f"{name} = nan", f"{name} = {value}")
     robot.write_text(proposed, encoding="utf-8")
+    # The exit status is 1: the effective track is not filled in yet.
+    checked = shell(f"{check.partition('#')[0]} || true", tmp_path, PATH=path)
+    assert "One thing contradicts the log" in checked
+    assert "Set eta0 = " in checked
     assert "inertia-online" in shell(third, tmp_path, PATH=path)
     assert "The data support" in shell(fourth, tmp_path, PATH=path)
 
