@@ -114,7 +114,7 @@ class LiveStatuses:
         if not topics or any(topic in inputs.heard for topic in topics):
             return []
         text = f"nothing has come on {', '.join(sorted(topics))}: the heading is that of the tracks"
-        return [DiagnosticStatus(ERROR, f"icreckon: {IMU}", text, {})]
+        return [DiagnosticStatus(ERROR, "icreckon: imu", text, {})]
 
     def _map(self) -> DiagnosticStatus:
         estimator = self._live.map.estimator if self._live.map is not None else None
