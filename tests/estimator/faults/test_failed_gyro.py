@@ -29,6 +29,13 @@ from icreckon.estimator.streaming.run import run
 SECOND, STEP = 1_000_000_000, 10_000_000
 WIDTH = 1.5
 RNG = np.random.default_rng(3)
+FIRST_NOISE = RNG.bit_generator.state
+
+
+@pytest.fixture(autouse=True)
+def same_noise_in_any_order() -> None:
+    """Each test has the same noise, whichever ran before it."""
+    RNG.bit_generator.state = FIRST_NOISE
 
 
 def watched(
@@ -123,16 +130,19 @@ def test_a_vehicle_that_turns_fast_or_shakes_is_no_fault(
 
 
 def test_a_gyro_that_is_clipped_repeats_itself() -> None:
-    true = drive(40.0)
-    rates = true.copy()
-    rates[1000:] = rates[1000:].clip(-0.3, 0.3)
-    used, gyro = watched(rates, true)
-    clipped = np.abs(rates[1000:]) == 0.3
-    wrong = np.isfinite(used[1000:]) & clipped & (np.abs(true[1000:]) > 0.35)
+    wrong, times = 0, 0
+    for _ in range(10):
+        true = drive(40.0)
+        rates = true.copy()
+        rates[1000:] = rates[1000:].clip(-0.3, 0.3)
+        used, gyro = watched(rates, true)
+        clipped = np.abs(rates[1000:]) == 0.3
+        wrong += int((np.isfinite(used[1000:]) & clipped & (np.abs(true[1000:]) > 0.35)).sum())
+        times += gyro.times
+        assert np.isfinite(used[1000:][~clipped]).all()
+        assert gyro.repeated > 1000
     # The first ones of each bend show nothing yet.
-    assert wrong.sum() <= LEAST_REPEATS * gyro.times
-    assert np.isfinite(used[1000:][~clipped]).all()
-    assert gyro.repeated > 1000
+    assert wrong <= LEAST_REPEATS * times
 
 
 def test_a_coarse_or_slow_gyro_repeats_itself_and_is_used() -> None:
