@@ -16,7 +16,7 @@ _HOMES = {words[5]: (words[1], words[3]) for words in _LINES}
 _FORMER = {"Identification": "Calibration", "identify": "calibrate"}
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 - the stub is the one list of names
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> Any:

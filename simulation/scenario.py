@@ -148,7 +148,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Load a scenario from a TOML file; docs/scenario.md lists every key.
+    """Load a scenario from a TOML file; keys: docs/reference/scenario-file.md.
 
     Args:
         path: the file. The path of a `trajectory_file` in it is relative to its folder.

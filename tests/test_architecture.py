@@ -148,7 +148,7 @@ def test_tests_mirror_the_rooms() -> None:
 
 
 def test_the_architecture_page_lists_the_rooms_in_their_order() -> None:
-    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     listed: dict[str, list[str]] = {}
     package = ""
     for indent, name in re.findall(r"^    ( *)(\w+)/ ", page, flags=re.MULTILINE):

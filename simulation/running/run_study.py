@@ -46,7 +46,7 @@ def run_study(
     report: Report | None = None,
     remark: Callable[[str], None] | None = None,
 ) -> Results:
-    """Run or continue a study, and write its tables to a folder; see docs/study.md.
+    """Run or continue a study, and write its tables to a folder.
 
     Args:
         study: the study.

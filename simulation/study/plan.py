@@ -1,7 +1,7 @@
 """Configuration of a study as plain data: scenario, filters, and sweep.
 
-`simulation.study.cells` makes its cells, `simulation.running.run_study` runs it; docs/study.md lists
-every key.
+`simulation.study.cells` makes its cells, `simulation.running.run_study` runs it;
+docs/reference/study-file.md lists every key.
 """
 
 from __future__ import annotations

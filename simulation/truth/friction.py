@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1
-# Error allowed per step; docs/truth.md shows what it costs and brings.
+# Error allowed per step; docs/explanation/truth.md shows what it costs and brings.
 TOLERANCE = 1e-5
 # Scales of the absolute tolerance: velocities [m/s, rad/s], loads as a share of the weight, yaw [rad].
 SMALL_VELOCITY = 0.1

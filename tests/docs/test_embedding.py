@@ -12,7 +12,7 @@ import icreckon
 from icreckon.estimator.base.frames import relative
 from readme import code_blocks
 
-PAGE = "docs/embedding.md"
+PAGE = "docs/how-to/embedding.md"
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ ROWS = {
 
 @pytest.mark.parametrize("row", ROWS)
 def test_a_limit_is_the_one_of_the_code(row: str) -> None:
-    text = (REPOSITORY / "docs" / "files.md").read_text(encoding="utf-8")
+    text = (REPOSITORY / "docs" / "reference" / "files.md").read_text(encoding="utf-8")
     text = text.partition("## Limits")[2].partition("## Size")[0]
     (line,) = (line for line in text.splitlines() if line.startswith(f"| {row}"))
     found = {float(number.replace(" ", "")) for number in NUMBER.findall(line)}

@@ -21,9 +21,9 @@ from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from readme import ROOT, blocks, code_blocks, run_page, says
 
-FIRST = "docs/first-bag.md"
-OTHER = "docs/from-robot-localization.md"
-CHECK = "docs/check.md"
+FIRST = "docs/tutorials/first-bag.md"
+OTHER = "docs/how-to/from-robot-localization.md"
+CHECK = "docs/how-to/check.md"
 REAL, SIMULATED = "A log of a real robot", "A log with a ground truth"
 BOTH = "The same bag in both"
 

@@ -50,7 +50,7 @@ def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) -> None:
-    (text,) = code_blocks("toml", "docs/robot-file.md")
+    (text,) = code_blocks("toml", "docs/reference/robot-file.md")
     path = tmp_path / "robot.toml"
     path.write_text(text, encoding="utf-8")
     robot = load_robot(path)
@@ -72,7 +72,7 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
 
 
 def test_the_docs_list_the_defaults_of_a_robot_file_and_what_it_requires(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "robot-file.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "robot-file.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| `\[(\w+)\]` \| (.*) \|$", page, flags=re.MULTILINE))
     tables = (Vehicle, Indices, ConstantIcr, Imu, Tracks, Slope, UndetectedSlip, Soil)
     assert list(rows) == [
@@ -106,7 +106,7 @@ def test_the_docs_list_the_defaults_of_a_robot_file_and_what_it_requires(tmp_pat
 
 
 def test_the_docs_name_the_unit_of_every_parameter() -> None:
-    page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "explanation" / "model.md").read_text(encoding="utf-8")
     (table,) = re.findall(r"^\| models \| parameter .*\n((?:\|.*\n)+)", page, flags=re.MULTILINE)
     named = re.findall(r"`(\w+)`", table)
     variants = [VARIANTS[name] for name in ("inertia-online", "full-linear", "friction-online")]
@@ -114,7 +114,7 @@ def test_the_docs_name_the_unit_of_every_parameter() -> None:
 
 
 def test_the_scenario_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) -> None:
-    (text,) = code_blocks("toml", "docs/scenario.md")
+    (text,) = code_blocks("toml", "docs/reference/scenario-file.md")
     path = tmp_path / "scenario.toml"
     path.write_text(text, encoding="utf-8")
     scenario = load_scenario(path)
@@ -132,7 +132,7 @@ def test_the_scenario_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path)
 
 
 def test_the_docs_list_every_trajectory_with_its_options_and_their_defaults() -> None:
-    page = (ROOT / "docs" / "scenario.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "scenario-file.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([\w-]+)` \| .* \| (.*) \|$", page, flags=re.MULTILINE)
     assert sorted(name for name, _ in rows) == sorted(trajectory_names())
     for name, described in rows:
@@ -143,10 +143,25 @@ def test_the_docs_list_every_trajectory_with_its_options_and_their_defaults() ->
         assert said == trajectory_options(name), name
 
 
-def test_links_between_the_pages_lead_somewhere() -> None:
-    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
-        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / target).exists(), f"{page.name} links {target}"
+def anchors(page: Path) -> set[str]:
+    """Anchors of the headings of a page, as GitHub and the site make them."""
+    text = re.sub(
+        r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
+    titles = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in titles}
+
+
+def test_links_between_the_pages_lead_to_headings() -> None:
+    pages = [*ROOT.glob("*.md"), *(ROOT / ".github").rglob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    assert len(pages) > 40
+    for page in pages:
+        links = re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", page.read_text(encoding="utf-8"))
+        for file, anchor in links:
+            target = page.parent / file if file else page
+            assert target.exists(), f"{page.name} links {file}"
+            if anchor:
+                assert anchor in anchors(target), f"{page.name} links {file}#{anchor}"
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ def main() -> None:
     except ImportError as problem:
         sys.exit(
             f"icreckon_ros: icreckon cannot be imported by {sys.executable} ({problem}): activate the "
-            "virtual environment into which it was installed, see docs/ros2.md"
+            "virtual environment into which it was installed, see docs/tutorials/live.md"
         )
     sys.argv = ["icreckon", "ros2-node", *sys.argv[1:]]
     icreckon()

@@ -1,0 +1,168 @@
+"""Tables of the site that are made from the code when the site is built.
+
+A page asks for one by a line `<!-- table: NAME -->`, or `<!-- table: NAME of THING -->`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import Any, get_args, get_type_hints
+
+import msgspec
+import typer
+
+from icreckon.cli.main import app
+from icreckon.estimator.base.checks import Bound
+from icreckon.estimator.motion.contact import Soil
+from icreckon.estimator.robot import robot_file
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot, robot_names
+from icreckon.replay.mapping import columns, topics
+from icreckon.simulation import scenario
+from icreckon.simulation.sensors import specs
+from icreckon.simulation.sensors.encoders import EncoderErrors
+from icreckon.simulation.sensors.fixes import FixErrors
+from icreckon.simulation.sensors.imu import InertialErrors
+from icreckon.simulation.study import plan
+from icreckon.simulation.truth import terrain
+
+MARK = re.compile(r"^<!-- table: (\w+)(?: of ([\w.-]+))? -->$", re.MULTILINE)
+TYPES = {
+    name: getattr(module, name)
+    for module, names in (
+        (
+            robot_file,
+            "Vehicle Indices ConstantIcr Imu Tracks Slope UndetectedSlip Slip",
+        ),
+        (topics, "TrackTopic ImuTopic FixTopic HeadingTopic TruthTopic"),
+        (columns, "ColumnMap TrackColumns ImuColumns PoseColumns HeadingColumns"),
+        (scenario, "Scenario"),
+        (specs, "EncoderSpec InertialSpec FixSpec"),
+        (terrain, "Terrain Patch Payload"),
+        (plan, "Study Sweep LatinHypercube FilterSpec"),
+    )
+    for name in names.split()
+} | {"Soil": Soil}
+DESCRIBED = {"EncoderSpec": EncoderErrors, "InertialSpec": InertialErrors, "FixSpec": FixErrors}
+"""Types whose attributes are described at another one; `factor` is in their own text."""
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put the tables in the place of their marks."""
+    return MARK.sub(lambda mark: TABLES[mark[1]](*filter(None, (mark[2],))), markdown)
+
+
+def rows(heads: tuple[str, ...], body: list[tuple[str, ...]]) -> str:
+    """Table in Markdown."""
+    cells = (heads, tuple("---" for _ in heads), *body)
+    return "\n".join(
+        f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |" for row in cells
+    )
+
+
+def descriptions(kind: type) -> dict[str, str]:
+    """Text of each attribute in the docstring of a type."""
+    _, _, listed = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
+    listed = re.split(r"\n\n?(?=\S)", listed)[0]
+    found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", listed, flags=re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in found}
+
+
+def bounds(kind: Any) -> str:
+    """Range of a field, as its messages name it."""
+    found = [one for one in getattr(kind, "__metadata__", ()) if isinstance(one, Bound)]
+    inner = [bounds(one) for one in get_args(kind) if one is not kind]
+    return found[0].wanted if found else next(filter(None, inner), "")
+
+
+def keys(name: str) -> str:
+    """Keys of a table of a TOML file: default, range, meaning."""
+    kind = TYPES[name]
+    texts = descriptions(DESCRIBED.get(name, kind))
+    if name in DESCRIBED:
+        texts["factor"] = inspect.cleandoc(kind.__doc__ or "").rpartition("`factor` ")[2]
+    hints = get_type_hints(kind, include_extras=True)
+    body = []
+    for field in msgspec.structs.fields(kind):
+        accepted = bounds(hints.get(field.name)).replace("finite", "")
+        body.append((f"`{field.name}`", default(field), accepted, texts[field.name]))
+    return rows(("key", "default", "accepted", "meaning"), body)
+
+
+def default(field: Any) -> str:
+    """Default of a key as it is written in a file; empty if it has none that can be written."""
+    if field.required:
+        return "required"
+    value = field.default
+    if value is msgspec.NODEFAULT:
+        value = field.default_factory()
+    if value is None or isinstance(value, msgspec.Struct) or value in ({}, ()):
+        return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, str):
+        return f'`"{value}"`' if value else '`""`'
+    return f"`{list(value) if isinstance(value, tuple) else value}`".replace("'", '"')
+
+
+def robots() -> str:
+    """Gallery of the robots that ship with icreckon, and where their figures are from."""
+    body, sources = [], []
+    for name in robot_names():
+        robot = load_robot(name)
+        vehicle, eta0 = robot.vehicle, robot.indices.eta0
+        text = (ROBOTS_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+        comment = re.findall(r"^#(.*)$", text.partition("\nname")[0], flags=re.MULTILINE)
+        source = " ".join(line.strip() for line in comment)
+        body.append(
+            (
+                f"`{name}`",
+                "wheels" if vehicle.contact_points == 2 else "tracks",
+                f"{vehicle.mass:g}",
+                f"{vehicle.track_gauge:.4g}",
+                f"{vehicle.sprocket_radius:g}",
+                f"{vehicle.track_gauge * eta0:.3g}" if eta0 != 1.0 else "not known",
+                f"{eta0:.3g}" if eta0 != 1.0 else "",
+            )
+        )
+        sources.append(f"- `{name}`: {source}")
+    table = rows(
+        ("robot", "on", "mass, kg", "gauge, m", "radius, m", "effective track, m", "over gauge"),
+        body,
+    )
+    return table + "\n\nWhere the figures are from, by the files:\n\n" + "\n".join(sources)
+
+
+def commands() -> str:
+    """Arguments and options of all commands."""
+    group = typer.main.get_command(app)
+    parts = []
+    for name, command in group.commands.items():
+        if command.hidden:
+            continue
+        named = [one for one in command.params if one.param_type_name == "argument"]
+        usage = " ".join(
+            ["icreckon", name, *(one.metavar or str(one.name) for one in named), "[OPTIONS]"]
+        )
+        parts += [f"## {name}", f"`{usage}`", inspect.cleandoc(command.help or "")]
+        body = [described for one in command.params if (described := option(one))]
+        if body:
+            parts.append(rows(("option", "default", "meaning"), body))
+    return "\n\n".join(parts)
+
+
+def option(parameter: Any) -> tuple[str, str, str] | None:
+    """Row of an option or an argument."""
+    if getattr(parameter, "hidden", False) or not getattr(parameter, "help", None):
+        return None
+    names = (
+        parameter.opts
+        if parameter.param_type_name == "option"
+        else [parameter.metavar or str(parameter.name)]
+    )
+    value = parameter.default
+    shown = "" if value in (None, False, ()) or callable(value) else f"`{value}`"
+    return ", ".join(f"`{one}`" for one in names), shown, " ".join(parameter.help.split())
+
+
+TABLES = {"robots": robots, "commands": commands, "keys": keys}

@@ -1,0 +1,58 @@
+"""The site: it builds strictly, loads nothing from outside, and lists the whole public API."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from readme import ROOT
+
+DOCS = ROOT / "docs"
+LOADED = re.compile(
+    r"<(?:script|img|iframe|source|link)\b[^>]*?\s(?:src|href)=[\"']?(?:https?:)?//[^>]*>"
+    r"|(?:url\(|@import )[\"']?(?:https?:)?//[^)]*",
+    re.IGNORECASE,
+)
+
+
+def test_every_public_name_is_on_one_page_of_the_reference() -> None:
+    stub = (ROOT / "icreckon" / "__init__.pyi").read_text(encoding="utf-8")
+    public = re.findall(r"^from (\S+) import (\S+) as", stub, flags=re.MULTILINE)
+    listed: Counter[str] = Counter()
+    for page in (DOCS / "reference" / "api").glob("*.md"):
+        listed.update(re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE))
+    assert listed == Counter(f"{module}.{name}" for module, name in public)
+
+
+def test_what_is_loaded_from_outside_is_found() -> None:
+    assert LOADED.search('<script async src="https://cdn.example/a.js">')
+    assert LOADED.search("<link rel=stylesheet href=//fonts.example/css>")
+    assert LOADED.search("@import 'https://fonts.example/a.css';")
+    assert not LOADED.search('<a href="https://example.org/">a link</a><img src="demo.png">')
+
+
+@pytest.mark.slow
+def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path) -> None:
+    if find_spec("mkdocstrings") is None:
+        pytest.skip("no mkdocs: pip install -e '.[docs]'")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+    pages = {page: page.read_text(encoding="utf-8") for page in tmp_path.rglob("*.html")}
+    assert len(pages) > 40
+    for file in (*pages, *tmp_path.rglob("*.css")):
+        found = LOADED.search(file.read_text(encoding="utf-8"))
+        assert found is None, f"{file.relative_to(tmp_path)} loads {found[0]}"
+    by_name = {str(page.parent.relative_to(tmp_path)): text for page, text in pages.items()}
+    assert not any("<!-- table" in text for text in by_name.values())
+    # Made from the code: a robot, a key, an option, a docstring.
+    assert "<code>warthog</code>" in by_name["reference/robots"]
+    assert "<code>gyro_bias_walk</code>" in by_name["reference/robot-file"]
+    assert "<code>--unpacked-limit</code>" in by_name["reference/commands"]
+    assert "relative_motion" in by_name["reference/api/estimator"]
