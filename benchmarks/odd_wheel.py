@@ -19,15 +19,13 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from _logs import WITH_TRUTH
+from _motion import Motion, motion_between
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import relative
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -40,14 +38,6 @@ LASTS, AFTER, LATER, SOON = 3.0, 1.0, 30.0, 2.0
 EXCESS, OWN_ERROR, LAG = 0.8, 0.03, 0.02
 """Speed of a free wheel beyond the ground's [m/s], error of each wheel [-], lag of the rear one [s]."""
 VARIANTS = ("gyro", "constant-online", "inertia-online", "friction-online")
-
-
-class Motion(NamedTuple):
-    """Error of the motion over the fault and its own standard deviation [m]; delay [s] or NaN."""
-
-    error: float
-    sigma: float
-    delay: float
 
 
 def with_wheels(log: Log, count: int, seed: int = 0) -> Log:
@@ -93,25 +83,12 @@ def drive(robot: Robot, seed: int, count: int, duration: float = LATER + 6.0) ->
 
 
 def motion_over_fault(log: Log, robot: Robot, variant: str, begins: float) -> Motion:
-    """Run a variant up to a second after the fault."""
-    estimator, delay = PoseEstimator(robot, variant), float("nan")
+    """Run a variant up to a second after the fault; shown are odd wheels on the left."""
     begin = log.start + round(begins * SECOND)
     end = begin + round((LASTS + AFTER) * SECOND)
-    for measurement in log.measurements():
-        if measurement.stamp > end:
-            break
-        estimator.feed(measurement)
-        if estimator.stamp == begin and begin not in estimator.marks:
-            estimator.mark(begin)
-        if measurement.stamp > begin and delay != delay and estimator.health.slip.left_wheels:
-            delay = (measurement.stamp - begin) / SECOND
-    found = estimator.relative_motion(begin)
-    if log.truth is None:
-        raise ValueError("a simulated log has a truth")
-    true = interpolate_poses(log.truth.poses, np.array([begin, end]))
-    error = (found.pose - relative(true[0], true[1]))[:2]
-    return Motion(
-        float(np.hypot(*error)), float(np.sqrt(np.trace(found.covariance[:2, :2]))), delay
+    estimator = PoseEstimator(robot, variant)
+    return motion_between(
+        log, estimator, begin, end, lambda health: health.slip.left_wheels is not None
     )
 
 

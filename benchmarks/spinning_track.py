@@ -27,13 +27,13 @@ from typing import NamedTuple
 
 import numpy as np
 from _logs import logs_without
+from _motion import Motion, motion_between
 
 from icreckon.cli.demo import DURATION, demo_scenario
-from icreckon.estimator.base.frames import relative
 from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
-from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -61,17 +61,6 @@ class Sliding(NamedTuple):
     of_filter: list[float]
 
 
-class Motion(NamedTuple):
-    """Error of the motion over the fault and its own standard deviation [m]; delay [s] or NaN.
-
-    The delay is that until one track is found spinning, or the robot sliding.
-    """
-
-    error: float
-    sigma: float
-    delay: float
-
-
 def drive(robot: Robot, seed: int, duration: float = 36.0) -> Log:
     """A drive without the fault."""
     return simulate(
@@ -94,27 +83,13 @@ def with_free_track(
 
 
 def motion_over_fault(log: Log, robot: Robot, variant: str, lasts: int = LASTS) -> Motion:
-    """Run a variant up to a second after the fault."""
-    estimator, delay = PoseEstimator(robot, variant), float("nan")
-    begin, end = log.start + BEGINS, log.start + BEGINS + lasts + AFTER
-    for measurement in log.measurements():
-        if measurement.stamp > end:
-            break
-        estimator.feed(measurement)
-        if estimator.stamp == begin and begin not in estimator.marks:
-            estimator.mark(begin)
-        if measurement.stamp > begin and delay != delay:
-            slip = estimator.health.slip
-            if slip.track is not None or slip.forward is not None:
-                delay = (measurement.stamp - begin) / SECOND
-    found = estimator.relative_motion(begin)
-    if log.truth is None:
-        raise ValueError("a simulated log has a truth")
-    true = interpolate_poses(log.truth.poses, np.array([begin, end]))
-    error = (found.pose - relative(true[0], true[1]))[:2]
-    return Motion(
-        float(np.hypot(*error)), float(np.sqrt(np.trace(found.covariance[:2, :2]))), delay
-    )
+    """Run a variant up to a second after the fault; shown is a spinning track, or a slide."""
+    begin = log.start + BEGINS
+
+    def shown(health: Health) -> bool:
+        return health.slip.track is not None or health.slip.forward is not None
+
+    return motion_between(log, PoseEstimator(robot, variant), begin, begin + lasts + AFTER, shown)
 
 
 def rolling_ground(robot: Robot, index: int) -> Sliding:

@@ -7,11 +7,13 @@ import shutil
 import subprocess
 import time
 import venv
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import (
@@ -26,6 +28,10 @@ from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.inspect import Inspection, inspect
 
 REPOSITORY = Path(__file__).parent.parent
+
+# Properties are tried with the same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
+settings.register_profile("same-examples", derandomize=True, database=None, deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))
 LONG = (
     "test_fresh_cache.py",
     "test_pages.py",
@@ -53,6 +59,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the files of `LONG` first."""
     order = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: order.get(item.path.name, len(LONG)))
+
+
+@pytest.fixture(autouse=True)
+def same_noise_in_any_order(request: pytest.FixtureRequest) -> None:
+    """Each test has the same noise of its module's `RNG`, whichever ran before it."""
+    rng = getattr(request.module, "RNG", None)
+    if isinstance(rng, np.random.Generator):
+        first = request.module.__dict__.setdefault("_first", deepcopy(rng.bit_generator.state))
+        rng.bit_generator.state = first
 
 
 def sample_log(folder: Path, name: str) -> Path:

@@ -14,7 +14,7 @@ STATE_NAMES: Final[tuple[str, ...]] = (
     "slip_x",  # body velocity less that of the kinematics [m/s, m/s, rad/s]
     "slip_y",
     "slip_w",
-    "H",  # the eight parameters, (25) to (27); units of the gains: docs/model.md
+    "H",  # the eight parameters, (25) to (27); units of the gains: docs/explanation/model.md
     "zeta0",
     "zeta1",
     "epsilon0",

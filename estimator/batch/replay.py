@@ -31,6 +31,7 @@ from icreckon.estimator.engine.schedule import (
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import add_gyro_faults, noise_health, slip_health, tilt_health
+from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -114,7 +115,7 @@ def run_side_by_side(
         one.continue_from(lanes, checkpoint, by_parameters)
     if steps.before_steps:
         for before, of_one in zip(began, rows, strict=True):
-            of_one.put_first(_snapshot(before))
+            of_one.put_first(_snapshot(before, robot))
     smoothed = began[0].checkpoint().regressors is not None
     chosen = [input_settings(robot, of_filters, one.variant) for one in filters]
     by_settings = {one: FrontEnd(measured, steps, one) for one in set(chosen)}
@@ -268,9 +269,9 @@ def _begin(
     return found
 
 
-def _snapshot(reckoning: Reckoning) -> Snapshot:
+def _snapshot(reckoning: Reckoning, robot: Robot) -> Snapshot:
     """Make a snapshot of a filter, see `PoseEstimator.snapshot`."""
     model, P = reckoning.model(), reckoning.ekf.P
-    twist_covariance = model.jacobian @ P @ model.jacobian.T
+    covariance = twist_covariance(model.jacobian, P, robot.vehicle.max_track_speed)
     stamp = reckoning.stamp or 0
-    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, twist_covariance, model.motion.indices)
+    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, covariance, model.motion.indices)

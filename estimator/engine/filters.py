@@ -390,6 +390,7 @@ def shared_constants(
     named = {
         **model.vehicle._asdict(),
         "slope_forgetting": disturbances.slope_forgetting,
+        "fastest": robot.vehicle.max_track_speed,
         "eta": model.steering_efficiency(state[s.PARAMETERS]),
         **{name: getattr(slip, name) for name in SlipConstants._fields},
         "imu_x": sensors.x,

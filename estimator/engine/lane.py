@@ -130,7 +130,10 @@ class Lane:
         """Store a body velocity and its covariance."""
         with_rows = [self.P.times(row) for row in now.rows]
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-        values = [*now.twist, *(dot(with_rows[i], now.rows[j]) for i, j in pairs)]
+        found = {(i, j): dot(with_rows[i], now.rows[j]) for i, j in pairs}
+        fastest = self.constant("fastest")
+        kept = [model.share_of_sigma(found[axis, axis], fastest) for axis in (0, 1)] + [1.0]
+        values = [*now.twist, *(kept[i] * kept[j] * found[i, j] for i, j in pairs)]
         self.stores.update(zip(TWIST, values, strict=True))
 
     def store_motion(self, now: TracedTwist) -> None:

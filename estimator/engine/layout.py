@@ -41,6 +41,7 @@ FIX_INPUTS = (
 STEP_CONSTANTS = ("dt", "smoothing", "decay", "mean", "integral", "cross", "final")
 CONSTANTS = (
     "gauge",
+    "fastest",
     "mass",
     "x_CM",
     "y_CM",

@@ -273,9 +273,9 @@ class Step:
                 row[state] = row.get(state, 0.0) + more
         at = self.linearised_at
         predicted = forecast.predicted + at[bias] - at[gravity]
-        force, used = lane.input(INPUT_FORCES[axis]), trace.lift_truth(True)
+        force, used = lane.input(INPUT_FORCES[axis]), lane.input("unknown") < 0.5
         if self.kind.may_lack_force:
-            used = force == force
+            used = used & (force == force)
             force = select(used, force, 0.0)
         z = force - predicted - shift_of(row, lane.x, at)
         lane.gated(

@@ -88,8 +88,10 @@ class Observer(Protocol):
     def inflated(self, states: tuple[int, ...], variance: float) -> None:
         """Inflation of each of these states by this variance."""
 
-    def updated(self, z: float, h: Floats, r: float, change: Floats) -> None:
-        """Scalar update: innovation, Jacobian, noise variance, change of the state."""
+    def updated(
+        self, z: float, h: Floats, r: float, change: Floats, fixed: tuple[int, ...]
+    ) -> None:
+        """Scalar update: innovation, Jacobian, noise variance, change and fixed states."""
 
     def projected(self, change: Floats) -> None:
         """Projection of the state to its bounds by this change (SIZE,)."""
@@ -381,7 +383,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             more = ROUNDING_SHARE if is_sharp else 0.0
             self.clones = self.clones.updated(z, h, c, K, S, fixed=s.X in fixed, more=more)
         if observer is not None:
-            observer.updated(z, h, r, self.x - before)
+            observer.updated(z, h, r, self.x - before, fixed)
         if is_sharp:
             for index, variance in enumerate((ROUNDING_SHARE * variances).tolist()):
                 self.inflate(index, variance=variance)

@@ -390,13 +390,13 @@ class Reckoning:
         self._begin_step(m.stamp)
         if record.stands:
             self._update_standstill()
-        at = StepTwist(
-            self.model(), ekf.x.copy(), imu.interval, track_change(self._inputs(m.stamp)), noise
-        )
+        inputs = self._inputs(m.stamp)
+        at = StepTwist(self.model(), ekf.x.copy(), imu.interval, track_change(inputs), noise)
         # Gate, update and record.
         # A gyro that fails has no rate.
         used = rate == rate and self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
-        if self._uses_force and along[0] == along[0]:
+        # Without track speeds the force has no prediction.
+        if self._uses_force and along[0] == along[0] and not inputs.unknown:
             sigma = self.slip_sigma()
             for axis, model in enumerate(self._accelerometers):
                 density = self._disturbances.change_density(sigma[axis])

@@ -492,7 +492,7 @@ class ParameterHealth:
     """Uncertainty of a parameter, and its excitation by the present motion.
 
     Attributes:
-        sigma: its standard deviation now, in its own unit (docs/model.md).
+        sigma: its standard deviation now, in its own unit (docs/explanation/model.md).
         sigma_at_start: its initial standard deviation; 0 if the variant does not estimate it.
         excitation: change of the twist by a deviation of `sigma_at_start` at the present track speeds, in
             standard deviations of the slip; largest of the three components [-].

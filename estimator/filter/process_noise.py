@@ -204,6 +204,33 @@ def fast_slip_density(
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
 
 
+def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
+    """(3, 3) covariance of the body velocity, see `share_of_sigma`.
+
+    Args:
+        jacobian: (3, n) derivative of the body velocity by the state.
+        P: (n, n) covariance of the state.
+        fastest: highest speed of a track [m/s].
+    """
+    found = np.asarray(jacobian @ P @ jacobian.T)
+    kept = np.array([share_of_sigma(found.item(axis, axis), fastest) for axis in (0, 1)] + [1.0])
+    return found * np.outer(kept, kept)
+
+
+def share_of_sigma(variance: Any, fastest: Any) -> Any:
+    """Factor that bounds the sigma of v_x or v_y by the highest track speed.
+
+    The fast slip is white. Of a speed that is unknown for long, it has the error of the path, but a
+    larger variance.
+
+    Args:
+        variance: variance by the state [m²/s²].
+        fastest: highest speed of a track [m/s].
+    """
+    limit = fastest * fastest
+    return fastest / math.sqrt(select(variance > limit, variance, limit))
+
+
 def share_of_walk(left: float, right: float) -> float:
     """Factor on the random walk of the parameters at these track speeds [m/s]."""
     return min(1.0, abs(right - left) / FULL_TURNING)

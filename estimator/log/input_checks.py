@@ -429,7 +429,9 @@ def _objection_to_covariance(covariance: Matrix3) -> str | None:
     if variances.min() <= 0.0:
         return "variance not positive"
     sigmas = np.sqrt(variances)
-    correlation = matrix / sigmas / sigmas[:, None]
+    # Clipped above 1, so that what is no correlation stays one that no covariance has, and finite.
+    with np.errstate(over="ignore"):
+        correlation = np.clip(matrix / sigmas / sigmas[:, None], -2.0, 2.0)
     if np.abs(correlation - correlation.T).max() > ASYMMETRY:
         return "covariance not symmetric"
     least = np.linalg.eigvalsh(0.5 * correlation + 0.5 * correlation.T)[0]

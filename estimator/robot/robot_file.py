@@ -128,7 +128,13 @@ PAPER_PARAMETERS = Indices.__struct_fields__[:8]
 
 
 class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Constant ICRs of the tracks in the paper's axes (X right, Y forward) [m]."""
+    """Constant ICRs of the tracks in the paper's axes (X right, Y forward).
+
+    Attributes:
+        x_ICRl: lateral position of the left track's ICR, negative [m].
+        x_ICRr: lateral position of the right track's ICR, positive [m].
+        y_ICR: longitudinal position of both [m].
+    """
 
     x_ICRl: OnRobot
     x_ICRr: OnRobot

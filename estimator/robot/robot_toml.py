@@ -11,43 +11,41 @@ import msgspec
 
 from icreckon.estimator.robot.robot_file import Robot
 
+# Tables of a robot file in order, before those of variants and logs.
+TABLES = (
+    "vehicle", "indices", "constant_icr", "imu", "tracks", "slope", "undetected_slip", "soil",
+)  # fmt: skip
 # Significant digits of a computed number.
 DIGITS = 7
 # Column at which the comments of short lines are aligned.
 COMMENT_AT = 40
 
 
-def robot_toml(robot: Robot) -> str:
+def robot_toml(
+    robot: Robot, comments: Mapping[str, Mapping[str, str]] = MappingProxyType({})
+) -> str:
     """Format a robot as the text of a robot file, as input of `load_robot`.
 
     Args:
         robot: the robot.
+        comments: comments by table and key.
     """
-    lines = [f"name = {toml_value(robot.name)}", f"format = {robot.format}"]
+    lines = [f"name = {_value(robot.name)}", f"format = {robot.format}"]
     if robot.note:
-        lines.append(f"note = {toml_value(robot.note)}")
-    for name in ("vehicle", "indices", "constant_icr", "imu", "tracks", "slope", "soil"):
+        lines.append(f"note = {_value(robot.note)}")
+    for name in TABLES:
         values = getattr(robot, name)
         if values is not None:
-            lines += table_lines(name, values)
-    lines += table_lines("undetected_slip", robot.undetected_slip)
+            lines += _table_lines(name, values, comments.get(name, {}))
     for variant, slip in robot.slip.items():
-        lines += table_lines(f"slip.{toml_key(variant)}", slip)
+        lines += _table_lines(f"slip.{_key(variant)}", slip, {})
     for name, table in robot.log.items():
-        lines += tree_lines(f"log.{toml_key(name)}", table)
+        lines += _tree_lines(f"log.{_key(name)}", table)
     return "\n".join(lines) + "\n"
 
 
-def table_lines(
-    name: str, values: msgspec.Struct, comments: Mapping[str, str] = MappingProxyType({})
-) -> list[str]:
-    """Lines of a table, a blank one before it.
-
-    Args:
-        name: name of the table.
-        values: its values; None is left out.
-        comments: comments by key.
-    """
+def _table_lines(name: str, values: msgspec.Struct, comments: Mapping[str, str]) -> list[str]:
+    """Lines of a table after a blank one; a value of None is left out."""
     lines = ["", f"[{name}]"]
     for field in msgspec.structs.fields(values):
         value = getattr(values, field.name)
@@ -57,27 +55,27 @@ def table_lines(
     return lines
 
 
-def tree_lines(name: str, table: Any) -> list[str]:
+def _tree_lines(name: str, table: Any) -> list[str]:
     """Format a table of the mapping, nested tables last."""
     plain = {key: value for key, value in table.items() if not isinstance(value, dict)}
-    lines = ["", f"[{name}]", *(_line(toml_key(key), value, "") for key, value in plain.items())]
+    lines = ["", f"[{name}]", *(_line(_key(key), value, "") for key, value in plain.items())]
     for key, value in table.items():
         if isinstance(value, dict):
-            lines += tree_lines(f"{name}.{toml_key(key)}", value)
+            lines += _tree_lines(f"{name}.{_key(key)}", value)
     return lines
 
 
 def _line(key: str, value: Any, comment: str) -> str:
-    line = f"{key} = {toml_value(value)}"
+    line = f"{key} = {_value(value)}"
     return f"{line:{COMMENT_AT}} # {comment}" if comment else line
 
 
-def toml_key(name: str) -> str:
+def _key(name: str) -> str:
     """Key, in quotes if it needs them."""
     return name if name.replace("-", "").replace("_", "").isalnum() else json.dumps(name)
 
 
-def toml_value(value: Any) -> str:
+def _value(value: Any) -> str:
     """Value, with so many significant digits as are worth keeping."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -87,6 +85,6 @@ def toml_value(value: Any) -> str:
     if isinstance(value, int):
         return str(value)
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(toml_value, value))}]"
+        return f"[{', '.join(map(_value, value))}]"
     # JSON's escapes are a subset of TOML's.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -43,6 +43,7 @@ class StepInputs(NamedTuple):
         speed_variance: variance of each track's speed, from its sensor's noise [m²/s²].
         age: age of the speeds at the start, from the middle of their interval [s].
         slow: 1 if both tracks are slow enough for a standstill, else 0.
+        unknown: 1 if the speed of a track is unknown, stale or from a stuck sensor, else 0.
     """
 
     smooth_left: float
@@ -62,6 +63,7 @@ class StepInputs(NamedTuple):
     speed_variance: float
     age: float
     slow: float
+    unknown: float
 
 
 def step_inputs(
@@ -82,6 +84,9 @@ def step_inputs(
     density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
     carried = carried_density(still, start, end)
     slow = max(abs(held.left), abs(held.right)) < settings.track_speed
+    stale = gap_density(held, start, end, settings)
+    stuck_left = stuck_density(held.repeating_left, start, end, settings)
+    stuck_right = stuck_density(held.repeating_right, start, end, settings)
     return StepInputs(
         held.smooth_left,
         held.smooth_right,
@@ -90,14 +95,14 @@ def step_inputs(
         mean_left,
         mean_right,
         density
-        + stuck_density(held.repeating_left, start, end, settings)
+        + stuck_left
         + wheel_density(held.left_wheels, held.stamp, start, end)
         + spin_density(held.spin, LEFT, settings.weighs_tracks),
         density
-        + stuck_density(held.repeating_right, start, end, settings)
+        + stuck_right
         + wheel_density(held.right_wheels, held.stamp, start, end)
         + spin_density(held.spin, RIGHT, settings.weighs_tracks),
-        gap_density(held, start, end, settings),
+        stale,
         slide_density(held.forward, start, end) + carried + hidden_density(held, settings),
         carried,
         held.acceleration_left,
@@ -106,6 +111,7 @@ def step_inputs(
         density / held.interval,
         age_at(held, start, settings.hold),
         1.0 if slow else 0.0,
+        1.0 if stale + stuck_left + stuck_right > 0.0 else 0.0,
     )
 
 

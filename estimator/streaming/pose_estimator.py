@@ -17,6 +17,7 @@ from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
+from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.input_checks import (
     EARLIEST,
     LATEST,
@@ -179,8 +180,9 @@ class PoseEstimator:
     @property
     def twist_covariance(self) -> Floats:
         """(3, 3) covariance of `twist`."""
-        jacobian = self._reckoning.model().jacobian
-        return np.asarray(jacobian @ self._reckoning.ekf.P @ jacobian.T)
+        reckoning = self._reckoning
+        fastest = self.robot.vehicle.max_track_speed
+        return twist_covariance(reckoning.model().jacobian, reckoning.ekf.P, fastest)
 
     @property
     def indices(self) -> IndexValues:
@@ -194,7 +196,7 @@ class PoseEstimator:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Estimated parameters of the variant's model by name; units as in docs/model.md."""
+        """Estimated parameters by name, in the units of docs/explanation/model.md."""
         named = self._named(s.PARAMETERS)
         return {name: named[name] for name in used_parameters(self.variant)}
 
@@ -260,7 +262,7 @@ class PoseEstimator:
             self.state,
             P,
             model.twist.copy(),
-            jacobian @ P @ jacobian.T,
+            twist_covariance(jacobian, P, self.robot.vehicle.max_track_speed),
             model.motion.indices,
         )
 

@@ -7,8 +7,10 @@ updates and gates, but the optimal gain throughout.
 The filter's own estimates cannot be smoothed. Its fixed states (Schmidt-Kalman: twist measurements do not
 move the pose) are not optimal given the measurements so far. The recursion of Rauch, Tung and Striebel
 assumes that they are: it would leave the pose at the end where it is, and bend the path before it. The
-reason for fixed states does not hold here: a smoothed path has no jumps, and all Jacobians are those of
-the filter's states.
+reason for a fixed pose does not hold here: a smoothed path has no jumps, and all Jacobians are those of
+the filter's states. That for fixed parameters does: the IMU would attribute other errors of the motion
+to them. So it does not see them: their part of an accelerometer's innovation counts as noise, and the
+gyro's yaw rate is all of the turning, theirs too.
 
 The backward pass is the modified Bryson-Frazier form of that recursion (Bierman, Fixed interval smoothing
 with discrete measurements, International Journal of Control 18, 1973; the same estimates as those of
@@ -22,11 +24,12 @@ with h the Jacobian's row, y the innovation, S its variance, k the gain and C = 
 inverted. So states of zero variance need no special case, nor does the fast slip, which is drawn anew
 with each step (there F has zeros).
 
-Smoothed parameters are projected onto their bounds as the filter's are. If the heading is lost
-(`LOST_YAW`: after long gaps of a log), the pose cannot be linearised, and it is not smoothed across.
+After the last fix the path is turned as a whole, and not stretched (`unstretched`). Smoothed parameters
+are projected onto their bounds as the filter's are. If the heading is lost (`LOST_YAW`: after long gaps
+of a log), the pose cannot be linearised, and it is not smoothed across.
 
 The last smoothed estimate is that of the optimal gain. It is the filter's own if there were no fixed
-states (tracks and fixes alone), and otherwise at least as certain.
+states (tracks and fixes alone), and otherwise as certain to a thousandth, or more.
 
 Memory: some 1.5 kB for each IMU sample (the pose's rows of F, and each update's row and gain), and 2.2 kB
 for each row of the result (the upper triangle of its covariance). An hour at 100 Hz of IMU and 50 Hz of
@@ -43,6 +46,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.filter.ekf import (
     IDENTITY,
     IcrEkf,
@@ -50,6 +54,7 @@ from icreckon.estimator.filter.ekf import (
     replaced_states,
     slip_diagonal,
 )
+from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -124,7 +129,7 @@ class _TapedEstimator(PoseEstimator):
         start_sigma: tuple[float, float, float],
     ) -> None:
         super().__init__(robot, variant, settings=settings, start=start, start_sigma=start_sigma)
-        self.tape = _Tape(self._reckoning.ekf)
+        self.tape = _Tape(self._reckoning.ekf, robot.vehicle.max_track_speed)
 
     def record_row(self) -> None:
         """Record the state of a row of the result."""
@@ -191,10 +196,11 @@ class _Tape:
 
     Args:
         ekf: the filter before its first change.
+        fastest: highest speed of a track [m/s].
     """
 
-    def __init__(self, ekf: IcrEkf) -> None:
-        self._ekf = ekf
+    def __init__(self, ekf: IcrEkf, fastest: float) -> None:
+        self._ekf, self._fastest = ekf, fastest
         ekf.observer = self
         self._size = len(ekf.x)
         self._upper = np.triu_indices(self._size)
@@ -202,11 +208,16 @@ class _Tape:
         self._optimal_P: Floats = ekf.P.copy()
         self._tape: list[_Event] = []
         self._rows: list[_RowState] = []
+        # Parameters that do not turn the robot in the present step.
+        self._not_turning: list[int] = []
+        # Row at or after the newest measurement of the position.
+        self._row_of_fix = 0
 
     # --- forward ---------------------------------------------------------------------------------
 
     def moved(self, F: Floats, Q: Floats) -> None:
         """Record a transition, see `Observer`."""
+        F, self._not_turning = self.of_step(F), []
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
@@ -243,8 +254,13 @@ class _Tape:
         for index in states:
             self._optimal_P[index, index] += variance
 
-    def updated(self, z: float, h: Floats, r: float, change: Floats) -> None:
+    def updated(
+        self, z: float, h: Floats, r: float, change: Floats, fixed: tuple[int, ...]
+    ) -> None:
         """Record a scalar update, see `Observer`."""
+        if s.X not in fixed and (h[s.X] or h[s.Y]):
+            self._row_of_fix = len(self._rows)
+        h, r = self.without_fixed(h, r, fixed)
         cross = self._optimal_P @ h
         S = float(h @ cross) + r
         gain = cross / S
@@ -252,6 +268,25 @@ class _Tape:
         self._delta = self._delta + gain * innovation - change
         self._optimal_P = self._optimal_P - np.outer(gain, cross)
         self._tape.append(_Update(h, gain, innovation, S))
+
+    def without_fixed(self, h: Floats, r: float, fixed: tuple[int, ...]) -> tuple[Floats, float]:
+        """Jacobian without fixed parameters, and the noise with their uncertainty."""
+        unseen = [state for state in fixed if s.PARAMETERS.start <= state < s.SIZE]
+        if not unseen:
+            return h, r
+        by, h = h[unseen], h.copy()
+        h[unseen] = 0.0
+        if h[s.GYRO_BIAS]:
+            # The gyro measures all turning, theirs too: the yaw does not depend on them in this step.
+            self._not_turning = unseen
+            return h, r
+        return h, r + float(by @ self._optimal_P[np.ix_(unseen, unseen)] @ by)
+
+    def of_step(self, F: Floats) -> Floats:
+        """Transition in which parameters that the gyro does not see do not turn the robot."""
+        F = F.copy()
+        F[s.YAW, self._not_turning] = 0.0
+        return F
 
     def projected(self, change: Floats) -> None:
         """Record a projection onto bounds; the optimal filter itself is not projected."""
@@ -300,13 +335,40 @@ class _Tape:
                     ekf.x[: s.SIZE],
                     ekf.P[: s.SIZE, : s.SIZE],
                     model.twist,
-                    model.jacobian @ ekf.P @ model.jacobian.T,
+                    twist_covariance(model.jacobian, ekf.P, self._fastest),
                     model.motion.indices,
                 ),
+            )
+        poses = rows.states[:, s.POSE]
+        if count:
+            rows.states[:, s.POSE] = unstretched(
+                filtered.trajectory.poses, poses, min(self._row_of_fix, count - 1)
             )
         return rows.finish(
             count, filtered.variant + SMOOTHED, filtered.state_names, filtered.health
         )
+
+
+def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
+    """Smoothed poses (n, 3) whose path after an anchor is turned, and not stretched.
+
+    Without fixes the correction of the yaw grows with the log. That of the position is linear in it: a
+    path that is turned by 0.4 rad in this way is 8 % too long. So the corrections of the motion from row
+    to row are taken apart from the turn, and composed again.
+
+    Args:
+        filtered: (n, 3) poses of the filter, at which everything is linearised.
+        smoothed: (n, 3) their sums with the linear corrections.
+        anchor: row from which the path is composed.
+    """
+    turn = smoothed[:, 2] - filtered[:, 2]
+    step = np.diff(filtered[:, :2], axis=0)
+    across = np.column_stack([-step[:, 1], step[:, 0]])
+    more = np.diff(smoothed[:, :2] - filtered[:, :2], axis=0) - turn[:-1, None] * across
+    moved = rotate(step + more, turn[:-1])
+    found = smoothed.copy()
+    found[anchor + 1 :, :2] = smoothed[anchor, :2] + np.cumsum(moved[anchor:], axis=0)
+    return found
 
 
 _Event = _Step | _Renewal | _Wander | _Update

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import msgspec
@@ -52,7 +53,7 @@ MARKER_PERIOD = 0.2
 """Shortest time between two messages of ICR markers [s]."""
 NO_ROS = (
     "rclpy cannot be imported ({}): source your ROS 2 (as /opt/ros/jazzy/setup.bash) and use a virtual "
-    "environment made with --system-site-packages, see docs/ros2.md"
+    "environment made with --system-site-packages, see docs/tutorials/live.md"
 )
 
 
@@ -129,6 +130,7 @@ class OdometryNode:
             saved=self._state_file,
             start_pose=options.start,
             base_offset=options.base,
+            odom_frame=options.odom_frame,
         )
         self._statuses = LiveStatuses(self.live)
         self._missing = list(self.live.inputs.subscriptions())
@@ -141,6 +143,7 @@ class OdometryNode:
         self._listen_for_pose()
         self._make_services()
         self._make_timers()
+        self._check_state_file()
         started = f"warm start from {self._state_file}" if self.live.warm else "cold start"
         topics = ", ".join(f"{one.purpose} on {one.topic}" for one in self._missing)
         if self.live.assumed_topics:
@@ -201,6 +204,20 @@ class OdometryNode:
                         f"topic {topic} is an input ({one.purpose}) and the node's own output: "
                         "give it a namespace, as --ros-args -r __ns:=/icreckon"
                     )
+
+    def _check_state_file(self) -> None:
+        """Warn at the start, and not after an hour, if nothing learnt can be kept."""
+        if self._state_file is None:
+            return
+        folder = self._state_file.parent
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=folder):
+                pass
+        except OSError as problem:
+            self._warn(
+                f"state_file {self._state_file} cannot be written, so nothing is kept: {problem}"
+            )
 
     def _publisher(self, topic: str, depth: int, msgtype: str, *parts: str) -> Any:
         """Make a publisher; keep the classes of its messages for `_new`."""
@@ -352,14 +369,25 @@ class OdometryNode:
 
     def _report(self) -> None:
         self._warn_of_silence()
+        self._check_frame()
         array, statuses = self._new(DIAGNOSTICS), self._statuses.report()
         fill_diagnostics(array, self._now(), statuses, self.live.robot.name, self._new)
         self._diagnostics.publish(array)
 
+    def _check_frame(self) -> None:
+        """Warn of fixes in another frame than the one that they are assumed in."""
+        inputs, options = self.live.inputs, self.options
+        frame = "" if inputs.geodetic else inputs.fix_frame
+        if frame not in ("", options.map_frame, options.odom_frame):
+            self._warn(
+                f"fixes are in frame {frame!r}, and are taken as poses in {options.map_frame!r}: set "
+                f"map_frame to {frame!r}, or transform them"
+            )
+
     def _warn_of_silence(self) -> None:
         """Warn of topics on which nothing comes, and of joints that are in no message."""
         waited, inputs = time.monotonic() - self._started, self.live.inputs
-        for text in inputs.missing_joints(self._now()):
+        if text := inputs.missing_joints(self._now()):
             self._warn(text)
         if waited < SILENCE:
             return

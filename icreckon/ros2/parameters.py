@@ -118,7 +118,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "save_period": "Time between two writings of state_file [s].",
     "input_reliability": "QoS of the inputs: reliable, best_effort, or auto, that of the publishers.",
     "input_depth": "Length of the queue of each input.",
-    "start_pose": "Pose of the base frame in map_frame at the start, [x, y, yaw] [m, rad]; [] for none.",
+    "start_pose": "Pose of the base frame in map_frame at the start, [x, y, yaw] in m, rad; [] for none.",
     "base_offset": "Base frame on the robot, [forward, left, yaw] from the tracks' centre [m, rad].",
 }
 

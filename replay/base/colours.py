@@ -16,10 +16,30 @@ COLOURS = {
     "friction-fixed": "#CC79A7",
     "friction-online": "#882255",
 }
-TRUTH_COLOUR = "#000000"
-OTHER_COLOUR = "#009E73"
+# The palette's green, which no variant has.
+TRUTH_COLOUR = "#009E73"
+FIX_COLOUR = "#000000"
+OTHER_COLOUR = "#6A3D9A"
+# Least luminance of a line on a dark background, and share of white that is added until it is reached.
+LEAST_LUMINANCE, STEP = 0.2, 0.1
 
 
 def colour_of(name: str) -> str:
     """Colour of a variant, smoothed or not, as "#rrggbb"."""
     return COLOURS.get(name.removesuffix(SMOOTHED), OTHER_COLOUR)
+
+
+def on_dark(colour: str) -> str:
+    """Lighten a colour "#rrggbb" until it is seen on a dark background."""
+    parts = [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+    while _luminance(parts) < LEAST_LUMINANCE:
+        parts = [part + STEP * (1.0 - part) for part in parts]
+    return "#" + "".join(f"{round(255.0 * part):02x}" for part in parts)
+
+
+def _luminance(parts: list[float]) -> float:
+    """Relative luminance of sRGB parts, by WCAG."""
+    linear = [
+        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
+    ]
+    return sum(weight * part for weight, part in zip((0.2126, 0.7152, 0.0722), linear, strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Name of the state -> (suffix of its column, unit on an axis); docs/model.md defines the states.
+# Name of the state -> (suffix of its column, unit on an axis). States: docs/explanation/model.md.
 UNITS: dict[str, tuple[str, str]] = {
     "zeta0": ("m", "m"),
     "zeta1": ("m_per_N", "m/N"),

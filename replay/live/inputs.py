@@ -89,6 +89,7 @@ class LiveInputs:
         clocks: chosen clock of each stream.
         origin: origin of NavSatFix: that of the robot file, or the first fix.
         geodetic: whether fixes come as NavSatFix.
+        fix_frame: frame of the newest fix by its header, empty if it names none.
         heard: arrival of the first message on each topic [ns].
     """
 
@@ -98,6 +99,7 @@ class LiveInputs:
     clocks: dict[str, Choice] = field(default_factory=dict)
     origin: Origin | None = None
     geodetic: bool = False
+    fix_frame: str = ""
     heard: dict[str, int] = field(default_factory=dict)
     _streams: dict[str, Stream] = field(default_factory=dict)
     _waiting: list[_Arrived] = field(default_factory=list)
@@ -143,8 +145,8 @@ class LiveInputs:
         """Message types that can be read for a stream without the names of their fields."""
         return tuple(self._streams[subscription.purpose].readers)
 
-    def missing_joints(self, now: int) -> list[str]:
-        """Text on each mapped joint that no message of the track speeds has had so far.
+    def missing_joints(self, now: int) -> str:
+        """Text on mapped joints that no message has had so far; empty if there are none.
 
         Args:
             now: present time [ns]; nothing is missing in the first `LONGEST_WAIT`.
@@ -152,9 +154,9 @@ class LiveInputs:
         stream = self._streams["tracks"]
         first, reader = self.heard.get(stream.topic), stream.readers.get(JOINT_STATE)
         if first is None or (now - first) * NANOSECOND < LONGEST_WAIT:
-            return []
+            return ""
         if not isinstance(reader, JointReader) or not reader.seen:
-            return []
+            return ""
         return missing_joints(stream.topic, reader.joints, reader.seen)
 
     def take(
@@ -223,6 +225,8 @@ class LiveInputs:
         if row is None:
             return []
         header = getattr(message, "header", None)
+        if header is not None and stream.purpose == "fixes":
+            self.fix_frame = header.frame_id.removeprefix("/")
         stamp = None if header is None else stamp_of(header)
         if stamp is not None and self._is_left_over(stamp, arrival):
             return self._lose(stream.purpose, "from before the clock went back")

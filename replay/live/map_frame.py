@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.frames import rotate, wrap_angle
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import compose, rotate, wrap_angle
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
 from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
+from icreckon.replay.base.start import CLEAR, SOON, laid_over
 from icreckon.replay.live.base_frame import Pose
+
+MOST_WAITING, LONGEST = 1000, 300.0
+"""Most positions that are laid over the path, and the longest time for which they are [s]."""
 
 
 class Placed(NamedTuple):
@@ -31,35 +35,36 @@ class Placed(NamedTuple):
 class MapFrame:
     """Estimator of the pose in `map`, from the first fix on.
 
-    It starts as a copy of that in `odom` if the first fix agrees with it, as fixes of a simulation or
-    of a localisation that starts with the robot do; otherwise at the first fix, with its heading if
-    one is known and with any heading if not. A pose that somebody gives takes precedence. Parameters and
-    biases are those learnt so far.
+    It starts as a copy of that in `odom` if the first fix agrees with it and is said to be in `odom`, as
+    those of a simulation are. Otherwise it starts at the first fix with a heading, or when the path has
+    gone far enough to show the heading by positions alone. A pose that somebody gives takes precedence.
+    Parameters and biases are those learnt so far.
 
     Args:
         start: pose at the start, if it is known.
 
     Attributes:
-        estimator: the estimator; None before the first fix.
+        estimator: the estimator; None before it starts.
     """
 
     def __init__(self, start: Placed | None = None) -> None:
         self.estimator: PoseEstimator | None = None
         self._heading: HeadingFix | None = None
+        # Positions without a heading, and the pose in `odom` at each.
+        self._waiting: deque[tuple[PositionFix, Floats]] = deque(maxlen=MOST_WAITING)
         self._start = self._placed = start
 
     def place(self, placed: Placed) -> None:
         """Start anew at a pose with the next measurements; what was learnt stays."""
         self._placed = placed
 
-    def take(self, group: list[Measurement], odom: PoseEstimator, *, geodetic: bool) -> None:
+    def take(self, group: list[Measurement], odom: PoseEstimator, *, in_odom: bool) -> None:
         """Update with measurements of one stamp.
 
         Args:
             group: the measurements.
             odom: the estimator of the pose in `odom`, updated with all of them but the fixes.
-            geodetic: whether positions are east and north of an origin, so that the first one agrees
-                with `odom` without saying anything of the yaw.
+            in_odom: whether the fixes are said to be in `odom`.
         """
         if self._placed is not None and odom.stamp is not None:
             learnt = odom if self.estimator is None else self.estimator
@@ -72,34 +77,68 @@ class MapFrame:
             if isinstance(measurement, HeadingFix):
                 self._heading = measurement
         fix = next((one for one in group if isinstance(one, PositionFix)), None)
-        if fix is not None and odom.stamp is not None and _is_finite(fix):
-            self.estimator = self._started(fix, odom, geodetic=geodetic)
+        if fix is None or odom.stamp is None or not _is_finite(fix):
+            return
+        self.estimator = self._started(fix, odom, in_odom=in_odom)
+        if self.estimator is not None:
             for measurement in group:
                 if isinstance(measurement, PositionFix | HeadingFix):
                     self.estimator.feed(measurement)
+        else:
+            self.estimator = self._by_path(fix, odom)
 
     def restart(self) -> None:
-        """Start anew at the given start, or at the next fix."""
+        """Start anew at the given start, or by the next fixes."""
         self.estimator, self._heading, self._placed = None, None, self._start
+        self._waiting.clear()
 
-    def _started(self, fix: PositionFix, odom: PoseEstimator, *, geodetic: bool) -> PoseEstimator:
+    @property
+    def waiting(self) -> int:
+        """Number of fixes so far whose heading is not known yet."""
+        return 0 if self.estimator is not None else len(self._waiting)
+
+    def _started(
+        self, fix: PositionFix, odom: PoseEstimator, *, in_odom: bool
+    ) -> PoseEstimator | None:
+        """Start at a fix; None without a heading."""
         heading, lever_arm = self._heading, np.array([fix.forward, fix.left])
         if heading is not None and abs(fix.stamp - heading.stamp) * NANOSECOND > SOON:
             heading = None
         wander = wander_of(odom.robot, odom.settings)
         pose, sigma = odom.pose, wander.at_start(math.sqrt(fix.variance))
-        if not geodetic and not wander.sigma:
-            expected = pose[:2] + rotate(lever_arm, pose[2])
-            spread = sigma + math.sqrt(float(np.trace(odom.pose_covariance[:2, :2])))
-            near = math.hypot(fix.x - expected[0], fix.y - expected[1]) <= CLEAR * spread
-            if near and (heading is None or _agrees(heading, odom)):
+        expected = pose[:2] + rotate(lever_arm, pose[2])
+        spread = sigma + math.sqrt(float(np.trace(odom.pose_covariance[:2, :2])))
+        near = math.hypot(fix.x - expected[0], fix.y - expected[1]) <= CLEAR * spread
+        if in_odom and near and (heading is None or _agrees(heading, odom)):
+            if not wander.sigma:
                 return odom.copy()
+            heading = HeadingFix(fix.stamp, float(pose[2]), float(odom.pose_covariance[2, 2]))
         if heading is None:
-            sigma += float(np.hypot(*lever_arm))
-            return odom.restarted((fix.x, fix.y, 0.0), (sigma, sigma, ANY_HEADING))
+            return None
         x, y = np.array([fix.x, fix.y]) - rotate(lever_arm, heading.yaw)
         start = (float(x), float(y), heading.yaw)
         return odom.restarted(start, (sigma, sigma, math.sqrt(heading.variance)))
+
+    def _by_path(self, fix: PositionFix, odom: PoseEstimator) -> PoseEstimator | None:
+        """Start by the path in `odom`, laid over the fixes; None if it is too short."""
+        while self._waiting and (fix.stamp - self._waiting[0][0].stamp) * NANOSECOND > LONGEST:
+            self._waiting.popleft()
+        since = (fix.stamp - (odom.stamp or 0)) * NANOSECOND
+        self._waiting.append((fix, compose(odom.pose, odom.twist * since)))
+        fixes, poses = zip(*self._waiting, strict=True)
+        at = np.array(poses)
+        path = at[:, :2] + rotate([(one.forward, one.left) for one in fixes], at[:, 2])
+        white = math.sqrt(float(np.median([one.variance for one in fixes])))
+        wander = wander_of(odom.robot, odom.settings)
+        sigma = math.hypot(white, math.sqrt(len(fixes)) * wander.sigma)
+        found = laid_over(path, np.array([(one.x, one.y) for one in fixes]), sigma)
+        if found is None:
+            return None
+        x, y, yaw = compose(found.pose, odom.pose).tolist()
+        away = float(np.hypot(*(odom.pose[:2] - path.mean(axis=0))))
+        wide = wander.at_start(white) + found.sigma[2] * away
+        self._waiting.clear()
+        return odom.restarted((x, y, yaw), (wide, wide, found.sigma[2]))
 
 
 def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:

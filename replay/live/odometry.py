@@ -75,10 +75,12 @@ class LiveOdometry:
             map without fixes. None for that of the first fix.
         base_offset: place of the base frame: forward, left of the centre of the tracks' contact area [m],
             and its yaw [rad].
+        odom_frame: frame of fixes that are in `odom`.
 
     Attributes:
         robot: the robot.
         inputs: converter of the messages.
+        odom_frame: frame of fixes that are in `odom`.
         odom: estimator without fixes.
         map: map frame; None without fixes and start.
         warm: whether parameters were read from a file.
@@ -103,6 +105,7 @@ class LiveOdometry:
         saved: Path | None = None,
         start_pose: Pose | None = None,
         base_offset: Pose = CENTRE,
+        odom_frame: str = "odom",
     ) -> None:
         for name, value, most in (("reorder", reorder, 10.0), ("highest_rate", highest_rate, 1e4)):
             if not 0.0 <= value <= most:
@@ -110,7 +113,7 @@ class LiveOdometry:
         mapping = live_topics(robot)
         if not use_fixes:
             mapping = TopicMap(tracks=mapping.tracks, imu=mapping.imu)
-        self.robot, self.base = robot, BaseFrame(base_offset)
+        self.robot, self.base, self.odom_frame = robot, BaseFrame(base_offset), odom_frame
         self.assumed_topics = "tracks" not in robot.log
         self.inputs = LiveInputs(robot, mapping)
         # `inputs` takes off the latencies of the robot file; that of the tracks is watched, and estimated
@@ -218,7 +221,8 @@ class LiveOdometry:
                 if not isinstance(measurement, FIXES):
                     self.odom.feed(measurement)
             if self.map is not None:
-                self.map.take(group, self.odom, geodetic=self.inputs.geodetic)
+                in_odom = self.inputs.fix_frame == self.odom_frame and not self.inputs.geodetic
+                self.map.take(group, self.odom, in_odom=in_odom)
             stamp = self.odom.stamp
             if stamp is not None and self._is_due(stamp):
                 self._newest = stamp
@@ -264,6 +268,11 @@ def _warm(
     saved: Path, robot: Robot, variant: str, settings: Settings | None, latencies: Latencies
 ) -> PoseEstimator:
     off = max(0.0, time.time() - saved.stat().st_mtime)
-    return PoseEstimator.warm_start(
-        saved, robot, variant, off=off, settings=settings, latencies=latencies
-    )
+    try:
+        return PoseEstimator.warm_start(
+            saved, robot, variant, off=off, settings=settings, latencies=latencies
+        )
+    except EstimatorError as problem:
+        raise EstimatorError(
+            f"{problem}. Delete {saved} to start with the robot file alone"
+        ) from None

@@ -44,8 +44,8 @@ def silent_topic(
     )
 
 
-def missing_joints(topic: str, wanted: Iterable[str], seen: Iterable[str]) -> list[str]:
-    """Text on each mapped joint that is in no message.
+def missing_joints(topic: str, wanted: Iterable[str], seen: Iterable[str]) -> str:
+    """Text on mapped joints that are in no message; empty if all are.
 
     Args:
         topic: topic of the joints.
@@ -53,8 +53,12 @@ def missing_joints(topic: str, wanted: Iterable[str], seen: Iterable[str]) -> li
         seen: names in the messages.
     """
     found = sorted(seen)
-    return [
-        f"joint {name!r} of [log.tracks] has not come on {topic}{nearest_hint(name, found)}"
-        for name in wanted
-        if name not in found
-    ]
+    missing = [name for name in wanted if name not in found]
+    if not missing:
+        return ""
+    hints = {name: nearest_hint(name, found) for name in missing}
+    if len(missing) == 1:
+        return f"joint {missing[0]!r} of [log.tracks] has not come on {topic}{hints[missing[0]]}"
+    names = ", ".join(map(repr, missing))
+    has = ", ".join(map(repr, found[:MOST_NAMES])) + (", ..." if len(found) > MOST_NAMES else "")
+    return f"joints {names} of [log.tracks] have not come on {topic}, which has {has}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.filter.health import (
@@ -34,6 +35,13 @@ LARGE_FACTOR = 3.0
 """Factor on the slip that is reported, see `SlipHealth.factor`."""
 
 
+class Counts(NamedTuple):
+    """Measurements of a sensor, used and rejected."""
+
+    used: int
+    rejected: int
+
+
 class LiveStatuses:
     """Statuses of a live run, with changes since the last report.
 
@@ -43,7 +51,8 @@ class LiveStatuses:
 
     def __init__(self, live: LiveOdometry) -> None:
         self._live = live
-        self._before: dict[str, tuple[int, int]] = {}
+        self._before: dict[str, Counts] = {}
+        self._lost: dict[str, int] = {}
         self._estimates: dict[str, tuple[int, int, int]] = {}
 
     def report(self) -> list[DiagnosticStatus]:
@@ -54,10 +63,12 @@ class LiveStatuses:
             statuses.append(self._map())
         newest = live.odom if live.map is None or live.map.estimator is None else live.map.estimator
         sensors = newest.health.sensors
-        gyro_before = self._before.get(GYRO, (0, 0))[0]
-        gyro_now = max(0, sensors[GYRO].used - gyro_before) if GYRO in sensors else 0
+        new = {name: self._new(name, sensor) for name, sensor in sensors.items()}
+        gyro_now = new[GYRO].used if GYRO in new else 0
         for name, sensor in sorted(sensors.items()):
-            statuses.append(self._sensor(name, sensor, gyro_now if name == IMU else 0))
+            # Samples that are used count as those of the gyro.
+            used = gyro_now if name == IMU else new[name].used
+            statuses.append(sensor_status(name, sensor, new[name]._replace(used=used)))
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
             statuses += self._never_heard()
@@ -66,7 +77,7 @@ class LiveStatuses:
             statuses.append(gyro_status(newest.health.gyro, is_silent=gyro_now == 0))
         if newest.health.tilt is not None:
             statuses.append(tilt_status(newest.health.tilt))
-        statuses += [self._clocks(), self._latency(newest)]
+        statuses += [self._messages(), self._clocks(), self._latency(newest)]
         return statuses
 
     def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
@@ -117,41 +128,40 @@ class LiveStatuses:
         return [DiagnosticStatus(ERROR, "icreckon: imu", text, {})]
 
     def _map(self) -> DiagnosticStatus:
-        estimator = self._live.map.estimator if self._live.map is not None else None
+        in_map = self._live.map
+        estimator = in_map.estimator if in_map is not None else None
+        if in_map is not None and in_map.waiting:
+            text = f"{in_map.waiting} fixes do not show the heading yet: drive on"
+            return DiagnosticStatus(WARN, "icreckon: pose in map", text, {})
         if estimator is None or estimator.stamp is None:
             return DiagnosticStatus(STALE, "icreckon: pose in map", "no fix yet", {})
         return self._estimate("map", estimator)
 
-    def _sensor(self, name: str, sensor: SensorHealth, others: int = 0) -> DiagnosticStatus:
-        """Status of a sensor; others are uses of its samples by other sensors."""
-        rejected = sum(sensor.rejected.values())
-        used_before, rejected_before = self._before.get(name, (0, 0))
-        self._before[name] = (sensor.used, rejected)
-        if sensor.used < used_before or rejected < rejected_before:
-            # The estimator has started anew.
-            used_before = rejected_before = 0
-        used_now = sensor.used - used_before + others
-        rejected_now = rejected - rejected_before
-        values = {"used": str(sensor.used), "late": str(sensor.late)}
-        values |= {
-            f"rejected: {reason}": str(count) for reason, count in sorted(sensor.rejected.items())
+    def _new(self, name: str, sensor: SensorHealth) -> Counts:
+        """Counts of a sensor since the last report, or since the estimator started anew."""
+        now = Counts(sensor.used, sum(sensor.rejected.values()))
+        before = self._before.get(name, Counts(0, 0))
+        self._before[name] = now
+        if now.used < before.used or now.rejected < before.rejected:
+            return now
+        return Counts(now.used - before.used, now.rejected - before.rejected)
+
+    def _messages(self) -> DiagnosticStatus:
+        """Messages that could not be used since the last report."""
+        lost, name = self._live.inputs.lost, "icreckon: messages"
+        new = {
+            reason: count - self._lost.get(reason, 0)
+            for reason, count in lost.items()
+            if count > self._lost.get(reason, 0)
         }
-        nis = sensor.recent_nis
-        if nis is not None:
-            values["nis_recent"] = f"{nis:.3f}"
-        title = f"icreckon: {name}"
-        if not used_now and not rejected_now:
-            return DiagnosticStatus(STALE, title, "nothing since the last report", values)
-        share = rejected_now / (used_now + rejected_now)
-        if share > MANY_REJECTED:
-            reasons = ", ".join(sorted(sensor.rejected))
-            return DiagnosticStatus(WARN, title, f"{share:.0%} rejected: {reasons}", values)
-        if nis is not None and nis > LARGE_NIS:
-            text = (
-                f"NIS {nis:.1f} (ideal 1): its noise in the robot file is too small, or it is wrong"
-            )
-            return DiagnosticStatus(WARN, title, text, values)
-        return DiagnosticStatus(OK, title, f"{used_now} used since the last report", values)
+        self._lost = dict(lost)
+        values = {reason: str(count) for reason, count in lost.items()}
+        if not new:
+            return DiagnosticStatus(OK, name, "all since the last report can be used", values)
+        text = "; ".join(f"{reason} ({count})" for reason, count in new.items())
+        return DiagnosticStatus(
+            WARN, name, f"not usable since the last report, with counts: {text}", values
+        )
 
     def _slip(self, slip: SlipHealth) -> DiagnosticStatus:
         tracks = self._live.inputs.mapping.tracks
@@ -163,7 +173,6 @@ class LiveStatuses:
             f"{purpose} clock": f"{choice.clock}: {choice.reason}"
             for purpose, choice in inputs.clocks.items()
         }
-        values |= {f"unusable, {reason}": str(count) for reason, count in inputs.lost.items()}
         steps = self._live.odom.health.clock_steps
         values["clock_steps"] = str(steps)
         by_arrival = [one for one, choice in inputs.clocks.items() if not choice.by_default]
@@ -197,6 +206,34 @@ class LiveStatuses:
         off = abs(estimated - used)
         wrong = off > max(CHANGED_LATENCY, BEYOND * health.sigma)
         return DiagnosticStatus(WARN if wrong else OK, name, text, values)
+
+
+def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticStatus:
+    """Status of a sensor.
+
+    Args:
+        name: its name.
+        sensor: its counts and innovations.
+        new: its counts since the last report.
+    """
+    values = {"used": str(sensor.used), "late": str(sensor.late)}
+    values |= {
+        f"rejected: {reason}": str(count) for reason, count in sorted(sensor.rejected.items())
+    }
+    nis = sensor.recent_nis
+    if nis is not None:
+        values["nis_recent"] = f"{nis:.3f}"
+    title = f"icreckon: {name}"
+    if not any(new):
+        return DiagnosticStatus(STALE, title, "nothing since the last report", values)
+    share = new.rejected / sum(new)
+    if share > MANY_REJECTED:
+        reasons = ", ".join(sorted(sensor.rejected))
+        return DiagnosticStatus(WARN, title, f"{share:.0%} rejected: {reasons}", values)
+    if nis is not None and nis > LARGE_NIS:
+        text = f"NIS {nis:.1f} (ideal 1): its noise in the robot file is too small, or it is wrong"
+        return DiagnosticStatus(WARN, title, text, values)
+    return DiagnosticStatus(OK, title, f"{new.used} used since the last report", values)
 
 
 def slip_status(

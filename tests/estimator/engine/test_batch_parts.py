@@ -160,7 +160,7 @@ def test_rounds_have_an_end() -> None:
     assert np.array_equal(in_lanes(endless, np.zeros(WIDTH))[0], np.full(WIDTH, 7.0))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.floats(-10.0, 10.0), min_size=3, max_size=3), st.integers(0, 5))
 def test_expressions_are_worked_out_as_python_does(values, seed) -> None:
     def function(a, b, c):
@@ -245,7 +245,7 @@ def all_inputs(tracks, present, rates, track_rate, imu_rate, settings):
     return steps, measured, inputs[:, :, 0]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000), st.sampled_from([(50.0, 100.0), (20.0, 100.0), (50.0, 50.0)]))
 def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
     rng = np.random.default_rng(seed)
@@ -290,7 +290,7 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
             assert inputs[k, INPUTS[name]] == pytest.approx(value, rel=1e-12, abs=1e-15), name
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000), st.floats(1e-4, 0.03))
 def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
     rng = np.random.default_rng(seed)

@@ -35,13 +35,6 @@ from icreckon.estimator.streaming.run import run
 SECOND, STEP = 1_000_000_000, 10_000_000
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("gyro"))
 RNG = np.random.default_rng(4)
-FIRST_NOISE = RNG.bit_generator.state
-
-
-@pytest.fixture(autouse=True)
-def same_noise_in_any_order() -> None:
-    """Each test has the same noise, whichever ran before it."""
-    RNG.bit_generator.state = FIRST_NOISE
 
 
 def rested(rates: np.ndarray, still: StandstillRecord | None = None) -> list[float]:

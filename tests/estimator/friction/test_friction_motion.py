@@ -221,7 +221,7 @@ def test_another_model_s_memory_is_refused() -> None:
         model_of().recall(np.zeros(3))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     speeds=st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=2, max_size=20),
     dt=st.sampled_from([1e-6, 1e-3, 0.01, 0.1, 1.0, 30.0]),

@@ -87,7 +87,7 @@ SLOPES = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 
 
 @pytest.mark.parametrize("name", CONTACTS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(state=STATES, V=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)), gravity=SLOPES)
 def test_a_step_solves_its_equations(
     name: str, state: tuple[float, ...], V: tuple[float, float], gravity: tuple[float, float]

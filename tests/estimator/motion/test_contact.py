@@ -116,7 +116,6 @@ def test_the_jacobian_is_exact_where_points_lift(contact):
 forces = st.floats(-1e5, 1e5)
 
 
-@settings(deadline=None)
 @given(forces, forces, st.sampled_from([GEOMETRY, UNEVEN]))
 def test_loads_are_never_negative_and_carry_the_weight(right, forward, geometry):
     contact = Contact(Soil(), geometry, BODY)
@@ -145,7 +144,7 @@ def test_loads_are_never_negative_and_carry_the_weight(right, forward, geometry)
     assert at_y == pytest.approx(limited_y, abs=edge)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.floats(-800.0, 800.0), st.floats(-1200.0, 1200.0))
 def test_loads_solve_the_complementarity_problem(right, forward):
     contact = Contact(Soil(), GEOMETRY, BODY)

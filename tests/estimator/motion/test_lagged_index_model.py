@@ -139,7 +139,7 @@ SLOPES = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 FACTORS = st.tuples(*[st.floats(0.5, 1.5)] * 9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(speeds=st.lists(SPEEDS, min_size=2, max_size=10), gravity=SLOPES, factors=FACTORS)
 def test_a_mirrored_vehicle_makes_the_mirrored_motion(
     speeds: list[tuple[float, float]], gravity: tuple[float, float], factors: tuple[float, ...]
@@ -153,7 +153,7 @@ def test_a_mirrored_vehicle_makes_the_mirrored_motion(
     assert mirror.u == pytest.approx(-motion.u, abs=1e-8)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(speeds=st.lists(SPEEDS, min_size=2, max_size=10), gravity=SLOPES, factors=FACTORS)
 def test_a_vehicle_that_backs_down_a_slope_is_one_that_drives_down_it_turned_around(
     speeds: list[tuple[float, float]], gravity: tuple[float, float], factors: tuple[float, ...]
@@ -170,7 +170,7 @@ def test_a_vehicle_that_backs_down_a_slope_is_one_that_drives_down_it_turned_aro
 # --- the paper's motion -----------------------------------------------------------------------------
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(speeds=SPEEDS, factors=st.tuples(*[st.floats(0.9, 1.1)] * 8))
 def test_in_steady_motion_on_level_ground_it_is_the_papers_model(
     speeds: tuple[float, float], factors: tuple[float, ...]
@@ -312,7 +312,7 @@ def test_evaluating_changes_no_memory_and_going_back_repeats_the_motion() -> Non
 # --- limits -----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     speeds=st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)), min_size=1, max_size=10),
     gravity=st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)),
@@ -339,7 +339,7 @@ def test_no_parameters_make_it_leave_what_tracks_can_do(
     assert abs(motion.force) <= WEIGHT
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(V=st.floats(-1.0, 1.0), gravity=SLOPES, factors=st.tuples(*[st.floats(-9.0, 9.0)] * 9))
 def test_equal_tracks_drive_straight_on_any_slope(
     V: float, gravity: tuple[float, float], factors: tuple[float, ...]

@@ -150,7 +150,7 @@ READINGS = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(READINGS, st.integers(0, 20), st.integers(1, 400))
 def test_a_track_is_found_stuck_once_and_as_the_definition_has_it(readings, hole, repeat):
     """The record keeps a summary; here the definition is applied to all readings so far."""

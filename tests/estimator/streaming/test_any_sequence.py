@@ -237,9 +237,6 @@ def test_any_sequence_of_calls(tmp_path):
     limits = settings(
         max_examples=60,
         stateful_step_count=40,
-        deadline=None,
-        derandomize=True,
-        database=None,
         phases=PHASES,
         suppress_health_check=list(HealthCheck),
     )

@@ -103,7 +103,7 @@ def test_the_measurements_of_these_tests_are_gated_and_coincide():
     assert len(set(stamps)) < len(stamps) - 50
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     seed=st.integers(0, 2**32 - 1),
     longest=st.sampled_from([0.05, 0.3, 1.0]),
@@ -117,7 +117,7 @@ def test_the_order_of_arrival_does_not_matter(seed, longest, share):
     assert known(estimator) == IN_ORDER
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.permutations(MEASUREMENTS[:12]), st.permutations(MEASUREMENTS[60:75]))
 def test_the_order_of_arrival_does_not_matter_at_the_start_and_on_the_way(first, later):
     mixed = [*first, *MEASUREMENTS[12:60], *later, *MEASUREMENTS[75:]]

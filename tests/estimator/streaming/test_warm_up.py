@@ -54,6 +54,7 @@ def test_feeding_compiles_nothing(variant: str) -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.thorough
 def test_another_kind_of_ground_is_another_shape() -> None:
     """Friction that builds up with the shear displacement is other code."""
     plain = 'icreckon.load_robot("auriga-alpha")'

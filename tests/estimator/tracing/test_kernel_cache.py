@@ -59,6 +59,7 @@ def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("shared")
 
 
+@pytest.mark.thorough
 def test_processes_that_share_a_cache_compute_what_lonely_ones_do(
     shared_cache: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -73,6 +74,7 @@ def test_processes_that_share_a_cache_compute_what_lonely_ones_do(
         assert found == lonely
 
 
+@pytest.mark.thorough
 def test_every_symbol_on_disk_is_named_by_what_its_code_depends_on(shared_cache: Path) -> None:
     """Of two symbols with one name the linker takes the first; the digest is what tells them apart."""
     digest = environment_digest("estimator")

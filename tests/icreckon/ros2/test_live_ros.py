@@ -410,6 +410,7 @@ def test_what_is_misspelt_or_missing_is_warned_of(ros: dict[str, str], tmp_path:
     command = [
         program, "ros2-node", "--robot", without_topics(tmp_path), "--variant", VARIANT,
         "--ros-args", "--params-file", config, "-p", "robot_fle:=x.toml", "-p", "use_sim_time:=false",
+        "-p", f"state_file:={config}/learnt.json",
     ]  # fmt: skip
     with started(ros, tmp_path / "node.log", command) as running:
         until(lambda: "nobody has published /imu/data_raw" in running.text(), running)
@@ -417,6 +418,7 @@ def test_what_is_misspelt_or_missing_is_warned_of(ros: dict[str, str], tmp_path:
     text = running.text()
     assert "parameter 'robot_fle' is unknown and has no effect; did you mean 'robot'?" in text
     assert text.count("is unknown") == 1
+    assert f"state_file {config}/learnt.json cannot be written, so nothing is kept" in text
     assert "the robot file has no [log.tracks]; assuming tracks on /joint_states" in text
     assert text.count("tracks: nobody has published /joint_states") == 1
     assert "/initialpose" not in text
@@ -441,12 +443,12 @@ def test_a_misspelt_joint_and_another_topic_are_named(
             lambda: "/imu/raw" in running.text().partition("ready:")[2].partition("nobody")[2],
             running,
         )
-        until(lambda: "has not come on /joint_states" in running.text(), running)
+        until(lambda: "have not come on /joint_states" in running.text(), running)
         assert play.wait(LONGEST) == 0
         assert running.stop() == 0, running.text()
     assert (
-        "joint 'left_sproket' of [log.tracks] has not come on /joint_states; there is "
-        "'left_track_joint', 'right_track_joint'"
+        "joints 'left_sproket', 'right_sproket' of [log.tracks] have not come on /joint_states, which "
+        "has 'left_track_joint', 'right_track_joint'"
     ) in running.text()
     assert "of a fitting type there is /imu/data_raw" in running.text()
 
@@ -487,6 +489,20 @@ def test_a_given_pose_places_the_map(ros: dict[str, str], bag: Path, tmp_path: P
     in_map = recorded(tmp_path / "out")["/pose_in_map"]
     first = in_map[0].pose.pose
     assert pose_of(first.position, first.orientation) == pytest.approx([1.0, 2.0, 0.5], abs=0.1)
+
+
+def test_fixes_in_another_frame_are_warned_of(
+    ros: dict[str, str], bag: Path, tmp_path: Path
+) -> None:
+    with node(ros, tmp_path / "node.log", map_frame="world", odom_frame="wheels") as running:
+        until(lambda: "ready:" in running.text(), running)
+        player = [sys.executable, REPOSITORY / "tests" / "ros2_player.py", bag]
+        words = [",".join(INPUTS), 8.0]
+        subprocess.run(list(map(str, [*player, *words])), env=ros, check=True, timeout=2 * LONGEST)
+        until(lambda: "fixes are in" in running.text(), running)
+        assert running.stop() == 0, running.text()
+    assert "fixes are in frame 'odom', and are taken as poses in 'world'" in running.text()
+    assert running.text().count("taken as poses") == 1
 
 
 def play_tracks(environment: dict[str, str], bag: Path) -> None:

@@ -15,9 +15,10 @@ from rosbags.highlevel import AnyReader
 
 from bag_messages import joints, write_bag
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import compose, relative
+from icreckon.estimator.base.frames import compose, relative, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.run import run
@@ -248,6 +249,31 @@ def test_a_map_that_begins_elsewhere_is_taken_over(
     assert last.map_pose[:2] == pytest.approx((50.0 - y, 20.0 + x), abs=0.3)
     off = last.map_pose[2] - yaw - np.pi / 2
     assert abs((off + np.pi) % (2 * np.pi) - np.pi) < 0.3
+
+
+def test_a_map_that_is_turned_about_the_start_waits_for_its_heading(
+    robot: Robot, messages: list[Arrived], log: Log
+) -> None:
+    """The first fix is at the origin, as it would be in a map with the axes of odom."""
+
+    def turned(one: Arrived) -> Arrived:
+        if "pose" not in one.topic:
+            return one
+        message = deepcopy(one.message)
+        place = message.pose.pose.position
+        place.x, place.y = -place.y, place.x
+        message.header.frame_id = "map"
+        return one._replace(message=message)
+
+    estimates = live_run(robot, [turned(one) for one in messages], reorder=0.05)
+    in_map = [one for one in estimates if one.map_pose is not None]
+    truth = log.truth
+    assert truth is not None
+    assert in_map[0].stamp > estimates[0].stamp + 1_000_000_000
+    for one in (in_map[0], in_map[-1]):
+        yaw = interpolate_poses(truth.poses, np.array([one.stamp]))[0, 2]
+        off = wrap_angle(one.map_pose[2] - yaw - np.pi / 2)
+        assert abs(off) < 3.0 * np.sqrt(one.map_covariance[2, 2]) < 0.9
 
 
 def with_odd_wheel(messages: list[Arrived]) -> list[Arrived]:

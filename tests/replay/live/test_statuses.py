@@ -14,7 +14,13 @@ from icreckon.estimator.filter.health import (
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.diagnostic_status import OK, STALE, WARN
 from icreckon.replay.live.odometry import LiveOdometry
-from icreckon.replay.live.statuses import LiveStatuses, gyro_status, slip_status
+from icreckon.replay.live.statuses import (
+    Counts,
+    LiveStatuses,
+    gyro_status,
+    sensor_status,
+    slip_status,
+)
 
 
 @pytest.mark.parametrize(
@@ -59,11 +65,25 @@ def test_slip_is_a_sentence(slip: SlipHealth, level: int, text: str) -> None:
 
 def test_counts_that_begin_anew_are_no_negative_ones() -> None:
     statuses = LiveStatuses(LiveOdometry(load_robot("auriga-alpha"), "gyro"))
-    assert statuses._sensor("gyro", SensorHealth(used=100)).message.startswith("100 used")
-    assert statuses._sensor("gyro", SensorHealth(used=130)).message.startswith("30 used")
-    assert statuses._sensor("gyro", SensorHealth(used=4)).message.startswith("4 used")
+    used = (100, 130, 4)
+    found = [statuses._new("gyro", SensorHealth(used=one)) for one in used]
+    assert found == [Counts(100, 0), Counts(30, 0), Counts(4, 0)]
     rejected = SensorHealth(used=5, rejected={"gate": 3})
-    assert statuses._sensor("gyro", rejected).level == WARN
+    assert statuses._new("gyro", rejected) == Counts(1, 3)
+
+
+@pytest.mark.parametrize(
+    ("new", "level", "text"),
+    [
+        (Counts(30, 0), OK, "30 used since the last report"),
+        (Counts(91, 9), OK, "91 used since the last report"),
+        (Counts(50, 50), WARN, "50% rejected: gate"),
+        (Counts(0, 0), STALE, "nothing since the last report"),
+    ],
+)
+def test_a_sensor_has_a_status_by_its_new_counts(new: Counts, level: int, text: str) -> None:
+    status = sensor_status("gyro", SensorHealth(used=100, rejected={"gate": 50}), new)
+    assert (status.level, status.message) == (level, text)
 
 
 def test_a_slide_has_its_values() -> None:
@@ -77,15 +97,16 @@ def test_wheels_have_theirs() -> None:
     assert found == ("5", "9", "3")
 
 
-def test_rejections_of_the_stream_do_not_make_a_working_imu_stale() -> None:
-    statuses = LiveStatuses(LiveOdometry(load_robot("auriga-alpha"), "gyro"))
-    one = SensorHealth(used=0, rejected={"duplicate stamp": 1})
-    assert statuses._sensor("imu", one, 100).level == OK
-    again = statuses._sensor("imu", one, 100)
-    assert (again.level, again.message) == (OK, "100 used since the last report")
-    assert statuses._sensor("imu", one, 0).level == STALE
-    many = SensorHealth(used=0, rejected={"duplicate stamp": 51})
-    assert statuses._sensor("imu", many, 50).message.startswith("50% rejected")
+def test_messages_that_cannot_be_used_are_reported_once() -> None:
+    statuses = LiveStatuses(live := LiveOdometry(load_robot("auriga-alpha"), "gyro"))
+    assert statuses._messages().level == OK
+    live.inputs.lost["fixes: receiver without a fix"] = 3
+    status = statuses._messages()
+    assert status.level == WARN
+    assert "fixes: receiver without a fix (3)" in status.message
+    live.inputs.lost["tracks: cannot be read"] = 1
+    assert "fixes" not in statuses._messages().message
+    assert statuses._messages().level == OK
 
 
 def test_a_silent_gyro_does_not_work() -> None:
