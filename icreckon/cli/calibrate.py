@@ -7,11 +7,12 @@ from pathlib import Path
 
 import typer
 
+from icreckon.cli.comparing import the_robot
 from icreckon.cli.console import messages, progress, results, results_folder
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
@@ -22,8 +23,9 @@ from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 from icreckon.report.calibration.figure import write_calibration_figure
+from icreckon.report.calibration.page import write_calibration_page
 from icreckon.report.calibration.tables import calibration_tables
-from icreckon.report.replay.folder import FIGURE_FILE, RESULTS_FILE
+from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
 BAG_FOLDER = "metadata.yaml"
@@ -43,14 +45,9 @@ def run_calibrate(
     overwrite: bool,
 ) -> None:
     """Run `icreckon calibrate`; arguments as in its help."""
-    if robot_name is None:
-        raise ReplayError(
-            f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
-            f"file, which `icreckon inspect {paths[0]} --write robot.toml` proposes"
-        )
+    robot_name, robot = the_robot(robot_name, paths[:1])
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
-    robot = load_robot(robot_name)
     starts = (FIRST_WORDS.encode(), FORMER_FIRST_WORDS.encode())
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
@@ -81,7 +78,9 @@ def run_calibrate(
             },
             inputs={str(path): path for path in [*paths, *message_files]},
         )
-        write_results(folder / RESULTS_FILE, json_types(summary))
+        summary = json_types(summary)
+        write_results(folder / RESULTS_FILE, summary)
+        write_calibration_page(folder / PAGE_FILE, summary)
         write_calibration_figure(folder / FIGURE_FILE, summary)
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)

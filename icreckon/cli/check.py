@@ -13,6 +13,7 @@ from rich.text import Text
 
 from icreckon.cli.comparing import the_robot
 from icreckon.cli.console import FAILED, messages, progress, results
+from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
@@ -36,7 +37,7 @@ def run_check(
     overwrite: bool,
 ) -> None:
     """Run `icreckon check`; arguments as in its help."""
-    robot = the_robot(robot_name, paths)
+    _, robot = the_robot(robot_name, paths)
     starts = (ROS_FIRST_WORDS.encode(),)
     if ros is not None:
         check_replaceable(ros, overwrite=overwrite, starts=starts)
@@ -50,16 +51,11 @@ def run_check(
         # Without a result with everything mended nothing has a price.
         with progress("filtering, as the file is and mended") as report, suppress(ReplayError):
             worth = worth_of(log, robot, checks, report)
-    if not as_json:
-        for what, count in log.dropped.items():
-            results().print(Text(f"Dropped from the log: {count} x {what}"))
-        for note in log.notes:
-            results().print(Text(f"Note: {note}"))
     left_out = [] if guessed is None else topics_left_out(guessed, robot)
     if as_json:
         typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
     else:
-        _show(checks, worth, left_out, has_truth=log.truth is not None)
+        _show(log, checks, worth, left_out)
     if ros is not None:
         with written_beside(ros, overwrite=overwrite, starts=starts) as new:
             new.write_text(ros_settings(log, robot), encoding="utf-8")
@@ -77,10 +73,12 @@ def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]
     return sorted(pairs, key=lambda pair: math.inf if math.isnan(pair[0]) else -pair[0])
 
 
-def _show(
-    checks: list[Check], worth: Worth | None, left_out: list[str], *, has_truth: bool
-) -> None:
+def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str]) -> None:
     console = results()
+    for what, count in log.dropped.items():
+        console.print(Text(f"Dropped from the log: {count} x {what}"))
+    for note in log.notes:
+        console.print(Text(f"Note: {note}"))
     for one in checks:
         mark = "!" if one.problem else "-"
         stated = f" (file: {one.in_file})" if one.in_file else ""
@@ -96,7 +94,7 @@ def _show(
         console.print(
             Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Mend: {one.remedy}")
         )
-    if worth is not None and (text := _drift(worth, bool(wrong), has_truth=has_truth)):
+    if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
         console.print(Text(f"\n{text}"))
     for hint in left_out:
         console.print(Text(f"\nHint: {hint}"))

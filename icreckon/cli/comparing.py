@@ -83,12 +83,15 @@ def compare_and_report(
     return failures(summary)
 
 
-def the_robot(name: str | None, paths: Sequence[Path]) -> Robot:
+def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:
     """Load the robot of the option --robot.
 
     Args:
         name: the option, None if it was left out.
         paths: the logs, for the hint.
+
+    Returns:
+        The option and the robot.
 
     Raises:
         IcreckonError: it was left out, or is no robot.
@@ -98,7 +101,7 @@ def the_robot(name: str | None, paths: Sequence[Path]) -> Robot:
             f"what is the robot? Give --robot with a name ({', '.join(robot_names())}) or with a robot "
             f"file, which `icreckon inspect {' '.join(map(str, paths))} --write robot.toml` proposes"
         )
-    return load_robot(name)
+    return name, load_robot(name)
 
 
 def show_robots() -> None:

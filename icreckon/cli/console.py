@@ -114,7 +114,7 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
         yield new
     page, figure = folder / PAGE_FILE, folder / FIGURE_FILE
     hint = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
-    messages().print(f"results in {folder}/, {hint}", markup=False)
+    messages().print(f"results in {folder}/, {hint}", markup=False, soft_wrap=True)
 
 
 def _first_free(default: str) -> Path:

@@ -148,7 +148,9 @@ def simulate(
     ] = "auriga-alpha",
     scenario: Annotated[
         Path | None,
-        typer.Option(help="TOML file of the run (docs/scenario.md); the other options change it."),
+        typer.Option(
+            help="TOML file of the run (docs/reference/scenario-file.md); the other options change it."
+        ),
     ] = None,
     trajectory: Annotated[
         str | None, typer.Option(help=f"{TRAJECTORIES}, or recorded (default: random).")
@@ -500,7 +502,7 @@ def study(
     ] = None,
     engine: Annotated[
         str | None,
-        typer.Option(help="Engine of the runs: auto, or one of docs/study.md."),
+        typer.Option(help="Engine of the runs: auto, or one of docs/reference/study-file.md."),
     ] = None,
     cluster: Annotated[
         str | None,
@@ -551,7 +553,8 @@ def ros2_node(
 ) -> None:
     """Run as a ROS 2 node: odometry, tf and diagnostics, live.
 
-    Other arguments go to ROS, as --ros-args -p publish_tf:=false; docs/ros2.md lists the parameters.
+    Other arguments go to ROS, as --ros-args -p publish_tf:=false; docs/reference/ros2-node.md lists the
+    parameters.
     """
     from icreckon.ros2.node import run_node
 

@@ -14,6 +14,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, ENGINES
 from icreckon.replay.comparison.fixes import parse_part
@@ -39,13 +40,12 @@ def run_replay(
     workers: int | None,
 ) -> None:
     """Run `icreckon replay`; arguments as in its help."""
-    robot = the_robot(robot_name, paths)
+    robot_name, robot = the_robot(robot_name, paths)
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)
-    for option, value, choices in (("--engine", engine, list(ENGINES)),):
-        if value not in choices:
-            raise ReplayError(f"{option} {value!r}{nearest_hint(value, choices)}")
+    if engine not in ENGINES:
+        raise ReplayError(f"--engine {engine!r}{nearest_hint(engine, list(ENGINES))}")
     settings = Settings()
     wanted = parse_formats(formats)
     part = None if fixes is None else parse_part(fixes)
@@ -62,7 +62,7 @@ def run_replay(
         if problems:
             hint = "icreckon check says what each of these costs, and what to set"
             log = replace(
-                log, notes=(*log.notes, *(f"robot file: {one}" for one in problems), hint)
+                log, notes=(*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in problems), hint)
             )
         failed = compare_and_report(
             log,

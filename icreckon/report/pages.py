@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+
+# Forbid all requests, whatever the names and notes of a log contain.
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
 _TEMPLATES = PackageLoader("icreckon.report")
 _PAGES = Environment(
@@ -18,6 +22,31 @@ _PAGES = Environment(
     keep_trailing_newline=True,
     undefined=StrictUndefined,
 )
+
+
+class Cell(NamedTuple):
+    """Cell of a table: its text, its class, and smaller text beneath."""
+
+    text: str
+    kind: str = ""
+    beneath: str = ""
+
+
+class Table(NamedTuple):
+    """Table with its title; each row has a name, which stands in the first column."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[Cell]]]
+
+
+class Picture(NamedTuple):
+    """Picture of a page: file name without suffix, caption, PNG, wide or not."""
+
+    name: str
+    caption: str
+    png: bytes
+    wide: bool = False
 
 
 def _verbatim(name: str) -> Markup:
@@ -33,6 +62,9 @@ def _embedded(data: Any) -> Markup:
 
 
 _PAGES.globals["verbatim"] = _verbatim
+_PAGES.globals["policy"] = POLICY
+# What not every page has.
+_PAGES.globals |= {"subtitle": "", "failures": (), "remarks": ()}
 _PAGES.filters["embedded"] = _embedded
 _PAGES.filters["as_text"] = lambda data: json.dumps(data, indent=1, ensure_ascii=False)
 _PAGES.filters["base64"] = lambda data: base64.b64encode(data).decode()

@@ -1,7 +1,9 @@
-"""Figure of a calibration, made from its results only."""
+"""Figure of a calibration, and its parts for the page, made from its results only."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +13,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from icreckon.replay.comparison.results import Results
+from icreckon.report.pages import Picture
 from icreckon.report.printable import any_letters, printable
 
 BEFORE, AFTER = "#999999", "#0072B2"
 ROWS = ("along [cm]", "across [cm]", "turning [deg]")
 UNITS = (100.0, 100.0, 180.0 / np.pi)
 LINE = 110
+# Size of a part [in], legible also at the width of a telephone.
+SIZE = (6.4, 4.2)
+DOTS_PER_INCH = 150
+STYLE: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
 # Ticks of an axis in standard errors.
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
 
@@ -28,8 +35,7 @@ def write_calibration_figure(path: Path, results: Results) -> None:
         path: the file.
         results: output of `replay.calibration.results.summarise_calibration`.
     """
-    style: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
-    with mpl.rc_context(style), any_letters():
+    with mpl.rc_context(STYLE), any_letters():
         figure = Figure(figsize=(15, 9), layout="constrained")
         grid = figure.add_gridspec(3, 2, width_ratios=(1.4, 1.0))
         left = [figure.add_subplot(grid[0, 0])]
@@ -40,6 +46,49 @@ def write_calibration_figure(path: Path, results: Results) -> None:
         _draw_certainty(figure.add_subplot(grid[2, 1]), results)
         figure.suptitle(printable(_wrapped(results["verdict"])), fontsize=11)
         figure.savefig(path, dpi=110)
+
+
+def calibration_pictures(results: Results) -> list[Picture]:
+    """Draw the parts of the figure one by one, the models first."""
+    errors = "Error of each segment as the tracks alone predict it, before and after."
+    turning = (
+        "Turning in each segment, by the gyro less by the tracks, before (grey) and after (blue)."
+    )
+    parts: list[tuple[str, str, tuple[float, float], Callable[[Figure], None]]] = [
+        (
+            "models",
+            "Held-out drift of each model, with its 95 % interval; blue: the model that is supported.",
+            SIZE,
+            lambda figure: _draw_scores(figure.add_subplot(), results),
+        ),
+        (
+            "errors",
+            errors,
+            (SIZE[0], 1.6 * SIZE[1]),
+            lambda figure: _draw_errors(list(figure.subplots(3, 1, sharex=True)), results),
+        ),
+        (
+            "turning",
+            turning,
+            SIZE,
+            lambda figure: _draw_errors_by_turning(figure.add_subplot(), results),
+        ),
+        (
+            "certainty",
+            "Change of each estimate from the robot file, in its standard errors; grey: within chance.",
+            (SIZE[0], 1.3 * SIZE[1]),
+            lambda figure: _draw_certainty(figure.add_subplot(), results),
+        ),
+    ]
+    with mpl.rc_context(STYLE), any_letters():
+        return [Picture(name, caption, _drawn(size, draw)) for name, caption, size, draw in parts]
+
+
+def _drawn(size: tuple[float, float], draw: Callable[[Figure], None]) -> bytes:
+    figure, sink = Figure(figsize=size, layout="constrained"), io.BytesIO()
+    draw(figure)
+    figure.savefig(sink, dpi=DOTS_PER_INCH)
+    return sink.getvalue()
 
 
 def _wrapped(text: str) -> str:

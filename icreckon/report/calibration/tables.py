@@ -1,13 +1,14 @@
-"""Tables of a calibration for the terminal, made from its results only."""
+"""Tables of a calibration for terminal and page, made from its results only."""
 
 from __future__ import annotations
 
 import numpy as np
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from icreckon.replay.comparison.results import Results
+from icreckon.report.pages import Cell, Table
+from icreckon.report.terminal import rich_table
 
 STATUS = {
     "shown": "shown",
@@ -19,29 +20,27 @@ STRONG_CORRELATION = 0.9
 
 
 def calibration_tables(results: Results) -> Group:
-    """Parameters, logs, models, and the verdict."""
-    return Group(
-        _parameters(results), _logs(results), _models(results), *map(Text, _footnotes(results))
-    )
+    """Parameters, logs, models, and the verdict, for the terminal."""
+    tables = [parameter_table(results), log_table(results), model_table(results)]
+    lines = [*footnotes(results), "", results["verdict"]]
+    return Group(*map(rich_table, tables), *map(Text, lines))
 
 
-def _parameters(results: Results) -> Table:
-    table = Table(title=f"parameters of {results['robot']['name']}", title_justify="left")
-    table.add_column("parameter", no_wrap=True)
-    for heading in ("value", "standard\nerror", "unit", "before"):
-        table.add_column(heading, justify="right")
-    table.add_column("the logs")
+def parameter_table(results: Results) -> Table:
+    """Value, standard error and status of each parameter."""
+    rows = []
     for name, one in results["parameters"].items():
         status = STATUS[one["status"]] + (f"; {one['note']}" if one["note"] else "")
-        table.add_row(
-            name,
-            _number(one["value"]),
-            "" if one["sigma"] is None else f"{one['sigma']:.2g}",
-            one["unit"],
-            "" if one["before"] is None else _number(one["before"]),
-            status,
-        )
-    return table
+        cells = [
+            Cell(_number(one["value"])),
+            Cell("" if one["sigma"] is None else f"{one['sigma']:.2g}"),
+            Cell(one["unit"]),
+            Cell("" if one["before"] is None else _number(one["before"])),
+            Cell(status, "wrap"),
+        ]
+        rows.append((name, cells))
+    head = ["parameter", "value", "standard\nerror", "unit", "before", "the logs"]
+    return Table(f"parameters of {results['robot']['name']}", head, rows)
 
 
 def _lag(log: Results) -> str:
@@ -50,45 +49,52 @@ def _lag(log: Results) -> str:
     return f"{log['truth_lag_s']:.3f} ± {log['truth_lag_sigma_s']:.3f}"
 
 
-def _logs(results: Results) -> Table:
-    table = Table(title="logs", title_justify="left")
-    table.add_column("log", no_wrap=True)
-    for heading in ("gyro bias\nrad/s", "truth late\ns", "distance\nm", "segments\nmoving, still"):
-        table.add_column(heading, justify="right")
+def log_table(results: Results) -> Table:
+    """Gyro bias, lag of the truth and size of each log."""
+    rows = []
     for one in results["logs"]:
-        table.add_row(
-            one["name"],
+        cells = [
             f"{one['gyro_bias_rad_s']:.5f} ± {one['gyro_bias_sigma_rad_s']:.5f}",
             _lag(one),
             f"{one['distance_m']:.0f}",
             f"{one['moving_segments']}, {one['still_segments']}",
-        )
-    return table
+        ]
+        rows.append((one["name"], list(map(Cell, cells))))
+    head = [
+        "log",
+        "gyro bias\nrad/s",
+        "truth late\ns",
+        "distance\nm",
+        "segments\nmoving, still",
+    ]
+    return Table("logs", head, rows)
 
 
-def _models(results: Results) -> Table:
-    table = Table(title="models, predicting what they were not fitted to", title_justify="left")
-    table.add_column("model", no_wrap=True)
-    for heading in (
-        "parameters\nfound",
-        "held-out drift, tracks alone\n% of distance, 95 %",
-        "with the gyro\n% of distance",
-        "log likelihood\nof a segment",
-    ):
-        table.add_column(heading, justify="right")
+def model_table(results: Results) -> Table:
+    """Held-out scores of each model; the supported one has a star."""
+    rows = []
     for name, one in results["models"].items():
         low, high = one["held_out_drift_percent_interval_95"]
-        table.add_row(
-            f"{name} *" if name == results["supported_model"] else name,
+        cells = [
             str(one["parameters_found"]),
             f"{one['held_out_drift_percent']:.2f} ({low:.2f} to {high:.2f})",
             f"{one['held_out_drift_with_gyro_percent']:.2f}",
             f"{one['held_out_log_likelihood_per_segment']:.2f}",
-        )
-    return table
+        ]
+        star = f"{name} *" if name == results["supported_model"] else name
+        rows.append((star, list(map(Cell, cells))))
+    head = [
+        "model",
+        "parameters\nfound",
+        "held-out drift, tracks alone\n% of distance, 95 %",
+        "with the gyro\n% of distance",
+        "log likelihood\nof a segment",
+    ]
+    return Table("models, predicting what they were not fitted to", head, rows)
 
 
-def _footnotes(results: Results) -> list[str]:
+def footnotes(results: Results) -> list[str]:
+    """Validation, correlated parameters, notes on the logs."""
     validation = results["validation"]
     lines = [
         f"Held out: {validation['folds']} folds of {validation['blocks']} blocks of contiguous time, "
@@ -105,7 +111,7 @@ def _footnotes(results: Results) -> list[str]:
         lines.append(f"Hardly separable, by their correlation: {', '.join(pairs)}.")
     lines += [f"Note: {note}" for note in results["notes"]]
     lines += [f"{one['name']}: {note}" for one in results["logs"] for note in one["notes"]]
-    return [*lines, "", results["verdict"]]
+    return lines
 
 
 def _number(value: float) -> str:

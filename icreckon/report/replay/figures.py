@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.base.colours import OTHER_COLOUR, TRUTH_COLOUR
+from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR
 from icreckon.replay.base.colours import colour_of as _colour
 from icreckon.replay.comparison.results import Results
 from icreckon.report.printable import any_letters, printable
+from icreckon.report.replay.page_charts import breaks_of
 from icreckon.report.replay.page_text import failures, has_yaw_errors
 
 # Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
@@ -22,6 +25,8 @@ SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
 IN_TITLE = ("gyro", *SHOWN_IN_DETAIL)
 # Least range of the axes, also for a robot that never moved [m, deg].
 LEAST_POSITION_ERROR = 1e-3
+# Bounds beyond this multiple of an axis are not drawn.
+FAR_BEYOND = 3.0
 LEAST_YAW_ERROR = 0.01
 
 
@@ -32,6 +37,7 @@ def write_figure(path: Path, results: Results) -> None:
         path: the file.
         results: output of `replay.comparison.results.summarise`.
     """
+    results = _lifted(results)
     style: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
     with mpl.rc_context(style), any_letters():
         figure = Figure(figsize=(15, 9), layout="constrained")
@@ -56,6 +62,26 @@ def write_figure(path: Path, results: Results) -> None:
         title = "\n".join([_title(results), *failures(results)])
         figure.suptitle(printable(title), fontsize=13)
         figure.savefig(path, dpi=110)
+
+
+def _lifted(results: Results) -> Results:
+    """Results with an unknown row in each hole of the log, so that no line crosses it."""
+    series = results["series"]
+    rows, count = breaks_of(series["t_s"]), len(series["t_s"])
+    if not rows:
+        return results
+
+    def inserted(values: Any) -> Any:
+        if isinstance(values, dict):
+            return {key: inserted(one) for key, one in values.items()}
+        if not isinstance(values, list) or len(values) != count:
+            return values
+        found = np.insert(_numbers(values), rows, np.nan).tolist()
+        return [None if math.isnan(value) else value for value in found]
+
+    lifted = {key: inserted(values) for key, values in series.items()}
+    lifted["t_s"] = np.insert(_numbers(series["t_s"]), rows, _numbers(series["t_s"])[rows]).tolist()
+    return results | {"series": lifted}
 
 
 def _title(results: Results) -> str:
@@ -107,7 +133,7 @@ def _draw_paths(axes: Axes, results: Results) -> None:
             series["fixes"]["x_m"],
             series["fixes"]["y_m"],
             "+",
-            color=OTHER_COLOUR,
+            color=FIX_COLOUR,
             ms=7,
             label="fixes used",
         )
@@ -152,34 +178,43 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
             ls=_style(name, bold=True),
             label=name,
         )
-    for name in detailed:
-        bound = 3.0 * _numbers(series["variants"][name]["position_sigma_m"])
-        axes.fill_between(
-            time, 0.0, bound, color=_colour(name), alpha=0.13, lw=0, label=f"3σ of {name}"
-        )
     shown = [series["variants"][name] for name in detailed]
     top = max(float(np.nanmax(_numbers(one["position_error_m"]))) for one in shown)
-    bound = max(3.0 * float(np.nanmax(_numbers(one["position_sigma_m"]))) for one in shown)
-    # Bounds may diverge in a gap of the log, so the errors set the scale.
-    axes.set_ylim(0.0, max(1.15 * max(top, min(bound, 2.5 * top)), LEAST_POSITION_ERROR))
+    bounds = [3.0 * _numbers(one["position_sigma_m"]) for one in shown]
+    limit = max(1.15 * max(top, _widest(bounds, 2.5 * top)), LEAST_POSITION_ERROR)
+    for name, bound in zip(detailed, bounds, strict=True):
+        reached = _in_reach(bound, limit)
+        axes.fill_between(
+            time, 0.0, reached, color=_colour(name), alpha=0.13, lw=0, label=f"3σ of {name}"
+        )
+    axes.set_ylim(0.0, limit)
     axes.set_ylabel("position error [m]")
     axes.legend(loc="upper left", ncols=2, fontsize=8)
+
+
+def _widest(bounds: Sequence[Any], most: float) -> float:
+    """Largest bound up to `most`; those of a gap of the log set no scale."""
+    return max(float(np.max(bound, where=bound <= most, initial=0.0)) for bound in bounds)
+
+
+def _in_reach(bounds: Any, limit: float) -> Any:
+    """Bounds, NaN where they are so far beyond the axis that they would only fill it."""
+    return np.where(bounds > FAR_BEYOND * limit, np.nan, bounds)
 
 
 def _draw_yaw_errors(axes: Axes, results: Results) -> None:
     series = results["series"]
     time = series["t_s"]
     _shade_outages(axes, results)
-    top, widest = 0.0, 0.0
-    for name in _detailed(results):
-        one = series["variants"][name]
-        bound = 3.0 * np.degrees(_numbers(one["yaw_sigma_rad"]))
-        error = np.degrees(_numbers(one["yaw_error_rad"]))
+    shown = [series["variants"][name] for name in _detailed(results)]
+    errors = [np.degrees(_numbers(one["yaw_error_rad"])) for one in shown]
+    bounds = [3.0 * np.degrees(_numbers(one["yaw_sigma_rad"])) for one in shown]
+    top = max(float(np.nanmax(np.abs(values))) for values in errors)
+    limit = max(1.15 * max(top, _widest(bounds, 5.0 * top)), LEAST_YAW_ERROR)
+    for name, error, bound in zip(_detailed(results), errors, bounds, strict=True):
         axes.plot(time, error, color=_colour(name), lw=1.3)
-        axes.fill_between(time, -bound, bound, color=_colour(name), alpha=0.13, lw=0)
-        top = max(top, float(np.nanmax(np.abs(error))))
-        widest = max(widest, float(np.nanmax(bound)))
-    limit = max(1.15 * max(top, min(widest, 5.0 * top)), LEAST_YAW_ERROR)
+        reached = _in_reach(bound, limit)
+        axes.fill_between(time, -reached, reached, color=_colour(name), alpha=0.13, lw=0)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel("yaw error [deg]")
 
@@ -226,7 +261,7 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
     axes.set_ylim(low - margin, high + margin)
     axes.set_ylabel(INDEX_LABELS[key])
     if key == "zeta_m":
-        dots = "" if truth is None else " (black dots: truth)"
+        dots = "" if truth is None else " (green dots: truth)"
         axes.set_title(f"indices over time{dots}", fontsize=9)
 
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.results import Results
-from icreckon.report.pages import render
+from icreckon.report.pages import Cell, Table, render
 from icreckon.report.replay.page_charts import page_data, switches
 from icreckon.report.replay.page_text import (
+    doubts,
     failures,
     filtered,
     has_yaw_errors,
@@ -23,8 +24,6 @@ from icreckon.report.replay.page_text import (
     scored_text,
 )
 
-# Forbid all requests, whatever the names and notes of a log contain.
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 SCORES = (
     ("yaw drift, deg/m", "yaw_drift_deg_per_m", 1.0),
     ("RMSE v_x, mm/s", "rmse_v_x_m_s", 1e3),
@@ -48,22 +47,6 @@ DIFFERENCES = (
     ("end apart, m", "end_apart_m", 1.0),
     ("end yaw apart, deg", "end_yaw_apart_deg", 1.0),
 )
-
-
-class Cell(NamedTuple):
-    """Cell of a table: its text, its class, and smaller text beneath."""
-
-    text: str
-    kind: str = ""
-    beneath: str = ""
-
-
-class Table(NamedTuple):
-    """Table with its title; each row has a name, which stands in the first column."""
-
-    title: str
-    head: Sequence[str]
-    rows: Sequence[tuple[str, Sequence[Cell]]]
 
 
 class Section(NamedTuple):
@@ -96,14 +79,16 @@ def replay_page(results: Results) -> str:
     return render(
         "replay.html",
         title=f"{results['robot']['name']} on {results['log']['name']}",
-        policy=POLICY,
-        provenance=provenance(results),
+        subtitle=provenance(results),
         failures=failures(results),
+        doubts=doubts(results),
         headline=headline(results),
         remarks=remarks(results),
         switches=switches(results),
         truth=results["truth"],
         scored=_scored(results),
+        drive_note=_drive_note(results),
+        inputs_note=_inputs_note(results),
         icrs_note=_icrs_note(results),
         parameters_note=_parameters_note(results),
         innovations_note=_innovations_note(results),
@@ -123,7 +108,15 @@ def replay_page(results: Results) -> str:
 
 def _scored(results: Results) -> list[Section]:
     """Drift or differences, and other scores."""
-    labels, variants = results["horizons"], results["variants"]
+    variants = results["variants"]
+    of = "drift_percent_{}_mean" if results["truth"] else "apart_percent_{}_mean"
+    # A short log has no segments of the longest horizons; without any figure all are shown.
+    filled = [
+        label
+        for label in results["horizons"]
+        if any(one.get(of.format(label)) is not None for one in variants.values())
+    ]
+    labels = filled or results["horizons"]
     head = ["variant", *(horizon_text(label) for label in labels)]
     if not results["truth"]:
         keys = [f"apart_percent_{label}_mean" for label in labels]
@@ -190,6 +183,30 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 # --- parameters, innovations, what was dropped -----------------------------------------------------
+
+
+def _drive_note(results: Results) -> str:
+    vehicle = results["robot"]["vehicle"]
+    rings = ""
+    if "icr_distance_m" in results["series"].get("truth", {}):
+        rings = " Rings: where the ICRs truly are, while the robot turns."
+    times = results["series"]["t_s"]
+    step = (times[-1] - times[0]) / max(1, len(times) - 1)
+    return (
+        f"Drawn to scale: track gauge {number(vehicle['track_gauge'])} m, contact length "
+        f"{number(2.0 * vehicle['half_contact_length'])} m; the width of the tracks is not. The ICR of a "
+        "track is the point where its tread would not slide over the ground. Without slip it lies on the "
+        "track; the farther out both lie, the more turning is lost. Dots: their last 6 s. Line: the last "
+        f"8 s of the path.{rings} Lateral acceleration is speed times yaw rate. The page has a row of "
+        f"the log every {number(step)} s."
+    )
+
+
+def _inputs_note(results: Results) -> str:
+    note = "As measured, every so many samples of the log."
+    if "gyro_rad_s" in results["series"]["inputs"]:
+        note += " The gyro's rate is about base_link's z axis, its bias included."
+    return f"{note} Where the tracks turn faster than the gyro, they slip."
 
 
 def _icrs_note(results: Results) -> str:

@@ -1,10 +1,13 @@
 """Data of the charts on a comparison's page, made from its results only.
 
-Each chart is a plain object that `replay.js` draws: `place` (its HTML element), `title`, labels of the
-axes, `lines`, `points`, `bands` with `x` and `y` (numbers, or the name of one of the page's `columns`),
-horizontal `levels`, grey `spans` of x. `series` names the switch that shows and hides an object. For the
-y axis, `least` is the least margin, `trim` the share of values at both ends that may be cut, `limit` and
-`floor` its bounds, `band_size` the least part of bands in view.
+`columns` holds lists of numbers, of equal length for those of one time; `breaks` lists, for each column
+of times, the rows before which a hole of the log ends. Each chart is a plain object for `charts.js`:
+`place` (its HTML element), `title`, `y_label`, `lines`, `points` and `bands` with names of columns,
+horizontal `levels` and grey `spans` of time [s]. `x` is a column of times [s], `y` one of values, to be
+multiplied by `scale`. A band reaches from `middle` (zero if null) less to plus `times` `sigma`. `series`
+names the switch that shows and hides an object; without one it has a `label` and colours of its own. For
+the y axis, `least` is the least margin, `trim` the share of values at both ends that may be cut, `limit`
+and `floor` its bounds.
 """
 
 from __future__ import annotations
@@ -15,11 +18,14 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.base.colours import OTHER_COLOUR, TRUTH_COLOUR, colour_of
+from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of, on_dark
 from icreckon.replay.base.units import unit
+from icreckon.replay.comparison.plot_series import LONGEST_BRIDGE
 from icreckon.replay.comparison.results import Results
 from icreckon.replay.export.tables import icr_series
+from icreckon.report.replay.page_drive import drive_data, floats, known, listed
 from icreckon.report.replay.page_text import has_yaw_errors
+from icreckon.report.replay.page_words import INNOVATION_TITLES, PARAMETER_TITLES
 
 TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, beside the best and the baseline.
@@ -30,32 +36,32 @@ FEW = 4
 BY_DEFINITION = "differential"
 # Innovations beyond are not drawn.
 LARGEST_INNOVATION = 10.0
-INNOVATION_TITLES = {
-    "gyro": "gyro",
-    "accelerometer_x": "accelerometer, forward",
-    "accelerometer_y": "accelerometer, to the left",
-    "position_x": "position fixes, x",
-    "position_y": "position fixes, y",
-    "heading": "heading fixes",
-}
+DEGREES = 180.0 / math.pi
+LEFT_COLOUR, RIGHT_COLOUR, GYRO_COLOUR = "#0072B2", "#D55E00", "#444444"
+# A hole is longer than this number of usual intervals.
+USUAL_INTERVALS = 4.0
 Chart = dict[str, Any]
 Numbers = list[float | None]
 
 
 def page_data(results: Results) -> Results:
-    """Input of `replay.js`: series with their styles, shared columns, charts."""
-    series = results["series"]
-    charts = [_paths(results), *_errors(results), *_icrs(results)]
-    charts += [*_parameters(results), *_innovations(results)]
+    """Input of the page's scripts: series with styles, columns, charts, the drive."""
+    columns = _columns(results)
+    charts = [*_errors(results, columns), *_motion(results, columns), *_inputs(results, columns)]
+    charts += [*_icrs(results, columns), *_parameters(results, columns)]
+    charts += _innovations(results, columns)
+    drive = drive_data(results, columns)
     return {
         "series": switches(results),
-        "columns": {"t": series["t_s"], "distance": series["distance_m"]},
+        "columns": columns,
+        "breaks": {name: breaks_of(columns[name]) for name in _times_in(charts)},
         "charts": charts,
+        "drive": drive,
     }
 
 
 def switches(results: Results) -> list[Results]:
-    """Series that can be hidden: name, colour, dash, and whether shown at first."""
+    """Series that can be hidden: name, colours, dash, and whether shown at first."""
     names, verdict = list(results["variants"]), results["verdict"] or {}
     first = {*FIRST_SHOWN, verdict.get("best"), verdict.get("baseline")}
     few = len(names) <= FEW
@@ -63,207 +69,317 @@ def switches(results: Results) -> list[Results]:
     if not any(shown.values()):
         shown = dict.fromkeys(names, True)
     found = [
-        {
-            "name": name,
-            "colour": colour_of(name),
-            "dash": "2 3" if name.endswith(SMOOTHED) else "",
-            "shown": shown[name],
-        }
+        _switch(name, colour_of(name), "2 3" if name.endswith(SMOOTHED) else "", shown=shown[name])
         for name in names
     ]
     if "truth" in results["series"]:
-        found.append({"name": TRUTH, "colour": TRUTH_COLOUR, "dash": "", "shown": True})
+        found.append(_switch(TRUTH, TRUTH_COLOUR, ""))
     if results["series"].get("fixes", {}).get("x_m"):
-        found.append({"name": FIXES, "colour": OTHER_COLOUR, "dash": "2 2", "shown": True})
+        found.append(_switch(FIXES, FIX_COLOUR, "2 2"))
     return found
 
 
-def _paths(results: Results) -> Chart:
-    series = results["series"]
-    lines, points = [], []
-    if "truth" in series:
-        truth = series["truth"]
-        lines.append({"series": TRUTH, "x": truth["x_m"], "y": truth["y_m"], "width": 4})
-        lines[-1]["colour"] = "#00000073"
-    if series.get("fixes", {}).get("x_m"):
-        fixes = series["fixes"]
-        points.append({"series": FIXES, "x": fixes["x_m"], "y": fixes["y_m"]})
-        points[-1] |= {"shape": "cross", "size": 3}
-    for name, one in series["variants"].items():
-        lines.append({"series": name, "x": one["x_m"], "y": one["y_m"], "width": 1.6})
-        end = {"series": name, "x": one["x_m"][-1:], "y": one["y_m"][-1:]}
-        points.append(end | {"shape": "square", "size": 4})
+def _switch(name: str, colour: str, dash: str, *, shown: bool = True) -> Results:
     return {
-        "place": "paths",
-        "title": "Paths in odom",
-        "map": True,
-        "x_label": "x [m]",
-        "y_label": "y [m]",
-        "least": 0.05,
-        "lines": lines,
-        "points": points,
-        "note": "Squares: where they end. Drag to move, wheel or pinch to zoom, double-click for all.",
+        "name": name,
+        "colour": colour,
+        "dark": on_dark(colour),
+        "dash": dash,
+        "shown": shown,
     }
 
 
-def _errors(results: Results) -> list[Chart]:
-    """Errors over the distance, against the truth or else the reference variant."""
-    if results["truth"]:
-        position, title = "position_error_m", "Position error"
-        headings = has_yaw_errors(results)
-        yaw, yaw_title = ("yaw_error_rad", "Yaw error") if headings else ("yaw_rad", "Yaw")
+# --- columns ---------------------------------------------------------------------------------------
+
+
+def _columns(results: Results) -> dict[str, Numbers]:
+    """Columns that charts share; those of a variant begin with its name."""
+    series = results["series"]
+    columns = {"t": series["t_s"], "distance": series["distance_m"]}
+    for name, one in series["variants"].items():
+        for key, values in one.items():
+            if isinstance(values, list) and key not in ("zeta_m", "epsilon_m", "eta"):
+                columns[f"{name}/{key}"] = values
+    for part, title in (("truth", TRUTH), ("fixes", FIXES), ("inputs", "inputs")):
+        for key, values in series.get(part, {}).items():
+            if key not in ("zeta_m", "epsilon_m", "icr_distance_m"):
+                columns[f"{title}/{key}"] = values
+    return columns
+
+
+def _times_in(charts: list[Chart]) -> list[str]:
+    """Names of all columns of times."""
+    parts = ("lines", "bands")
+    found = [item["x"] for chart in charts for part in parts for item in chart.get(part, [])]
+    return list(dict.fromkeys(["t", *found]))
+
+
+def breaks_of(times: Numbers) -> list[int]:
+    """Rows that a hole of the log separates from the row before."""
+    steps = np.diff(floats(times))
+    if not len(steps):
+        return []
+    longest = max(LONGEST_BRIDGE, USUAL_INTERVALS * float(np.median(steps)))
+    return (np.flatnonzero(steps > longest) + 1).tolist()
+
+
+# --- charts ----------------------------------------------------------------------------------------
+
+
+def _errors(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Errors against the truth, or else differences from the reference variant."""
+    truth, names = results["truth"], results["series"]["variants"]
+    headings = has_yaw_errors(results)
+    if truth:
+        titles = ["Position error", "Yaw error" if headings else "Yaw"]
+        keys = ["position_error_m", "yaw_error_rad" if headings else "yaw_rad"]
     else:
-        position = yaw = ""
-        title = f"Distance from {results['reference_variant']}"
-        yaw_title = f"Yaw less that of {results['reference_variant']}"
+        reference = results["reference_variant"]
+        titles = [f"Distance from {reference}", f"Yaw less that of {reference}"]
+        keys = ["apart_m", "yaw_apart_rad"]
+        for name in names:
+            columns[f"{name}/apart_m"], columns[f"{name}/yaw_apart_rad"] = _apart(results, name)
     spans = _scored_spans(results)
     grey = " Grey: without fixes, where drift is scored." if spans else ""
-    charts = []
-    common = {"place": "errors", "x_label": "distance driven [m]", "spans": spans}
-    note = f"Bands: the filter's own 3σ.{grey}"
-    lines, bands = [], []
-    for name, one in results["series"]["variants"].items():
-        values = one[position] if position else _apart(results, name)
-        lines.append({"series": name, "x": "distance", "y": values})
-        high = _times(one["position_sigma_m"], 3.0)
-        low = [None if value is None else 0.0 for value in high]
-        bands.append({"series": name, "x": "distance", "low": low, "high": high})
-    chart = {"title": title, "y_label": "position [m]", "floor": 0.0, "least": 1e-3}
-    charts.append(common | chart | {"lines": lines, "bands": bands, "note": note})
-    lines, bands = [], []
-    for name, one in results["series"]["variants"].items():
-        values = _times(one[yaw], 180.0 / math.pi) if yaw else _yaw_apart(results, name)
-        lines.append({"series": name, "x": "distance", "y": values})
-        bound = 3.0 * np.degrees(_floats(one["yaw_sigma_rad"]))
-        middle = _floats(values) if yaw == "yaw_rad" else 0.0
-        low, high = _listed(middle - bound), _listed(middle + bound)
-        bands.append({"series": name, "x": "distance", "low": low, "high": high})
-    chart = {"title": yaw_title, "y_label": "yaw [deg]", "least": 0.01}
-    charts.append(common | chart | {"lines": lines, "bands": bands, "note": note})
-    return charts
+    common = {
+        "place": "errors",
+        "spans": spans,
+        "note": f"Bands: the filter's own 3σ; a stripe at the edge: far beyond the axis.{grey}",
+    }
+    position: Chart = {
+        "title": titles[0],
+        "y_label": "position [m]",
+        "floor": 0.0,
+        "least": 1e-3,
+        "lines": [_line(name, keys[0]) for name in names],
+        "bands": [
+            _band(name, f"{name}/position_sigma_m", 3.0)
+            for name in names
+            if known(columns[f"{name}/position_sigma_m"])
+        ],
+    }
+    yaw: Chart = {
+        "title": titles[1],
+        "y_label": "yaw [deg]",
+        "least": 0.01,
+        "lines": [_line(name, keys[1], scale=DEGREES) for name in names],
+        "bands": [
+            _band(name, f"{name}/yaw_sigma_rad", 3.0, scale=DEGREES)
+            | {"middle": f"{name}/yaw_rad" if keys[1] == "yaw_rad" else None}
+            for name in names
+            if known(columns[f"{name}/yaw_sigma_rad"])
+        ],
+    }
+    return [common | position, common | yaw]
 
 
-def _apart(results: Results, name: str) -> Numbers:
+def _apart(results: Results, name: str) -> tuple[Numbers, Numbers]:
+    """Distance and yaw from the reference variant, row by row."""
     series = results["series"]["variants"]
     one, other = series[name], series[results["reference_variant"]]
-    x, y = (_floats(one[key]) - _floats(other[key]) for key in ("x_m", "y_m"))
-    return _listed(np.hypot(x, y))
-
-
-def _yaw_apart(results: Results, name: str) -> Numbers:
-    series = results["series"]["variants"]
-    one, other = series[name], series[results["reference_variant"]]
-    return _listed(np.degrees(_floats(one["yaw_rad"]) - _floats(other["yaw_rad"])))
+    x, y, yaw = (floats(one[key]) - floats(other[key]) for key in ("x_m", "y_m", "yaw_rad"))
+    return listed(np.hypot(x, y)), listed(yaw)
 
 
 def _scored_spans(results: Results) -> list[list[float]]:
-    """Intervals of distance in which drift is scored, if there are fixes elsewhere."""
-    truth, series = results["truth"], results["series"]
-    if not truth or not results["log"]["fixes"]:
-        return []
-    known, travelled = _floats(series["t_s"]), _floats(series["distance_m"])
-    return [np.interp(span, known, travelled).tolist() for span in truth["scored_s"]]
+    """Intervals of time in which drift is scored, if there are fixes elsewhere."""
+    truth = results["truth"]
+    return list(truth["scored_s"]) if truth and results["log"]["fixes"] else []
 
 
-def _icrs(results: Results) -> list[Chart]:
-    """Coordinates of the ICRs in base_link over time."""
-    gauge, series = results["robot"]["vehicle"]["track_gauge"], results["series"]
-    places: dict[str, Any] = {}
-    for name, one in series["variants"].items():
-        if name.removesuffix(SMOOTHED) == BY_DEFINITION:
-            continue
-        indices = np.column_stack([_floats(one[key]) for key in ("zeta_m", "epsilon_m", "eta")])
-        places[name] = icr_series(indices, gauge)
-    truth = series.get("truth", {})
-    if "icr_distance_m" in truth:
-        distance = _floats(truth["icr_distance_m"]) / gauge
-        columns = [_floats(truth["zeta_m"]), _floats(truth["epsilon_m"]), distance]
-        places[TRUTH] = icr_series(np.column_stack(columns), gauge)
+def _motion(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Pose, speed and yaw rate over time, with the truth where it is known."""
+    series = results["series"]
+    yaw = _one_turn(results, columns)
     charts = []
-    for title, field, label in (
-        ("Left track's ICR, to the left", "left_y", "y of the left ICR [m]"),
-        ("Right track's ICR, to the left", "right_y", "y of the right ICR [m]"),
-        ("Both ICRs, forward", "left_x", "x of the ICRs [m]"),
+    for title, key, label, scale in (
+        ("x in odom", "x_m", "x [m]", 1.0),
+        ("y in odom", "y_m", "y [m]", 1.0),
+        ("Yaw, counter-clockwise", "yaw_rad", "yaw [deg]", DEGREES),
+        ("Forward speed", "v_x_m_s", "v_x [m/s]", 1.0),
+        ("Sideways speed, to the left", "v_y_m_s", "v_y [m/s]", 1.0),
+        ("Yaw rate", "w_rad_s", "w [rad/s]", 1.0),
     ):
-        lines: list[Results] = []
-        points: list[Results] = []
-        for name, one in places.items():
-            item = {"series": name, "x": "t", "y": _listed(getattr(one, field))}
-            (points if name == TRUTH else lines).append(item)
-        chart = {"place": "icrs", "title": title, "x_label": "time [s]", "y_label": label}
-        if not lines:
-            continue
-        charts.append(chart | {"lines": lines, "points": points, "trim": 0.01, "least": 2e-3})
+        lines = [_line(name, key, scale=scale) for name in series["variants"]]
+        if key in series.get("truth", {}):
+            lines.insert(0, _line(TRUTH, key, scale=scale) | {"width": 3})
+        if key == "yaw_rad":
+            lines = [line | {"y": yaw.get(line["series"], line["y"])} for line in lines]
+        charts.append(
+            {"place": "motion", "title": title, "y_label": label, "least": 1e-3, "lines": lines}
+        )
     return charts
 
 
-def _parameters(results: Results) -> list[Chart]:
-    """One chart for each parameter that a variant estimates."""
-    learnt: dict[str, list[tuple[str, Any, Any]]] = {}
-    for name, one in results["series"]["variants"].items():
-        found = one["parameters"]
-        for parameter, values in found.items():
-            if parameter != "t_s":
-                learnt.setdefault(parameter, []).append((name, found["t_s"], values))
+def _one_turn(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:
+    """Columns of yaws, by variant, moved by full turns to that of the truth.
+
+    In a hole of the log, a filter may turn more or less often than the robot did.
+    """
+    series, reference = results["series"], results["reference_variant"]
+    target = floats(
+        series["truth"]["yaw_rad"]
+        if "truth" in series
+        else series["variants"][reference]["yaw_rad"]
+    )
+    found = {}
+    for name, one in series["variants"].items():
+        own = floats(one["yaw_rad"])
+        turns = np.round((target - own) / (2.0 * math.pi))
+        # Where the target is not known, the newest number of turns holds.
+        rows = np.maximum.accumulate(np.where(np.isfinite(turns), np.arange(len(turns)), 0))
+        turns = np.nan_to_num(turns[rows]) if len(turns) else turns
+        if turns.any():
+            found[name] = f"{name}/yaw_of_truth_rad"
+            columns[found[name]] = listed(own + 2.0 * math.pi * turns)
+    return found
+
+
+def _inputs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Measured track speeds, and the yaw rate by them beside that of the gyro."""
+    inputs, place = results["series"]["inputs"], "inputs"
+    tracks: Chart = {
+        "place": place,
+        "title": "Track speeds, as measured",
+        "y_label": "speed [m/s]",
+        "least": 1e-3,
+        "lines": [
+            _labelled("left track", "inputs/left_m_s", LEFT_COLOUR),
+            _labelled("right track", "inputs/right_m_s", RIGHT_COLOUR),
+        ],
+    }
+    commanded = turning_by_tracks(results)
+    columns["inputs/tracks_rad_s"] = listed(commanded)
+    label = "by the tracks, (right − left) / gauge"
+    lines = [_labelled(label, "inputs/tracks_rad_s", RIGHT_COLOUR)]
+    if "gyro_rad_s" in inputs:
+        lines.append(_labelled("by the gyro", "inputs/gyro_rad_s", GYRO_COLOUR))
+    turning: Chart = {
+        "place": place,
+        "title": "Yaw rate: tracks against gyro",
+        "y_label": "yaw rate [rad/s]",
+        "least": 1e-3,
+        "lines": lines,
+    }
+    return [tracks, turning]
+
+
+def turning_by_tracks(results: Results) -> Any:
+    """Yaw rate (n,) of an ideal differential drive by the track speeds [rad/s]."""
+    inputs, gauge = results["series"]["inputs"], results["robot"]["vehicle"]["track_gauge"]
+    return (floats(inputs["right_m_s"]) - floats(inputs["left_m_s"])) / gauge
+
+
+def _icrs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Coordinates of the tracks' ICRs in base_link over time."""
+    gauge, series = results["robot"]["vehicle"]["track_gauge"], results["series"]
+    indices = {
+        name: [floats(one[key]) for key in ("zeta_m", "epsilon_m", "eta")]
+        for name, one in series["variants"].items()
+    }
+    truth = series.get("truth", {})
+    if "icr_distance_m" in truth:
+        indices[TRUTH] = [floats(truth[key]) for key in ("zeta_m", "epsilon_m")]
+        indices[TRUTH].append(floats(truth["icr_distance_m"]) / gauge)
+    for name, one in indices.items():
+        found = icr_series(np.column_stack(one), gauge)
+        columns[f"{name}/icr_x_m"] = listed(found.left_x)
+        columns[f"{name}/left_icr_y_m"] = listed(found.left_y)
+        columns[f"{name}/right_icr_y_m"] = listed(found.right_y)
     charts = []
-    for parameter, rows in learnt.items():
-        lines, bands = [], []
-        for name, times, one in rows:
-            value, bound = _floats(one["value"]), 2.0 * _floats(one["sigma"])
-            lines.append({"series": name, "x": times, "y": one["value"]})
-            low, high = _listed(value - bound), _listed(value + bound)
-            bands.append({"series": name, "x": times, "low": low, "high": high})
-        usual = max(float(np.nanmedian(2.0 * _floats(one["sigma"]))) for _, _, one in rows)
+    for title, key, label in (
+        ("ICR of the left track, to the left", "left_icr_y_m", "y of the left ICR [m]"),
+        ("ICR of the right track, to the left", "right_icr_y_m", "y of the right ICR [m]"),
+        ("Both ICRs, forward", "icr_x_m", "x of the ICRs [m]"),
+    ):
+        drawn = [name for name in indices if name.removesuffix(SMOOTHED) != BY_DEFINITION]
+        lines = [_line(name, key) for name in drawn if name != TRUTH]
+        points = [_line(name, key) for name in drawn if name == TRUTH]
+        if not lines:
+            continue
+        chart = {"place": "icrs", "title": title, "y_label": label, "trim": 0.02, "least": 2e-3}
+        charts.append(chart | {"lines": lines, "points": points})
+    return charts
+
+
+def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """One chart for each parameter that a variant estimates."""
+    learnt: dict[str, list[str]] = {}
+    for name, one in results["series"]["variants"].items():
+        for parameter, values in one["parameters"].items():
+            if parameter == "t_s":
+                columns[f"{name}/parameters/t_s"] = values
+                continue
+            columns[f"{name}/{parameter}"] = values["value"]
+            columns[f"{name}/{parameter}/sigma"] = values["sigma"]
+            learnt.setdefault(parameter, []).append(name)
+    charts = []
+    for parameter, names in learnt.items():
+        usual = max(_median(columns[f"{name}/{parameter}/sigma"]) for name in names)
+        times = {name: {"x": f"{name}/parameters/t_s"} for name in names}
         charts.append(
             {
                 "place": "parameters",
-                "title": parameter,
-                "x_label": "time [s]",
-                "y_label": f"[{unit(parameter)}]",
-                "x_range": [0.0, results["log"]["duration_s"]],
-                "lines": lines,
-                "bands": bands,
-                "least": max(0.1 * usual, 1e-12),
-                "band_size": 1.2 * usual,
+                "title": PARAMETER_TITLES.get(parameter, parameter),
+                "y_label": f"{parameter} [{unit(parameter)}]",
+                "lines": [_line(name, parameter) | times[name] for name in names],
+                "bands": [
+                    _band(name, f"{name}/{parameter}/sigma", 2.0)
+                    | times[name]
+                    | {"middle": f"{name}/{parameter}"}
+                    for name in names
+                ],
+                "least": max(0.2 * usual, 1e-12),
             }
         )
     return charts
 
 
-def _innovations(results: Results) -> list[Chart]:
+def _median(values: Numbers) -> float:
+    found = floats(values)
+    return float(np.nanmedian(found)) if np.isfinite(found).any() else 0.0
+
+
+def _innovations(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     """One chart for each component of a sensor."""
-    rows: dict[str, list[tuple[str, Any]]] = {}
+    points: dict[str, list[Results]] = {}
     for name, one in results["series"]["variants"].items():
         for component, values in one["innovations"].items():
-            rows.setdefault(component, []).append((name, values))
+            key = f"{name}/innovation_{component}"
+            columns[f"{key}/t_s"], columns[key] = values["t_s"], values["normalised"]
+            dots = {"series": name, "x": f"{key}/t_s", "y": key, "size": 1.1}
+            points.setdefault(component, []).append(dots)
     levels = [{"y": y, "dash": "4 3"} for y in (-2.0, 2.0)]
     levels += [{"y": y} for y in (-3.0, 3.0)]
     return [
         {
             "place": "innovations",
             "title": INNOVATION_TITLES.get(component, component.replace("_", " ")),
-            "x_label": "time [s]",
             "y_label": "innovation / σ [-]",
-            "points": [
-                {"series": name, "x": one["t_s"], "y": one["normalised"], "size": 1.1}
-                for name, one in found
-            ],
-            "x_range": [0.0, results["log"]["duration_s"]],
+            "points": found,
             "levels": levels,
             "limit": LARGEST_INNOVATION,
             "least": 0.1,
         }
-        for component, found in rows.items()
+        for component, found in points.items()
     ]
 
 
-def _times(values: Numbers, factor: float) -> Numbers:
-    return [None if value is None else float(f"{value * factor:.5g}") for value in values]
+def _line(name: str, key: str, *, scale: float = 1.0) -> Results:
+    return {"series": name, "x": "t", "y": f"{name}/{key}", "scale": scale}
 
 
-def _floats(values: Numbers) -> Any:
-    return np.array([math.nan if value is None else value for value in values], dtype=float)
+def _band(name: str, sigma: str, times: float, *, scale: float = 1.0) -> Results:
+    own: Results = {"series": name, "x": "t", "middle": None, "sigma": sigma}
+    return own | {"times": times, "scale": scale}
 
 
-def _listed(values: Any) -> Numbers:
-    return [float(f"{one:.5g}") if math.isfinite(one) else None for one in values.tolist()]
+def _labelled(label: str, column: str, colour: str) -> Results:
+    return {
+        "label": label,
+        "colour": colour,
+        "dark": on_dark(colour),
+        "x": "t",
+        "y": column,
+        "scale": 1.0,
+    }

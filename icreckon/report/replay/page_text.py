@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.comparison.results import Results
 
 
@@ -145,6 +146,12 @@ def lag_text(truth: Results) -> str:
     sigma = truth.get("lag_sigma_s")
     error = "" if sigma is None else f" (± {sigma:.3f})"
     return f"{truth['lag_s']:.2f} s{error} of lag"
+
+
+def doubts(results: Results) -> list[str]:
+    """Contradictions of the log to the robot file."""
+    found = results["log"]["notes"]
+    return [one.removeprefix(OF_ROBOT_FILE) for one in found if one.startswith(OF_ROBOT_FILE)]
 
 
 def notes(results: Results) -> list[str]:

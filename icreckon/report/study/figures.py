@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import cycle
 from typing import Any
 
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from icreckon.replay.base.colours import COLOURS
+from icreckon.report.pages import Picture
 from icreckon.report.printable import any_letters
 from icreckon.report.study.text import NEES, title_of, unit_of
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
@@ -38,16 +38,7 @@ LOG_SPAN = 30.0
 SPREAD = 0.5
 
 
-@dataclass(frozen=True)
-class Figure:
-    """Figure: file name without suffix, caption, and PNG."""
-
-    name: str
-    caption: str
-    png: bytes
-
-
-def study_figures(results: Results) -> list[Figure]:
+def study_figures(results: Results) -> list[Picture]:
     """Draw all figures of a study.
 
     Args:
@@ -88,11 +79,11 @@ def study_figures(results: Results) -> list[Figure]:
     return figures
 
 
-def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
+def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Picture:
     with mpl.rc_context(STYLE), any_letters():
         drawing = Drawing(figsize=SIZE, layout="constrained")
         draw(drawing.add_subplot())
-        return Figure(name, caption, _png(drawing))
+        return Picture(name, caption, _png(drawing))
 
 
 def _png(drawing: Drawing) -> bytes:
@@ -125,6 +116,7 @@ def _draw_effect(
         else:
             axes.plot(places, mean, lw=1.5, label=label, **style)
             axes.fill_between(places, low, high, color=style["color"], alpha=0.15, lw=0)
+        _mark_missing(axes, at if names else places, mean, style["color"])
         if axis["sampled"]:
             _draw_cells(axes, results, axis["name"], label, statistic, style["color"])
         lows.append(mean)
@@ -144,6 +136,22 @@ def _draw_effect(
     axes.set_xlabel(axis["name"])
     axes.set_ylabel(f"{title_of(results, statistic)}\n[{unit_of(results, statistic)}]")
     axes.legend(fontsize=10)
+
+
+def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
+    """Mark places without a result with a cross at the lower edge."""
+    missing = places[~np.isfinite(values)]
+    axes.plot(
+        missing,
+        np.full(len(missing), 0.03),
+        "x",
+        color=colour,
+        ms=9,
+        mew=2.5,
+        clip_on=False,
+        transform=axes.get_xaxis_transform(),
+        label="no result" if len(missing) else None,
+    )
 
 
 def _draw_cells(
@@ -207,7 +215,7 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     axes.legend(fontsize=10)
 
 
-def _distribution(results: Results) -> Figure:
+def _distribution(results: Results) -> Picture:
     """Draw the cumulative distribution of final errors, in a panel for each group."""
     kept = [one for one in results["final_errors"] if one["percentiles"]]
     rows = max(1, (len(kept) + 1) // 2)
@@ -238,7 +246,7 @@ def _distribution(results: Results) -> Figure:
         caption = (
             "Distribution of the position error at the end of the run: share of runs up to it."
         )
-        return Figure("final-error-distribution", caption, _png(drawing))
+        return Picture("final-error-distribution", caption, _png(drawing))
 
 
 def _limit(axes: Axes, means: Any, highs: Any) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from icreckon.report.pages import render
-from icreckon.report.study.figures import Figure
+from icreckon.report.pages import Picture, render
 from icreckon.report.study.text import (
     ERROR,
     failures,
@@ -20,7 +19,7 @@ from icreckon.simulation.study.results import Results
 PROVENANCE = ("versions", "seed", "engine", "runs", "true_motions", "format")
 
 
-def study_page(results: Results, figures: Sequence[Figure]) -> str:
+def study_page(results: Results, figures: Sequence[Picture]) -> str:
     """Render the page as HTML.
 
     Args:
@@ -29,8 +28,8 @@ def study_page(results: Results, figures: Sequence[Figure]) -> str:
     """
     return render(
         "study.html",
-        name=results["name"],
-        description=results["description"].strip(),
+        title=results["name"],
+        subtitle=results["description"].strip(),
         failures=failures(results),
         same_results=same_results(results),
         headline=headline(results),

@@ -16,6 +16,10 @@ NEES = "nees_pose_end"
 ERROR = "ERROR"
 # Most failures and reasons in the text; `results.json` lists all.
 MOST_FAILURES, MOST_REASONS = 12, 3
+# Longest reason in a table [characters]; the list of failures has it in full.
+LONGEST_REASON = 60
+# Text for a statistic that runs with a result need not have, as a drift without an outage.
+NO_VALUE = "none to score"
 
 
 @dataclass(frozen=True)
@@ -219,14 +223,17 @@ def _table(
             if one[FINAL_ERROR]["n"] == 0:
                 rows.append((*place, name, _error(failed), "", "", "", ""))
                 continue
+            is_baseline = name == results["baseline"]
             count = sum(found["runs"] for found in failed)
             of = results["runs"] * len(inside)
+            if failed:
+                name = f"{name}\n({count} of {of} runs failed: {_first_reason(failed)})"
             rows.append(
                 (
                     *place,
-                    f"{name} ({count} of {of} runs failed)" if failed else name,
+                    name,
                     _with_interval(summary, "mean"),
-                    "1" if name == results["baseline"] else _with_interval(summary, "ratio"),
+                    "1" if is_baseline else _with_interval(summary, "ratio"),
                     _number(one[FINAL_ERROR]["median"]),
                     _number(one[FINAL_ERROR]["p95"]),
                     _with_interval(one[NEES], "mean"),
@@ -237,16 +244,21 @@ def _table(
 
 def _error(failed: Sequence[dict[str, Any]]) -> str:
     """Text that replaces numbers in a table if all runs failed."""
+    return f"{ERROR}: {_first_reason(failed) if failed else 'no result'}"
+
+
+def _first_reason(failed: Sequence[dict[str, Any]]) -> str:
+    """Most frequent reason of failed runs, shortened."""
     reasons = [reason for one in failed for reason in one["reasons"]]
-    if not reasons:
-        return f"{ERROR}: no result"
-    first = max(reasons, key=lambda one: int(one["runs"]))
-    return f"{ERROR}: {first['reason']}" + (", and others" if len(reasons) > 1 else "")
+    text = str(max(reasons, key=lambda one: int(one["runs"]))["reason"])
+    if len(text) > LONGEST_REASON:
+        text = f"{text[:LONGEST_REASON]}…"
+    return text + (", and others" if len(reasons) > 1 else "")
 
 
 def _with_interval(summary: dict[str, Any], key: str) -> str:
     if not _finite(summary[key]):
-        return "-"
+        return NO_VALUE
     return f"{_number(summary[key])} ({_between(summary, key)})"
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from markupsafe import escape
 
 from command_line import fails, icreckon
 from icreckon.cli.calibrate import run_calibrate
@@ -22,11 +23,12 @@ from icreckon.replay.comparison.compare import compare
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
+from icreckon.report.calibration.page import calibration_page
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from readme import code_blocks, run_page
 
-PAGE = "docs/calibrate.md"
+PAGE = "docs/tutorials/calibrate.md"
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +62,22 @@ def test_it_leaves_results_and_a_picture(folder: Path) -> None:
     assert results["parameters"]["indices.H"]["interval_95"] is None
     assert len(results["series"]["t_s"]) == results["logs"][0]["moving_segments"]
     assert (folder / "results" / "figure.png").read_bytes().startswith(b"\x89PNG")
+    page = (folder / "results" / "page.html").read_text(encoding="utf-8")
+    assert page == calibration_page(results)
+    assert page.index(str(escape(results["verdict"]))) < page.index("<img") < page.index("<table")
+    for name in results["parameters"]:
+        assert f'<td class="text">{name}</td>' in page
+
+
+def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:
+    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    bad = "</script><script>alert(1)</script><img src=x onerror=y>"
+    results["robot"]["name"] = results["logs"][0]["name"] = results["notes"] = bad
+    results["notes"], results["configuration"] = [bad], {bad: bad}
+    page = calibration_page(results)
+    assert "<script" not in page
+    assert "<img src" not in page
+    assert str(escape(bad)) in page
 
 
 def test_the_robot_file_loads_and_replays(folder: Path) -> None:

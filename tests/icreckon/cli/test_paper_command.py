@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import subprocess
 import sys
@@ -29,7 +30,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert number.printed in done.stdout
     assert "Table II" in done.stdout
     assert "contradict each other" in done.stdout
-    assert "figure.png" in done.stderr
+    assert "page.html" in done.stderr
     return folder / "icreckon-paper"
 
 
@@ -42,6 +43,7 @@ def test_it_leaves_everything_it_promises(report: Path) -> None:
     assert {path.name for path in report.iterdir()} == FIGURES | {
         ".icreckon-files",
         "results.json",
+        "page.html",
         "contact.toml",
     }
     assert [path.name for path in report.parent.iterdir()] == ["icreckon-paper"]
@@ -55,6 +57,16 @@ def test_figures_are_pictures_with_something_on_them(report: Path, name: str) ->
     assert width > 700
     assert height > 450
     assert np.unique(picture.reshape(-1, picture.shape[2]), axis=0).shape[0] > 50
+
+
+def test_the_page_has_all_numbers_and_figures(report: Path, results: dict) -> None:
+    page = (report / "page.html").read_text(encoding="utf-8")
+    for row in results["published"]:
+        assert f'<td class="text">{row["name"]}</td><td>{row["printed"]}</td>' in page
+    for name in FIGURES:
+        assert base64.b64encode((report / name).read_bytes()).decode() in page
+    assert page.index("printed numbers") < page.index("<img") < page.index("<table")
+    assert "http" not in page.replace('http-equiv="Content-Security-Policy"', "")
 
 
 def test_results_say_what_was_done(results: dict) -> None:
@@ -123,7 +135,7 @@ def test_it_is_reproducible_as_json_and_does_not_overwrite(report: Path, tmp_pat
     assert icreckon("paper", "--out", "here", "--overwrite", cwd=tmp_path).returncode == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_identify_finds_the_contact_that_ships(tmp_path: Path) -> None:
     done = subprocess.run(
         [

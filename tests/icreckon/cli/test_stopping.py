@@ -98,9 +98,15 @@ def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
     "words",
     [
         ("simulate", "--duration", "30", "--out", "out"),
-        ("simulate", "--duration", "30", "--format", "sqlite3", "--out", "out"),
-        ("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag"),
-        ("paper", "--out", "out"),
+        pytest.param(
+            ("simulate", "--duration", "30", "--format", "sqlite3", "--out", "out"),
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(
+            ("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag"),
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(("paper", "--out", "out"), marks=pytest.mark.thorough),
         ("replay", "BAG", "--robot", "auriga-alpha", "--variants", "gyro", "--out", "out"),
         ("inspect", "BAG", "--write", "robot.toml"),
     ],

@@ -47,6 +47,7 @@ def robot_file(folder: Path, keys: str, name: str = "robot.toml") -> Path:
     return path
 
 
+@pytest.mark.thorough
 def test_replay_with_a_robot_file_that_has_wander(bag: Path, tmp_path: Path) -> None:
     nees = {}
     for name, keys in (("white", ""), ("wander", WANDER)):

@@ -142,7 +142,7 @@ def test_a_read_only_installation_reads_logs(tmp_path: Path, read_only: Path, ho
     assert "NUMBA_CACHE_DIR" in line
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_read_only_installation_replays_with_one_remark(tmp_path: Path, read_only: Path) -> None:
     drive(tmp_path / "log", STAMPS)
     write_robot(tmp_path / "robot.toml")

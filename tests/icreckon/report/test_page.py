@@ -92,7 +92,7 @@ def test_nothing_is_fetched(page: str) -> None:
     assert not re.search(r"<(link|img|iframe|object|embed|base|form)\b", page)
     assert not re.search(r"\b(src|href|action)\s*=", page)
     assert "@import" not in page
-    assert "url(" not in page.replace("url(#${clip})", "")
+    assert "url(" not in re.sub(r"url\(#(\$\{clip\}|clip-map)\)", "", page)
     assert "default-src 'none'" in page
 
 
@@ -145,39 +145,99 @@ def test_truth_is_silent_in_its_holes(comparison: Comparison) -> None:
 
 def test_charts_have_axes_with_units_and_rows_that_match(results: dict[str, Any]) -> None:
     data = page_data(results)
+    columns = data["columns"]
     places = [chart["place"] for chart in data["charts"]]
     assert {place: places.count(place) for place in places} == {
-        "paths": 1,
         "errors": 2,
+        "motion": 6,
+        "inputs": 2,
         "icrs": 3,
-        "parameters": len(places) - 11,
+        "parameters": len(places) - 18,
         "innovations": 5,
     }
     names = {one["name"] for one in data["series"]}
     assert names == {*VARIANTS, "ground truth", "fixes used"}
     for chart in data["charts"]:
-        assert re.search(r"\[.+\]$", chart["x_label"])
         assert re.search(r"\[.+\]$", chart["y_label"])
         for item in chart.get("lines", []) + chart.get("points", []) + chart.get("bands", []):
-            x = data["columns"][item["x"]] if isinstance(item["x"], str) else item["x"]
-            assert item["series"] in names
-            assert {len(item[key]) for key in ("y", "low", "high") if key in item} == {len(x)}
+            assert item["series"] in names if "series" in item else item["label"]
+            used = [item[key] for key in ("y", "sigma", "middle") if item.get(key)]
+            assert {len(columns[name]) for name in used} == {len(columns[item["x"]])}
     learnt = {chart["title"]: chart["y_label"] for chart in data["charts"]}
-    assert learnt["eta0"] == "[-]"
-    assert learnt["gyro_bias"] == "[rad/s]"
-    assert learnt["half_contact_length"] == "[m]"
+    assert learnt["Steering efficiency index without force, η₀"] == "eta0 [-]"
+    assert learnt["Bias of the gyro"] == "gyro_bias [rad/s]"
+
+
+def test_columns_are_those_of_the_results(results: dict[str, Any]) -> None:
+    columns, series = page_data(results)["columns"], results["series"]
+    for name in VARIANTS:
+        for key in ("x_m", "yaw_rad", "w_rad_s", "position_error_m", "nis_per_dof"):
+            assert columns[f"{name}/{key}"] is series["variants"][name][key]
+    assert columns["ground truth/x_m"] is series["truth"]["x_m"]
+    assert columns["inputs/gyro_rad_s"] is series["inputs"]["gyro_rad_s"]
+    # The gyro reads the true yaw rate, and tracks that slip command more than that.
+    gyro, true = (
+        np.array(one["w_rad_s" if "w_rad_s" in one else "gyro_rad_s"])
+        for one in (series["inputs"], series["truth"])
+    )
+    assert np.sqrt(np.mean((gyro - true) ** 2)) < 0.05
+    commanded = np.array(columns["inputs/tracks_rad_s"])
+    assert np.abs(commanded).mean() > 1.5 * np.abs(true).mean()
+
+
+@pytest.mark.parametrize("name", ["ground truth", "constant-online", "friction-online"])
+def test_at_its_icr_the_robot_moves_as_the_track_runs(results: dict[str, Any], name: str) -> None:
+    columns = page_data(results)["columns"]
+
+    def of(key: str) -> Any:
+        return np.array(columns[key], dtype=float)
+
+    v_x, v_y, w = (of(f"{name}/{key}") for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
+    turning = np.abs(w) > 0.1
+    # Noise of the tracks, and the slip that no index stands for; speeds are up to 1 m/s.
+    for side in ("left", "right"):
+        over_ground = v_x - w * of(f"{name}/{side}_icr_y_m")
+        assert np.nanmedian(np.abs(over_ground - of(f"inputs/{side}_m_s"))[turning]) < 0.05
+    assert np.nanmedian(np.abs(v_y + w * of(f"{name}/icr_x_m"))[turning]) < 0.02
+
+
+def test_nis_is_that_of_all_innovations(comparison: Comparison, results: dict[str, Any]) -> None:
+    run = comparison.runs["constant-online"]
+    shown = np.array(results["series"]["variants"]["constant-online"]["nis_per_dof"], dtype=float)
+    assert np.nanmean(shown) == pytest.approx(
+        np.nanmean(run.innovations.astype(float) ** 2), rel=0.1
+    )
 
 
 def test_the_band_is_three_sigma_of_the_filter(results: dict[str, Any]) -> None:
-    chart = next(one for one in page_data(results)["charts"] if one["title"] == "Position error")
+    data = page_data(results)
+    chart = next(one for one in data["charts"] if one["title"] == "Position error")
     band = next(one for one in chart["bands"] if one["series"] == "constant-online")
+    assert (band["times"], band["middle"]) == (3.0, None)
     sigma = results["series"]["variants"]["constant-online"]["position_sigma_m"]
-    np.testing.assert_allclose(band["high"], 3.0 * np.array(sigma), rtol=1e-4)
-    (start, end), *_ = chart["spans"]
-    times, way = results["series"]["t_s"], results["series"]["distance_m"]
-    (scored, _), *_ = results["truth"]["scored_s"]
-    assert start == pytest.approx(np.interp(scored, times, way), abs=0.01)
-    assert end == pytest.approx(way[-1], abs=0.2)
+    assert data["columns"][band["sigma"]] is sigma
+    assert chart["spans"] == results["truth"]["scored_s"]
+
+
+def test_a_hole_of_the_log_lifts_the_pen(results: dict[str, Any]) -> None:
+    holed = copy.deepcopy(results)
+    times = np.array(holed["series"]["t_s"])
+    holed["series"]["t_s"] = np.where(times > 40.0, times + 58.0, times).tolist()
+    (row,) = page_data(holed)["breaks"]["t"]
+    assert times[row - 1] <= 40.0 < times[row]
+    assert page_data(results)["breaks"]["t"] == []
+
+
+def test_yaws_are_shown_in_the_turn_of_the_truth(results: dict[str, Any]) -> None:
+    turned = copy.deepcopy(results)
+    yaw = turned["series"]["variants"]["differential"]["yaw_rad"]
+    turned["series"]["truth"]["yaw_rad"][900:] = [None] * (len(yaw) - 900)
+    yaw[500:] = [value + 4.0 * np.pi for value in yaw[500:]]
+    data = page_data(turned)
+    (chart,) = (one for one in data["charts"] if one["title"] == "Yaw, counter-clockwise")
+    (line,) = (one for one in chart["lines"] if one["series"] == "differential")
+    told = results["series"]["variants"]["differential"]["yaw_rad"]
+    np.testing.assert_allclose(data["columns"][line["y"]], told, atol=0.01)
 
 
 # --- the verdict ---------------------------------------------------------------------------------
@@ -323,6 +383,7 @@ def test_a_browser_shows_it_without_complaint(
     charts = page_data(results)["charts"]
     assert f'data-drawn="{len(charts)}"' in document
     assert document.count("<figure>") == len(charts)
+    assert "ICR left" in document
     for chart in charts:
         assert html.escape(chart["title"], quote=False) in document
         assert html.escape(chart["y_label"], quote=False) in document
@@ -363,7 +424,8 @@ const point = (name, id, dx, dy) => fire(PointerEvent, name, { pointerId: id,
 const frame = () => new Promise((done) => setTimeout(done, 50));
 (async () => {
   const first = ends();
-  told.cancelled = !fire(WheelEvent, "wheel", { deltaY: -500 });
+  told.passing = fire(WheelEvent, "wheel", { deltaY: -500 });
+  told.cancelled = !fire(WheelEvent, "wheel", { deltaY: -500, ctrlKey: true });
   await frame();
   told.wheel = ends() !== first;
   fire(MouseEvent, "dblclick", {});
@@ -409,6 +471,7 @@ def test_paths_zoom_and_pan_by_wheel_drag_and_pinch_and_variants_hide(
     document, complaints = opened(chromium, tmp_path, page.replace("</head>", frames), ACT)
     assert complaints == []
     assert told_by(document) == {
+        "passing": True,
         "cancelled": True,
         "wheel": True,
         "reset": True,
@@ -416,12 +479,81 @@ def test_paths_zoom_and_pan_by_wheel_drag_and_pinch_and_variants_hide(
         "button": True,
         "pinch": True,
         "scrolls": True,
-        # The path and the square at its end.
-        "hidden": 2,
+        "hidden": 1,
         "shown": 0,
         "requests": 0,
         "sideways": False,
     }
+
+
+LINKED = """
+const told = {}, chart = document.querySelector("#errors svg"), box = chart.getBoundingClientRect();
+const at = (name, share) => chart.dispatchEvent(new PointerEvent(name, { pointerId: 1, bubbles: true,
+  pointerType: "mouse", clientX: box.left + share * box.width, clientY: box.top + 50 }));
+const robot = () => document.querySelector("#map .robot").getAttribute("transform");
+const axes = () => [...document.querySelectorAll("#motion svg")].map((one) => one.textContent).join();
+const choose = (name, value) => {
+  const [select] = [...document.querySelectorAll("label")]
+    .filter((one) => one.textContent.startsWith(name))
+    .map((one) => one.querySelector("select"));
+  select.value = value;
+  select.dispatchEvent(new Event("change"));
+};
+const first = robot();
+at("pointermove", 0.3);
+told.moved = robot() !== first;
+told.values = document.querySelector(".values").textContent.includes("constant-online: ");
+told.slider = Math.abs(document.querySelector("#player input").value - State.cursor) < 0.1;
+const all = axes();
+at("pointerdown", 0.4); at("pointermove", 0.6); at("pointerup", 0.6);
+told.zoomed = axes() !== all && !document.getElementById("reset").hidden;
+document.getElementById("reset").click();
+told.reset = axes() === all && document.getElementById("reset").hidden;
+choose("charts over", "distance");
+told.distance = axes().includes("distance driven [m]") && !axes().includes("time [s]");
+told.coloured = State.page.drive.colourings.map((one, row) => {
+  choose("path coloured by", row);
+  return document.querySelector("#map .bar").textContent.includes(one.meaning);
+});
+choose("robot by", "constant-online");
+const go = document.getElementById("go"), last = document.querySelectorAll("h2").length - 1;
+go.value = last;
+go.dispatchEvent(new Event("change"));
+told.gone = window.scrollY > 1000 && go.value === "";
+told.driver = document.querySelector("#map .bar").textContent.startsWith("constant-online");
+const pre = document.createElement("pre");
+pre.id = "told";
+pre.textContent = JSON.stringify(told);
+document.body.append(pre);
+"""
+
+
+def test_charts_map_and_robot_show_one_moment(chromium: str, tmp_path: Path, page: str) -> None:
+    document, complaints = opened(chromium, tmp_path, page, LINKED)
+    assert complaints == []
+    told = told_by(document)
+    assert told.pop("coloured") == [True] * 5
+    assert told == dict.fromkeys(
+        ("moved", "values", "slider", "zoomed", "reset", "distance", "driver", "gone"), True
+    )
+
+
+def test_one_variant_with_a_hole_and_without_imu_in_a_browser(
+    chromium: str, tmp_path: Path, results: dict[str, Any]
+) -> None:
+    one = copy.deepcopy(results)
+    for part in (one["variants"], one["series"]["variants"]):
+        for name in VARIANTS[1:]:
+            del part[name]
+    del one["series"]["inputs"]["gyro_rad_s"]
+    for column in (one["series"]["truth"]["x_m"], one["series"]["truth"]["y_m"]):
+        column[300:600] = [None] * 300
+    one["verdict"] = None
+    document, complaints = opened(chromium, tmp_path, replay_page(one))
+    assert complaints == []
+    path = re.search(r'<path data-series="ground truth"[^>]* d="([^"]*)"', document)
+    assert path is not None
+    assert path[1].count("M") == 2
 
 
 PHONE = """

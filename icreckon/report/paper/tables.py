@@ -1,0 +1,105 @@
+"""Tables of the reproduction for terminal and page, made from its results only."""
+
+from __future__ import annotations
+
+from rich.console import Group
+from rich.text import Text
+
+from icreckon.replay.comparison.results import Results
+from icreckon.report.pages import Cell, Table
+from icreckon.report.terminal import rich_table
+
+# Shares of the published number that are counted [%].
+LEVELS = (5.0, 10.0, 20.0)
+
+
+def paper_tables(results: Results, *, narrow: bool) -> Group:
+    """Numbers, Table II, ablation and verdict, for the terminal."""
+    tables = [rich_table(one) for one in all_tables(results, narrow=narrow)]
+    return Group(*tables, Text(f"{counts_text(results)}\n{contradiction_text(results)}"))
+
+
+def all_tables(results: Results, *, narrow: bool = False) -> list[Table]:
+    """Tables of the results.
+
+    Args:
+        results: results of `icreckon paper`.
+        narrow: leave out where a number is in the paper.
+    """
+    tables = [_numbers(results, narrow=narrow), _table_2(results)]
+    if results["identification"]:
+        tables.append(_ablation(results["identification"]["ablation"]))
+    return tables
+
+
+def counts_text(results: Results) -> str:
+    """Sentence on how many numbers are reproduced."""
+    counts = results["counts"]
+    return (
+        f"Of {counts['printed']} printed numbers {counts['within_5_percent']} are within 5 %, "
+        f"{counts['within_10_percent']} within 10 %, {counts['within_20_percent']} within 20 %; "
+        f"{counts['round_to_published']} round to the published digits."
+    )
+
+
+def contradiction_text(results: Results) -> str:
+    """Sentence on the published numbers that contradict each other."""
+    check = results["contradiction"]
+    low, high = check["needed_range"]
+    return (
+        "The published epsilon0 and mean ICRs contradict each other: by least squares the mean "
+        f"of s|F| would be {check['needed']:.0f} N ({low:.1f} to {high:.1f} N with rounding); "
+        f"the published parameters give {check['of_published_model']:+.0f} N, the motions here "
+        f"{check['of_map']:+.0f} N."
+    )
+
+
+def _numbers(results: Results, *, narrow: bool) -> Table:
+    rows = []
+    for row in results["published"]:
+        cells = [
+            Cell(row["printed"]),
+            Cell(f"{row['reproduced']:.5g}"),
+            Cell(f"{row['difference_percent']:+.1f}"),
+            Cell(row["unit"]),
+            Cell("yes" if row["rounds_to_published"] else ""),
+        ]
+        if not narrow:
+            cells.append(Cell(row["where"], "wrap"))
+        rows.append((row["name"], cells))
+    head = ["number", "published", "reproduced", "off\n%", "unit", "rounds"]
+    return Table("The paper's numbers", head if narrow else [*head, "where"], rows)
+
+
+def _table_2(results: Results) -> Table:
+    of = results["table_2"]
+    rows = [("as published", of["published"]), ("our map, our fits", of["our_parameters"])]
+    rows += [
+        (f"our map, published parameters, |F| {inertia}", errors)
+        for inertia, errors in of["published_parameters"].items()
+    ]
+    shown = []
+    for label, errors in rows:
+        values = [1e3 * value for model in errors.values() for value in model.values()]
+        shown.append((label, [Cell(f"{value:.1f}") for value in values]))
+    models = [
+        f"{model}\n{part}" for model in ("inertia", "constant") for part in ("v_x", "v_y", "w")
+    ]
+    return Table("Table II: RMSE in mm/s, mm/s, mrad/s", ["truth and parameters", *models], shown)
+
+
+def _ablation(rows: list[Results]) -> Table:
+    shown = []
+    for row in rows:
+        cells = []
+        for which in ("unchanged", "refitted"):
+            count = row[which]
+            within = " / ".join(str(count[f"within_{level:.0f}_percent"]) for level in LEVELS)
+            cells += [
+                Cell(within),
+                Cell(f"{count['worst']} {count['worst_percent']:+.0f} %", "wrap"),
+            ]
+        shown.append((row["choice"], cells))
+    title = "What each choice changes: printed numbers within 5 / 10 / 20 %, and the farthest off"
+    head = ["choice made otherwise", "all else\nas it is", "farthest off"]
+    return Table(title, [*head, "contact\nrefitted", "farthest off"], shown)

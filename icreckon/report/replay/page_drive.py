@@ -1,0 +1,114 @@
+"""Data of the drive on a comparison's page: robot, ICRs, coloured path.
+
+`drive.js` draws it. Columns are those of the page's data; `colourings` are choices of what colours the
+path, each with one column for each variant that has it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from icreckon.replay.comparison.results import Results
+
+# Least speed at which a slip angle is computed [m/s].
+LEAST_SPEED = 0.1
+# Columns of a variant's motion, by their names in the script.
+MOTION = {
+    "x": "x_m",
+    "y": "y_m",
+    "yaw": "yaw_rad",
+    "v_x": "v_x_m_s",
+    "v_y": "v_y_m_s",
+    "w": "w_rad_s",
+    "icr_x": "icr_x_m",
+    "left_y": "left_icr_y_m",
+    "right_y": "right_icr_y_m",
+}
+Numbers = list[float | None]
+
+
+def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
+    """Input of `drive.js`; adds its columns.
+
+    Args:
+        results: results of a comparison.
+        columns: columns of the page, with those of the charts.
+    """
+    series, vehicle = results["series"], results["robot"]["vehicle"]
+    for name, one in series["variants"].items():
+        v_x, v_y, w = (floats(one[key]) for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
+        commanded = floats(columns["inputs/tracks_rad_s"])
+        columns[f"{name}/lost_rad_s"] = listed((commanded - w) * np.sign(commanded))
+        columns[f"{name}/slip_angle_deg"] = listed(_slip_angle(v_x, v_y))
+    return {
+        "gauge": vehicle["track_gauge"],
+        "length": 2.0 * vehicle["half_contact_length"],
+        "variants": {
+            name: {key: f"{name}/{column}" for key, column in MOTION.items()}
+            for name in series["variants"]
+        },
+        "first": _first(results),
+        "truth": "truth" in series,
+        "fixes": bool(series.get("fixes", {}).get("x_m")),
+        "gyro": "gyro_rad_s" in series["inputs"],
+        "colourings": _colourings(results, columns),
+    }
+
+
+def _first(results: Results) -> str:
+    """Variant that drives at first: the best if its ICRs move, or else the last."""
+    found, names = results["verdict"], list(results["variants"])
+    if found and found["best"].startswith(("inertia", "friction")):
+        return str(found["best"])
+    for name in ("inertia-online", "friction-online"):
+        if name in names:
+            return name
+    return str(names[-1])
+
+
+def _slip_angle(v_x: Any, v_y: Any) -> Any:
+    """Angle (n,) from the robot's axis to its travel, to the left [deg]; NaN if slow."""
+    moving = np.hypot(v_x, v_y) >= LEAST_SPEED
+    return np.where(moving, np.degrees(np.arctan2(v_y, np.abs(v_x))), math.nan)
+
+
+def _colourings(results: Results, columns: dict[str, Numbers]) -> list[Results]:
+    """Choices of what colours the path, those with values only."""
+    found = []
+    for title, meaning, key, unit, signed in (
+        ("slip in turning", "yaw rate by the tracks less estimated", "lost_rad_s", "rad/s", False),
+        ("slip angle", "angle from heading to travel, to the left", "slip_angle_deg", "deg", True),
+        ("position error", "distance from the truth", "position_error_m", "m", False),
+        (
+            "NIS",
+            "mean NIS of all sensors per degree of freedom, ideal 1",
+            "nis_per_dof",
+            "-",
+            False,
+        ),
+        ("speed", "forward speed", "v_x_m_s", "m/s", True),
+    ):
+        of = {name: f"{name}/{key}" for name in results["series"]["variants"]}
+        of = {name: column for name, column in of.items() if known(columns.get(column, []))}
+        if of:
+            words = {"title": title, "meaning": meaning, "unit": unit}
+            found.append(words | {"signed": signed, "columns": of})
+    return found
+
+
+def known(values: Numbers) -> bool:
+    """Return True if any value is known."""
+    return any(value is not None for value in values)
+
+
+def floats(values: Numbers) -> Any:
+    """Array of numbers, NaN for None."""
+    return np.array([math.nan if value is None else value for value in values], dtype=float)
+
+
+def listed(values: Any) -> Numbers:
+    """Five significant digits of an array, None for NaN."""
+    return [float(f"{one:.5g}") if math.isfinite(one) else None for one in values.tolist()]
