@@ -34,7 +34,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -260,34 +260,70 @@ def scored(
     blind = replace(log, truth=None)
     reckoned = run(blind, robot, variant, settings=settings).trajectory
     found, truth = reckoned.pose_series, align_truth(log.truth, reckoned).truth.poses
-    segments = {}
-    for horizon in HORIZONS:
-        of = drift(found, truth, horizon)
-        moved = of.moved
-        blocks = np.floor((of.starts[moved] - log.start) * NANOSECOND / BLOCK)
-        segments[horizon] = (of.position_errors[moved], of.distances[moved], blocks)
     return Score(
         fold.row,
         fold.scored.label,
         who,
-        segments,
-        motion_nees(blind, robot, variant, truth, settings),
+        segments_of(found, truth, log.start),
+        motion_nees(blind, PoseEstimator(robot, variant, settings=settings), truth),
     )
 
 
-def motion_nees(
-    log: Log, robot: Robot, variant: str, truth: PoseSeries, settings: Settings | None = None
-) -> dict[float, Floats]:
+def segments_of(
+    found: PoseSeries, truth: PoseSeries, start: int
+) -> dict[float, tuple[Floats, Floats, Floats]]:
+    """Errors [m], distances [m] and blocks of segments, by horizon.
+
+    Args:
+        found: estimated poses.
+        truth: at the right time and place.
+        start: of the log [ns].
+    """
+    segments = {}
+    for horizon in HORIZONS:
+        of = drift(found, truth, horizon)
+        moved = of.moved
+        blocks = np.floor((of.starts[moved] - start) * NANOSECOND / BLOCK)
+        segments[horizon] = (of.position_errors[moved], of.distances[moved], blocks)
+    return segments
+
+
+class Reckoner(Protocol):
+    """Dead reckoning that is fed one measurement at a time, as a `PoseEstimator`."""
+
+    @property
+    def stamp(self) -> int | None:
+        """Time of the estimate [ns]."""
+
+    @property
+    def pose(self) -> Floats:
+        """(3,) pose: x, y [m], yaw [rad]."""
+
+    @property
+    def marks(self) -> tuple[int, ...]:
+        """Stamps that are marked."""
+
+    def feed(self, measurement: Any, /) -> bool:
+        """Update with a measurement."""
+
+    def mark(self, stamp: int) -> int:
+        """Remember the present pose."""
+
+    def forget(self, stamp: int) -> None:
+        """Forget a mark."""
+
+    def relative_motion(self, stamp: int) -> Any:
+        """Motion since a mark, with its covariance."""
+
+
+def motion_nees(log: Log, estimator: Reckoner, truth: PoseSeries) -> dict[float, Floats]:
     """NEES of motions of each horizon, by the filter's own covariance and the truth's noise.
 
     Args:
         log: without its truth.
-        robot: the robot.
-        variant: of the filter.
+        estimator: a new one.
         truth: at the right time and place.
-        settings: of the filter.
     """
-    estimator = PoseEstimator(robot, variant, settings=settings)
     wanted: dict[float, list[tuple[Floats, Floats, Floats]]] = {h: [] for h in HORIZONS}
     short, marked, due = [], 0, log.start
     noise_mark: int | None = None
@@ -334,9 +370,7 @@ def motion_nees(
     return nees
 
 
-def _motion(
-    estimator: PoseEstimator, mark: int, truth: PoseSeries
-) -> tuple[Floats, Floats, Floats]:
+def _motion(estimator: Reckoner, mark: int, truth: PoseSeries) -> tuple[Floats, Floats, Floats]:
     """Error (3,), covariance (3, 3) and motion (3,) since a mark; NaN where the truth has a hole."""
     motion = estimator.relative_motion(mark)
     ends = np.array([mark, motion.to_stamp])

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.calibration.result import FoundParameter
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.robot_toml import table_lines, toml_key, toml_value, tree_lines
+from icreckon.estimator.robot.robot_toml import robot_toml
 
 FIRST_WORDS = "# Calibrated by icreckon"
 # First words of the files of `icreckon identify`, the former name of the command.
@@ -38,29 +38,17 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
     ]
     # Names of logs may contain line breaks, which would end the comment.
     first, *more = (" ".join(line.split()) for line in header)
-    lines = [
-        f"{FIRST_WORDS} {first}",
-        *(f"# {line}" for line in more),
-        f"name = {toml_value(robot.name)}",
-        f"format = {robot.format}",
-        *([f"note = {toml_value(robot.note)}"] if robot.note else []),
-    ]
     comments = {one.name: _comment(one) for one in found.parameters}
-    lines += table_lines("vehicle", robot.vehicle, _vehicle_comments(robot, comments))
-    lines += table_lines("indices", robot.indices, _under("indices", comments))
-    if robot.constant_icr is not None:
-        lines += table_lines("constant_icr", robot.constant_icr, _under("constant_icr", comments))
-    lines += table_lines("imu", robot.imu, _imu_comments(found, comments))
-    lines += table_lines("tracks", robot.tracks, _under("tracks", comments) | SIGMAS)
-    lines += table_lines("slope", robot.slope, {})
-    lines += table_lines("undetected_slip", robot.undetected_slip, {})
-    if robot.soil is not None:
-        lines += table_lines("soil", robot.soil, _under("soil", comments))
-    for variant, slip in robot.slip.items():
-        lines += table_lines(f"slip.{toml_key(variant)}", slip, {})
-    for name, table in robot.log.items():
-        lines += tree_lines(f"log.{toml_key(name)}", table)
-    return "\n".join(lines) + "\n"
+    of_tables = {
+        "vehicle": _vehicle_comments(robot, comments),
+        "indices": _under("indices", comments),
+        "constant_icr": _under("constant_icr", comments),
+        "imu": _imu_comments(found, comments),
+        "tracks": _under("tracks", comments) | SIGMAS,
+        "soil": _under("soil", comments),
+    }
+    lines = [f"{FIRST_WORDS} {first}", *(f"# {line}" for line in more)]
+    return "\n".join(lines) + "\n" + robot_toml(robot, of_tables)
 
 
 def _of_logs(found: Calibration) -> list[str]:

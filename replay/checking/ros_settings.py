@@ -13,15 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import relative
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import in_base, in_rates_of, tracks_usable
-from icreckon.replay.inspection.imu_mounting import turning_correlation
+from icreckon.replay.checking.measured import (
+    effective_track,
+    measured_scale,
+    measured_track,
+    true_motion,
+)
 from icreckon.replay.inspection.latency import truth_lag
-from icreckon.replay.inspection.wheels import CLEAR_TURNING, STRAIGHT, wheel_estimates
 
 ROS_FIRST_WORDS = "# Settings for ROS"
 # Variance of motion that the wheels do not measure [m²/s², rad²/s²].
@@ -30,6 +32,8 @@ UNMEASURED = 1e3
 WINDOW = 1.0
 # Error of v_x and w without anything to compare with, as a share of their usual size [-].
 SHARE_FORWARD, SHARE_TURNING = 0.03, 0.2
+
+NOT_SEEN = "of the robot file; this log does not show it"
 
 
 class TwistErrors(NamedTuple):
@@ -89,7 +93,7 @@ def twist_errors(log: Log, robot: Robot) -> TwistErrors:
         log: a log that was read with this robot.
         robot: the robot.
     """
-    track = _effective_track(robot)
+    track = effective_track(robot)
     speeds = log.tracks.speeds if len(log.tracks.speeds) else np.zeros((1, 2))
     usual = np.sqrt(np.mean(speeds**2, axis=0))
     forward, forward_by = SHARE_FORWARD * float(usual.mean()), ""
@@ -118,16 +122,10 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
     if isinstance(late, Lag) and truth.twists is None:
         stamps = truth.poses.stamps - round(late.seconds / NANOSECOND)
         truth = replace(truth, poses=replace(truth.poses, stamps=stamps))
-    edges = even_grid(
-        max(truth.poses.stamps[0], log.start),
-        min(truth.poses.stamps[-1], log.end),
-        round(WINDOW / NANOSECOND),
-        truth.poses.stamps,
-    )
-    if len(edges) < 2:
+    motion = true_motion(log, truth, WINDOW)
+    if motion is None:
         return np.zeros(0)
-    poses = interpolate_poses(truth.poses, edges)
-    moved = relative(poses[:-1], poses[1:])
+    edges, moved = motion.edges, motion.moved
     seconds = np.diff(edges) * NANOSECOND
     true_speed = np.hypot(moved[:, 0], moved[:, 1]) * np.sign(moved[:, 0]) / seconds
     true_speed /= np.sinc(moved[:, 2] / (2.0 * math.pi))
@@ -161,19 +159,11 @@ def _imu_lines(log: Log, robot: Robot) -> list[str]:
     ]
 
 
-def _effective_track(robot: Robot) -> float:
-    return robot.constant_indices.eta0 * robot.vehicle.track_gauge
-
-
 def _seen_track(log: Log, robot: Robot) -> str:
-    if log.imu is not None and tracks_usable(log):
-        vertical = in_base(log.imu, robot)[0]
-        correlation = turning_correlation(log.tracks, log.imu, vertical)
-        if correlation is not None and correlation > CLEAR_TURNING:
-            found = wheel_estimates(log, vertical, correlation).track_ratio
-            if found is not None:
-                return f"by the gyro of this log {found / robot.vehicle.track_gauge:.4g}"
-    return "of the robot file; this log does not show it"
+    found = measured_track(log, robot)
+    if found is None:
+        return NOT_SEEN
+    return f"by the gyro of this log {found / robot.vehicle.track_gauge:.4g}"
 
 
 def _radius_lines(log: Log, robot: Robot) -> list[str]:
@@ -185,13 +175,12 @@ def _radius_lines(log: Log, robot: Robot) -> list[str]:
 
 
 def _seen_radius(log: Log, robot: Robot) -> str:
-    if log.imu is not None and tracks_usable(log):
-        found = wheel_estimates(log, in_base(log.imu, robot)[0], None, STRAIGHT)
-        if found.way_ratio is not None:
-            radius = found.way_ratio * robot.vehicle.sprocket_radius
-            error = "" if found.way_sigma is None else f" ± {found.way_sigma * radius:.2g}"
-            return f"by the {found.way_source} of this log {radius:.4g}{error}"
-    return "of the robot file; this log does not show it"
+    found = measured_scale(log, robot, bends=True)
+    if found is None:
+        return NOT_SEEN
+    radius = robot.vehicle.sprocket_radius
+    error = "" if found.sigma is None else f" ± {found.sigma * radius:.2g}"
+    return f"by the {found.source} of this log {found.ratio * radius:.4g}{error}"
 
 
 def _by(source: str) -> str:

@@ -11,11 +11,9 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import relative
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import (
@@ -28,13 +26,18 @@ from icreckon.replay.checking.check import (
     tracks_usable,
     with_speeds,
 )
+from icreckon.replay.checking.measured import (
+    effective_track,
+    measured_scale,
+    measured_track,
+    true_motion,
+)
 from icreckon.replay.inspection.imu_mounting import SMOOTHING, forward_yaw, turning_correlation
 from icreckon.replay.inspection.latency import objection, track_latency
-from icreckon.replay.inspection.wheels import CLEAR_TURNING, DEGREES, wheel_estimates
+from icreckon.replay.inspection.wheels import CLEAR_TURNING, DEGREES
 
-# Turning of a window that hardly slips [rad], and error of a scale that counts in any case, in such
-# windows and in bends [-]: ground and slip change the distance by as much.
-STRAIGHT = 0.2
+# Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
+# the distance by as much.
 LEAST_SCALE, LEAST_IN_BENDS = 0.03, 0.1
 # Factor between the effective tracks of the file and of the log that ground and steady bends do not
 # explain [-], and latency that is usual for a sampled speed [s].
@@ -73,7 +76,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     if log.imu is None or not tracks_usable(log):
         return
     vertical = in_base(log.imu, robot)[0]
-    turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / _effective_track(robot)
+    turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
     if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and turning > CLEARLY_TURNS:
         yield Check(
             "gyro",
@@ -91,7 +94,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         yield Check("sense of turning", "left is positive", shown)
         return
     turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
-    difference = float(turned.std()) / _effective_track(robot)
+    difference = float(turned.std()) / effective_track(robot)
     if difference > 0.0 and DEGREES[0] < float(vertical.std()) / difference < DEGREES[1]:
         ratio = float(vertical.std()) / difference
         yield Check(
@@ -141,18 +144,12 @@ def _drives_backward(log: Log) -> bool | None:
     truth = log.truth
     if truth is None or not truth.headings:
         return None
-    stamps = even_grid(
-        max(truth.poses.stamps[0], log.start),
-        min(truth.poses.stamps[-1], log.end),
-        round(BACKWARD_WINDOW / NANOSECOND),
-        truth.poses.stamps,
-    )
-    if len(stamps) < 2:
+    motion = true_motion(log, truth, BACKWARD_WINDOW)
+    if motion is None:
         return None
-    poses = interpolate_poses(truth.poses, stamps)
-    ahead = relative(poses[:-1], poses[1:])[:, 0]
+    ahead, edges = motion.moved[:, 0], motion.edges
     speed = np.interp(
-        0.5 * (stamps[1:] + stamps[:-1]), log.tracks.stamps, log.tracks.speeds.mean(axis=1)
+        0.5 * (edges[1:] + edges[:-1]), log.tracks.stamps, log.tracks.speeds.mean(axis=1)
     )
     size = float(np.linalg.norm(ahead) * np.linalg.norm(speed))
     if size == 0.0:
@@ -200,19 +197,18 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     """Scale of the track speeds, by truth, fixes or the accelerometer."""
     if log.imu is None or not tracks_usable(log):
         return
-    vertical = in_base(log.imu, robot)[0]
-    least = LEAST_SCALE
-    found = wheel_estimates(log, vertical, None, STRAIGHT)
-    if found.way_ratio is None:
-        found, least = wheel_estimates(log, vertical, None), LEAST_IN_BENDS
-    ratio, sigma, source = found.way_ratio, found.way_sigma, found.way_source
-    least = max(least, SIGMAS * robot.tracks.scale_sigma)
-    if ratio is None:
-        by_force = _scale_by_force(log, robot)
-        if by_force is None:
-            yield Check(SCALE, "1", "not seen: no truth, no fixes")
-            return
+    least, found = LEAST_SCALE, measured_scale(log, robot)
+    if found is None:
+        least, found = LEAST_IN_BENDS, measured_scale(log, robot, bends=True)
+    if found is not None:
+        ratio, sigma, source = found
+    elif (by_force := _scale_by_force(log, robot)) is not None:
         ratio, sigma, source, least = *by_force, "accelerometer", SCALE_BY_FORCE
+    else:
+        yield Check(SCALE, "1", "not seen: no truth, no fixes")
+        return
+    if source != "accelerometer":
+        least = max(least, SIGMAS * robot.tracks.scale_sigma)
     error = "" if sigma is None else f" ± {sigma:.3f}"
     shown = f"{ratio:.3f}{error}, {source} over tracks"
     if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
@@ -226,6 +222,12 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         )
         return
     if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
+        if abs(ratio - 1.0) > LEAST_SCALE:
+            shown += f"; counts from {least:.0%} on"
+            if in_rates_of(robot):
+                shown += (
+                    f", sprocket_radius = {ratio * robot.vehicle.sprocket_radius:.3g} would fit"
+                )
         yield Check(SCALE, "1", shown)
         return
     if source == "accelerometer":
@@ -294,20 +296,16 @@ def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:
     return (ratio, sigma) if ratio > 0.0 and sigma < 0.1 * ratio else None
 
 
-def _effective_track(robot: Robot) -> float:
-    return robot.constant_indices.eta0 * robot.vehicle.track_gauge
-
-
 def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
     if log.imu is None or not tracks_usable(log):
         return
-    vertical = in_base(log.imu, robot)[0]
-    correlation = turning_correlation(log.tracks, log.imu, vertical)
-    track = wheel_estimates(log, vertical, correlation).track_ratio
-    in_file = _effective_track(robot)
+    track = measured_track(log, robot)
+    in_file = effective_track(robot)
     if track is None:
-        yield Check(TRACK, f"{in_file:.2f} m", "not seen: too little turning")
+        yield Check(
+            TRACK, f"{in_file:.2f} m", "not seen: tracks and gyro turn too little, or not alike"
+        )
         return
     ratio = track / in_file
     shown = f"{track:.2f} m by the gyro, {ratio:.2f} times"

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace as replace_setting
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -17,7 +16,7 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.streaming.run import run
-from icreckon.replay.base.start_limits import ANY_HEADING, CLEAR, SOON
+from icreckon.replay.base.start import ANY_HEADING, CLEAR, SOON, Start, laid_over
 
 BEGINNING = 20.0
 """Track distance over which fixes and dead reckoning are compared [m]; longer for rough fixes."""
@@ -25,18 +24,6 @@ SIGMAS = 20.0
 """Least length of that distance in standard deviations of a fix [-]."""
 TURN_SIGMA = 0.5
 """Standard deviation of the yaw rate between the start and the first heading [rad/s]."""
-KNOWN_HEADING = 0.3
-"""Largest standard deviation at which a yaw from the path is used [rad]."""
-DRIFT = 0.05
-"""Error of dead reckoning over a short path: share of its length, and its direction [-, rad]."""
-
-
-class Start(NamedTuple):
-    """Initial pose: x, y [m], yaw [rad], and their standard deviations."""
-
-    pose: tuple[float, float, float]
-    sigma: tuple[float, float, float]
-
 
 EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -72,7 +59,7 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     reckoned = poses[:, :2] + rotate(fixes.lever_arms[used], poses[:, 2])
     places = fixes.poses[used, :2]
     sigma = wander.at_start(white)
-    start = _laid_over(reckoned, places, math.hypot(white, math.sqrt(len(places)) * wander.sigma))
+    start = laid_over(reckoned, places, math.hypot(white, math.sqrt(len(places)) * wander.sigma))
     if start is not None and wander.sigma:
         wide = sigma + start.sigma[2] * float(np.hypot(*reckoned.mean(axis=0)))
         start = start._replace(sigma=(wide, wide, start.sigma[2]))
@@ -106,22 +93,6 @@ def _beginning(log: Log, until: int) -> Log:
     """Log of only the tracks and the IMU up to a stamp [ns]."""
     beginning = log.between(log.start, until)
     return replace(beginning, fixes=None, truth=None, others=())
-
-
-def _laid_over(path: Floats, places: Floats, sigma: float) -> Start | None:
-    """Start of a path rigidly fitted to fixes; None if its yaw is not observable."""
-    middle, centre = path.mean(axis=0), places.mean(axis=0)
-    a, b = path - middle, places - centre
-    extent = math.sqrt(float((a**2).sum()))
-    if extent == 0.0:
-        return None
-    yaw = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
-    yaw_sigma = sigma / extent + DRIFT
-    if yaw_sigma > KNOWN_HEADING:
-        return None
-    x, y = (centre - rotate(middle, yaw)).tolist()
-    wide = sigma + yaw_sigma * float(np.hypot(*middle))
-    return Start((x, y, yaw), (wide, wide, yaw_sigma))
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:

@@ -11,9 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses, path_length
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.motion.icr import Icrs, PaperTwist, icrs_from_twist, indices_from_icrs
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.comparison.compare import Comparison
 
@@ -30,13 +33,19 @@ DECIMALS = 4
 Results = dict[str, Any]
 
 
-def series_of(comparison: Comparison) -> Results:
-    """Decimate the time series; parameters and innovations have their own times."""
+def series_of(comparison: Comparison, robot: Robot) -> Results:
+    """Decimate the time series; parameters and innovations have their own times.
+
+    Args:
+        comparison: the runs.
+        robot: the robot, for the axes of its IMU.
+    """
     log = comparison.log
     first = next(iter(comparison.runs.values()))
     stamps = first.stamps[_picks(len(first.stamps), SERIES_POINTS)]
     truth = None if log.truth is None else log.truth.poses
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
+    series["inputs"] = _inputs(log, robot, stamps)
     true_poses = known = None
     if log.truth is not None and truth is not None:
         true_poses = interpolate_poses(truth, np.clip(stamps, truth.stamps[0], truth.stamps[-1]))
@@ -44,6 +53,9 @@ def series_of(comparison: Comparison) -> Results:
         if not log.truth.headings:
             true_poses[:, 2] = np.nan
         series["truth"] = _pose_columns(np.where(known[:, None], true_poses, np.nan))
+        if log.truth.twists is not None:
+            twists = log.truth.twists
+            series["truth"] |= _twist_columns(_nearest(twists.stamps, twists.twists, stamps))
         series["truth"] |= _true_indices(log.truth, stamps)
     driven = first.trajectory.pose_series if truth is None else truth
     travelled = np.interp(stamps, driven.stamps, path_length(driven))
@@ -58,7 +70,9 @@ def series_of(comparison: Comparison) -> Results:
     for name, one in comparison.runs.items():
         rows = np.minimum(np.searchsorted(one.stamps, stamps), len(one.stamps) - 1)
         poses, covariances = one.trajectory.poses[rows], one.trajectory.pose_covariances[rows]
-        columns = _pose_columns(poses) | {
+        columns = _pose_columns(poses) | _twist_columns(one.trajectory.twists[rows])
+        columns |= {
+            "nis_per_dof": _rounded(_nis(one, rows)),
             "position_sigma_m": _rounded(largest_sigma(covariances)),
             "yaw_sigma_rad": _rounded(np.sqrt(covariances[:, 2, 2])),
             "zeta_m": _rounded(one.indices[rows, 0]),
@@ -73,6 +87,39 @@ def series_of(comparison: Comparison) -> Results:
         columns["innovations"] = _innovations(one, log.start)
         series["variants"][name] = columns
     return series
+
+
+def _inputs(log: Log, robot: Robot, stamps: Stamps) -> Results:
+    """Track speeds and yaw rate as measured, nearest to the stamps; None in holes."""
+    found = {}
+    for side, speeds in zip(("left", "right"), log.tracks.speeds.T, strict=True):
+        found[f"{side}_m_s"] = _rounded(_measured(log.tracks.stamps, speeds, stamps))
+    if log.imu is not None and len(log.imu.stamps):
+        rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
+        found["gyro_rad_s"] = _rounded(_measured(log.imu.stamps, rates, stamps))
+    return found
+
+
+def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
+    """Values nearest to the stamps, NaN in a hole."""
+    if len(known) < 2:
+        return np.full(len(wanted), math.nan)
+    return np.where(_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
+
+
+def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
+    """Mean squared innovation of all sensors since the row before, NaN without any."""
+    squares = np.zeros((len(one.stamps), 1)) * math.nan
+    if one.innovations.size:
+        squares = one.innovations.astype(float) ** 2
+    known = np.isfinite(squares)
+    # Sums up to each row, so that a difference is the sum of the rows between two.
+    sums = np.concatenate([[0.0], np.cumsum(np.where(known, squares, 0.0).sum(axis=1))])
+    counts = np.concatenate([[0], np.cumsum(known.sum(axis=1))])
+    starts = np.concatenate([[0], rows[:-1] + 1])
+    judged = counts[rows + 1] - counts[starts]
+    mean = (sums[rows + 1] - sums[starts]) / np.maximum(judged, 1)
+    return np.where(judged > 0, mean, math.nan)
 
 
 def _picks(count: int, most: int) -> NDArray[np.int64]:
@@ -157,6 +204,11 @@ def _pose_columns(poses: Floats) -> Results:
         "y_m": _rounded(poses[:, 1], DECIMALS),
         "yaw_rad": _rounded(poses[:, 2], DECIMALS),
     }
+
+
+def _twist_columns(twists: Floats) -> Results:
+    names = ("v_x_m_s", "v_y_m_s", "w_rad_s")
+    return {name: _rounded(values) for name, values in zip(names, twists.T, strict=True)}
 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:

@@ -111,7 +111,7 @@ def summarise(
             for name, lost in comparison.failed.items()
         },
         "variants": variants,
-        "series": series_of(comparison),
+        "series": series_of(comparison, robot),
     }
     cleaned: Results = json_types(results)
     return cleaned

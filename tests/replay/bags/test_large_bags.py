@@ -102,7 +102,7 @@ def test_images_are_not_kept(tmp_path: Path, robot: Robot, plugin: StoragePlugin
     assert peak_megabytes(READ, tmp_path, path, 2500) < 200.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_bag_of_four_gigabytes(tmp_path: Path, robot: Robot) -> None:
     path = large_bag(tmp_path, robot, 300.0, 4000, StoragePlugin.MCAP)
     assert sum(file.stat().st_size for file in path.iterdir()) > 4e9

@@ -45,7 +45,7 @@ def test_a_figure_that_changes_is_told(baseline) -> None:
 
 @pytest.mark.parametrize("row", GOALS)
 def test_the_goals_after_30_s_are_met(row: str, baseline) -> None:
-    """By the best variant; of those after 10 s docs/proof.md says which are not."""
+    """By the best variant; of those after 10 s docs/explanation/proof/real-logs.md says which are not."""
     goal = GOALS[row][0]
     assert min(of["30s"]["percent"] for of in baseline[row].values()) < goal
 

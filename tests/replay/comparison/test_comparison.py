@@ -45,6 +45,7 @@ def same(a: Comparison, b: Comparison) -> None:
         np.testing.assert_array_equal(run.stamps, b.runs[name].stamps)
 
 
+@pytest.mark.thorough
 def test_where_the_variants_run_does_not_matter(robot: Robot) -> None:
     log = simulate(Scenario(duration=15.0, seed=4), robot)
     here = compare(log, robot, VARIANTS)
@@ -117,6 +118,7 @@ def test_the_best_of_the_table_is_one_that_does_not_know_what_comes(wanted: bool
     assert _best(rows, ["x"]) == {"x": "a"}
 
 
+@pytest.mark.thorough
 def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) -> None:
     """Without a main guard each worker runs the script again, and dies; nothing hangs."""
     script = tmp_path / "script.py"

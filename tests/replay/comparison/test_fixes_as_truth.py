@@ -49,6 +49,7 @@ def test_drift_is_about_that_against_the_truth(log: Log):
     assert any("the fixes that are not used are scored against" in note for note in notes)
 
 
+@pytest.mark.thorough
 def test_errors_of_the_fixes_are_stated(log: Log):
     fixes = log.fixes
     rng = np.random.default_rng(3)

@@ -82,6 +82,7 @@ def test_what_cannot_be_seen_is_said() -> None:
     assert "no gyro" in str(estimate_wander(log, None))
 
 
+@pytest.mark.thorough
 def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path, robot: Robot) -> None:
     bag = write_log(driven(GPS), tmp_path / "gps", "mcap", robot)
     found = inspect(bag)

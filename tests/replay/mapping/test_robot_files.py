@@ -86,7 +86,7 @@ def test_effective_tracks(name: str, track: float) -> None:
 
 
 def test_the_docs_show_every_key_of_the_topics_and_columns() -> None:
-    page = (REPOSITORY / "docs" / "robot-file.md").read_text(encoding="utf-8")
+    page = (REPOSITORY / "docs" / "reference" / "robot-file.md").read_text(encoding="utf-8")
     block = page.split("```toml")[1].split("```")[0]
     shown = block[block.index("[log.tracks]") :]
     kinds = (TrackTopic, ImuTopic, FixTopic, HeadingTopic, TruthTopic)

@@ -63,7 +63,11 @@ def limited(folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     ("form", "kind"),
-    [(bag, "set after the start"), (table, "last is damaged"), (table, "hours apart")],
+    [
+        (bag, "set after the start"),
+        (table, "last is damaged"),
+        pytest.param(table, "hours apart", marks=pytest.mark.thorough),
+    ],
 )
 def test_commands_stay_small(tmp_path: Path, form, kind: str) -> None:
     log = form(tmp_path / ("log.csv" if form is table else "log"), kind)

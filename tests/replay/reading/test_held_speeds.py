@@ -192,7 +192,7 @@ def test_a_hole_is_not_bridged(driven: Log) -> None:
     np.testing.assert_allclose(found[low], tracks.speeds[low])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.integers(1, 9)),

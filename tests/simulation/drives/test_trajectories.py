@@ -47,7 +47,7 @@ def keeps_its_limits(command, duration, top):
         assert np.abs(np.diff(rates, axis=0)).max() <= 20.0 * step
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 @given(
     name=st.sampled_from(sorted(TRAJECTORIES)),
     seed=st.integers(0, 2**32),
@@ -83,7 +83,7 @@ def contradictory(name, options):
     )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.data())
 def test_whatever_the_options_limits_are_kept_or_the_trajectory_is_refused(data):
     name = data.draw(st.sampled_from(sorted(TRAJECTORIES)))
@@ -276,7 +276,7 @@ def series(times, speeds):
     return TrackSpeedSeries(stamps, np.asarray(speeds, dtype=float))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     steps=st.lists(st.floats(0.005, 2.0), min_size=1, max_size=30),
     data=st.data(),

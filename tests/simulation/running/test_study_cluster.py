@@ -25,6 +25,7 @@ STUDY = Study(
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_cluster_that_loses_a_worker_comes_to_the_same(tmp_path):

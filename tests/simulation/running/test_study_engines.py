@@ -169,6 +169,7 @@ def test_readings_that_are_refused_beforehand_are_refused_by_both() -> None:
         assert np.array_equal(found[label].values, rows, equal_nan=True)
 
 
+@pytest.mark.thorough
 def test_threads_that_compile_at_the_same_time_come_to_what_one_does(tmp_path: Path) -> None:
     """Nothing is compiled yet in this process, and nothing is kept from another."""
     script = (

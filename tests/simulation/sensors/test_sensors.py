@@ -354,7 +354,7 @@ def driven(name="aggressive", duration=60.0, seed=4):
 DRIVEN = driven()
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     resolution=st.floats(1e-6, 0.1),
     density=st.sampled_from([0.0, 1e-3]),

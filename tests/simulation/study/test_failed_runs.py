@@ -159,6 +159,8 @@ def test_a_run_with_an_impossible_value_is_excluded_as_a_whole(
     (failed,) = results["failed"]["cells"]
     assert (failed["cell"], failed["values"]) == (1, {"gyro.factor": 10.0})
     assert failed["reasons"] == [{"reason": reason, "runs": 1, "first_run": 2}]
+    told = "".join("".join(row) for table in summary_tables(results) for row in table.rows)
+    assert f"constant-online\n(1 of 4 runs failed: {reason})" in told
     for name in set(NAMES) - {"rejected_gyro"}:
         assert results["cells"][1]["variants"]["constant-online"][name]["n"] == 3, name
         assert results["cells"][0]["variants"]["constant-online"][name]["n"] == 4, name

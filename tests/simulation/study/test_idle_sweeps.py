@@ -159,7 +159,7 @@ def test_the_shipped_studies_sweep_what_acts(name: str) -> None:
 
 
 def test_the_study_of_the_docs_acts_in_all_its_parts(tmp_path: Any) -> None:
-    (text,) = code_blocks("toml", "docs/study.md")
+    (text,) = code_blocks("toml", "docs/reference/study-file.md")
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     study = load_study(tmp_path / "study.toml")
     refuse_idle(expand(study))

@@ -316,7 +316,7 @@ def test_there_are_the_studies_that_were_promised():
 
 
 def test_the_study_file_in_the_docs_loads_and_shows_every_key(tmp_path):
-    (text,) = code_blocks("toml", "docs/study.md")
+    (text,) = code_blocks("toml", "docs/reference/study-file.md")
     file = tmp_path / "study.toml"
     file.write_text(text, encoding="utf-8")
     plan = expand(load_study(file))
@@ -327,7 +327,7 @@ def test_the_study_file_in_the_docs_loads_and_shows_every_key(tmp_path):
 
 
 def test_the_docs_tell_every_file_column_statistic_and_study():
-    page = (ROOT / "docs" / "study.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "study-file.md").read_text(encoding="utf-8")
     names = [one.name for one in statistics((10.0,))]
     for name in (*names, *study_names(), RESULTS_PARQUET, RUNS_PARQUET, PAGE, RESULTS, MANIFEST):
         assert f"`{name}`" in page, name

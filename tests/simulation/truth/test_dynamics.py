@@ -199,7 +199,7 @@ def test_gravity_turns_in_body_axes():
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_exchanging_left_and_right_mirrors_the_motion(left, right):
     body = Body(258.0, 0.0, 0.04, 0.3)

@@ -70,7 +70,7 @@ def test_at_rest_on_a_slope_the_accelerometer_shows_it(roll: float, pitch: float
     assert np.allclose(imu.series.angular_velocity, 0.0, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     roll=st.floats(-0.7, 0.7),
     pitch=st.floats(-0.7, 0.7),

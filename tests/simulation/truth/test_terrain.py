@@ -56,7 +56,7 @@ def twists_at(t: np.ndarray) -> np.ndarray:
     return np.stack([0.5 + 0.3 * np.sin(t), 0.05 * np.cos(0.7 * t), 0.8 * np.sin(0.4 * t)], axis=-1)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.floats(-180.0, 180.0), st.integers(0, 99))
 def test_the_gradient_is_the_derivative_of_the_height(
     x: float, y: float, uphill: float, seed: int
@@ -280,7 +280,7 @@ def test_terrain_changes_no_other_draw() -> None:
     )
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(st.floats(-3.0, 3.0))
 def test_ground_and_start_turned_together_give_the_same_motion(angle: float) -> None:
     t = np.arange(0.0, 10.0 + 0.5 * STEP, STEP)
@@ -320,6 +320,7 @@ def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:
     assert (pitch[1:][rising] < 0.0).all()
 
 
+@pytest.mark.thorough
 def test_a_tall_robot_hardly_turns_on_a_cross_slope() -> None:
     low = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(0.04, 0.015, 0.3))
     shares = []
