@@ -86,12 +86,14 @@ def studied_robot() -> Robot:
     )
 
 
-def moving_speeds(robot: Robot, trajectory: str, duration: float, seed: list[int]) -> Floats:
-    """(n, 2) track speeds of a drive that never stops, at `RATE`."""
+def moving_speeds(
+    robot: Robot, trajectory: str, duration: float, seed: list[int], rate: float = RATE
+) -> Floats:
+    """(n, 2) track speeds of a drive that never stops, at a rate [Hz]."""
     options = {"stop": 0.0, "reverse": 0.0} if trajectory == "random" else {}
     rng = np.random.default_rng(seed)
     command = make_trajectory(trajectory, duration + BEGIN, robot, rng, options)
-    times = BEGIN + np.arange(int(duration * RATE) + 1) / RATE
+    times = BEGIN + np.arange(int(duration * rate) + 1) / rate
     return np.asarray(command(times))
 
 

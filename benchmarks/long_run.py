@@ -7,25 +7,35 @@ definite in the states that are estimated: the smallest eigenvalue of the correl
 Then come inputs that are finite, but far from anything sensible.
 
     python benchmarks/long_run.py --steps 10_000_000
+
+With `--hours` the only table is one run on level ground, a row for each hour: processor time of a step,
+largest memory of the process so far, NEES of the pose (3 is ideal; each minute has the same noise, so
+rows are to be alike, and say nothing of other noise).
+
+    python benchmarks/long_run.py --hours 24 --rate 200 --set history=1
 """
 
 from __future__ import annotations
 
 import argparse
+import resource
 import sys
 import time
+from ast import literal_eval
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from _study import table
 from analysis.sampled_model import Fixes, ModelSampler, SampledRun
-from consistency import RATE, SETTINGS, moving_speeds
+from consistency import RATE, SETTINGS, moving_speeds, nees_of
+from msgspec import structs
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import compose
+from icreckon.estimator.base.frames import compose, relative, wrap_angle
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -67,6 +77,8 @@ def settings_of(pairs: list[str]) -> Settings:
     changes: dict[str, Any] = {"history": 0.0}
     for pair in pairs:
         name, _, value = pair.partition("=")
+        with suppress(ValueError):
+            value = literal_eval(value)
         changes[name] = value
     fields = {name: getattr(SETTINGS, name) for name in SETTINGS.__struct_fields__}
     return Settings(**{**fields, **changes})
@@ -74,7 +86,15 @@ def settings_of(pairs: list[str]) -> Settings:
 
 def repeated(run: SampledRun, steps: int) -> Iterator[Measurement]:
     """The measurements of a run, again and again, each time from where it has ended."""
+    for measurement, _ in repeated_from(run, steps):
+        yield measurement
+
+
+def repeated_from(run: SampledRun, steps: int) -> Iterator[tuple[Measurement, Floats]]:
+    """The measurements of a run, again and again, and the pose that each repetition starts from."""
     length = int(run.stamps[-1] - run.stamps[0])
+    first, last = run.states[0, s.POSE], run.states[-1, s.POSE]
+    lap_motion = compose(last, relative(first, np.zeros(3)))
     pose, count, lap = np.zeros(3), 0, 0
     while True:
         turn = pose[2]
@@ -86,19 +106,59 @@ def repeated(run: SampledRun, steps: int) -> Iterator[Measurement]:
                     continue
                 x, y = pose[0] + cos * m.x - sin * m.y, pose[1] + sin * m.x + cos * m.y
                 m = replace(m, x=float(x), y=float(y))
-            yield m
+            yield m, pose
             count += isinstance(m, ImuSample)
             if count >= steps:
                 return
-        pose, lap = compose(pose, run.states[-1, s.POSE]), lap + 1
+        pose, lap = compose(pose, lap_motion), lap + 1
+
+
+def sampled_minute(robot: Robot, variant: str, rate: float) -> SampledRun:
+    """A minute of driving from the filter's own model, with fixes."""
+    speeds = moving_speeds(robot, "random", MINUTE, [SEED], rate)
+    fixes = Fixes(position_sigma=FIX_SIGMA)
+    sampler = ModelSampler(robot, find_variant(variant), SETTINGS, fixes)
+    return sampler.run(speeds, 1.0 / rate, np.random.default_rng(SEED))
+
+
+def hour_rows(
+    robot: Robot, variant: str, settings: Settings, hours: int, rate: float
+) -> Iterator[list[str]]:
+    """Rows of one long run on level ground, a row for each hour."""
+    # A slope of the repeated minute would jump where it begins anew.
+    robot = structs.replace(robot, slope=structs.replace(robot.slope, sigma=0.0))
+    run = sampled_minute(robot, variant, rate)
+    every, of_hour = round(CHECK_EVERY * rate / RATE), round(3600.0 * rate)
+    steps_of_run = len(run.stamps) - 1
+    estimator = PoseEstimator(robot, variant, settings=settings)
+    count, bad, least, nees = 0, 0, np.inf, list[float]()
+    spent = time.process_time()
+    for measurement, origin in repeated_from(run, hours * of_hour):
+        estimator.feed(measurement)
+        if not isinstance(measurement, ImuSample):
+            continue
+        count += 1
+        if count % every == 0:
+            P = estimator.covariance
+            smallest = smallest_correlation(P)
+            bad += not smallest > 0.0 or not np.isfinite(estimator.state).all()
+            least = min(least, smallest)
+            place = (count - 1) % steps_of_run + 1
+            error = estimator.state[s.POSE] - compose(origin, run.states[place, s.POSE])
+            error[2] = wrap_angle(error[2])
+            nees.append(nees_of(error, P[s.POSE, s.POSE]))
+        if count % of_hour == 0:
+            taken = 1e6 * (time.process_time() - spent) / of_hour
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+            row = [f"{count // of_hour}", f"{count:,}", str(bad), f"{least:.1e}"]
+            yield [*row, f"{np.mean(nees):.1f}", f"{taken:.0f}", f"{memory:.0f}"]
+            print(f"{variant}: {count // of_hour} of {hours} hours", file=sys.stderr, flush=True)
+            least, nees, spent = np.inf, [], time.process_time()
 
 
 def long_row(robot: Robot, variant: str, settings: Settings, steps: int) -> list[str]:
     """A row of the first table."""
-    speeds = moving_speeds(robot, "random", MINUTE, [SEED])
-    fixes = Fixes(position_sigma=FIX_SIGMA)
-    sampler = ModelSampler(robot, find_variant(variant), SETTINGS, fixes)
-    run = sampler.run(speeds, 1.0 / RATE, np.random.default_rng(SEED))
+    run = sampled_minute(robot, variant, RATE)
     estimator = PoseEstimator(robot, variant, settings=settings)
     least, count, bad = np.inf, 0, 0
     begin = told = time.monotonic()
@@ -200,10 +260,20 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--steps", type=int, default=300_000)
+    parser.add_argument("--hours", type=int, default=0, help="a row for each hour of one run")
+    parser.add_argument("--rate", type=float, default=RATE, help="of those hours [Hz]")
     parser.add_argument("--variants", nargs="+", default=["inertia-online"])
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="settings")
     arguments = parser.parse_args()
     robot, settings = load_robot("auriga-alpha"), settings_of(arguments.set)
+    for name in arguments.variants if arguments.hours else ():
+        print(f"{name}, {arguments.rate:g} Hz\n")
+        table(
+            ("hour", "steps", "failed", "smallest eigenvalue", "NEES", "µs a step", "peak MB"),
+            list(hour_rows(robot, name, settings, arguments.hours, arguments.rate)),
+        )
+    if arguments.hours:
+        return
     table(
         ("variant", "steps", "checks", "failed", "smallest eigenvalue", "µs a step"),
         [long_row(robot, name, settings, arguments.steps) for name in arguments.variants],

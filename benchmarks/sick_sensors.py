@@ -14,8 +14,10 @@ of drives in which `health` shows the fault at its end.
 
 In the second table the gyro's bias jumps by 0.02 rad/s after 40 s, under fixes of 5 cm each second: yaw
 error and own standard deviation so many seconds later, and the share of the jump in the estimated bias.
-In the third the IMU is tilted by 10 degrees, which the robot file does not have: what `health.tilt` shows
-after 48 s.
+In the third the receiver repeats its position from 30 s on, with fresh stamps, for 30 s: largest error of
+the position in that time, and own standard deviation then.
+In the fourth the IMU is tilted by 10 degrees, which the robot file does not have: what `health.tilt`
+shows after 48 s.
 
 LOGS is the folder of the sample logs: each time that the gyro is found failing in them is counted, and
 each time that the robot is found carried. None of them has such a fault that is known.
@@ -53,6 +55,7 @@ BEGINS, AFTER = 30.0, 1.0
 RESTS = 2.8
 """Time within the standstill at the start of a drive [s]."""
 JUMP, JUMPS_AT, LATER = 0.02, 40.0, (5, 10, 15, 20, 40)
+FIX_RATES = (1.0, 5.0, 20.0)
 MOUNTS = ((10.0, 0.0), (0.0, 10.0), (0.0, 0.0))
 VARIANTS = ("gyro", "constant-online", "inertia-online", "friction-online")
 
@@ -231,6 +234,27 @@ def bias_jumps(robot: Robot, variant: str, runs: int) -> list[str]:
     return [*cells, f"{refused / runs:.1f}"]
 
 
+def stuck_receiver(robot: Robot, variant: str, runs: int, rate: float) -> str:
+    """Row of the table of receivers that repeat a position."""
+    found, refused = [], 0
+    for seed in range(runs):
+        scenario = Scenario(duration=60.0, seed=seed, trajectory="random", fix_rate=rate)
+        log = simulate(scenario, robot)
+        if log.fixes is None or log.truth is None:
+            raise ValueError("a simulated log has fixes and a truth")
+        poses, since = log.fixes.poses.copy(), log.fixes.stamps - log.start >= BEGINS * SECOND
+        poses[since] = poses[since][0]
+        one = run(replace(log, fixes=replace(log.fixes, poses=poses)), robot, variant)
+        after = one.stamps - log.start >= BEGINS * SECOND
+        true = interpolate_poses(log.truth.poses, one.stamps[after])
+        off = np.hypot(*(one.trajectory.poses[after, :2] - true[:, :2]).T)
+        worst = int(off.argmax())
+        found.append((off[worst], np.hypot(*one.state_sigmas[after][worst, :2])))
+        refused += "repeats itself" in one.health.sensors["position"].rejected
+    off, sigma = np.array(found).T
+    return f"{rms(off):.2f} | {rms(sigma):.2f} | {refused} of {runs}"
+
+
 def tilt_found(robot: Robot, variant: str, runs: int, mount: tuple[float, float]) -> str:
     """Row of the table of tilted IMUs."""
     R, found = rpy_to_matrix(np.radians(mount[0]), np.radians(mount[1]), 0.0), []
@@ -291,6 +315,11 @@ def main() -> None:
     print(f"bias jumps | {columns} | refused fixes")
     for variant in given.variants:
         print(f"`{variant}` | {' | '.join(bias_jumps(robot, variant, given.runs))}", flush=True)
+    print("fixes a second | variant | largest error [m] | own sigma | shown")
+    for rate in FIX_RATES:
+        for variant in given.variants:
+            row = stuck_receiver(robot, variant, given.runs, rate)
+            print(f"{rate:g} | `{variant}` | {row}", flush=True)
     print("IMU tilted by [deg] | variant | found roll | pitch | reported")
     for mount in MOUNTS:
         for variant in [one for one in given.variants if one != "gyro"]:

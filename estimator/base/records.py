@@ -49,6 +49,11 @@ class SharedRecord(ctypes.Structure):
         return getattr, (whole, next(parts))
 
 
+def or_none(stamp: int) -> int | None:
+    """Stamp of a record [ns]; None for one that has not come yet."""
+    return None if stamp == NEVER else stamp
+
+
 def shared_record(record: Record) -> Record:
     """Copy a record to memory that Python and compiled code share."""
     shared = _memory_of(record)()

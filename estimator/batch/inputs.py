@@ -9,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FIX_VALUES, Measured
+from icreckon.estimator.faults.repeating_fixes import may_repeat
 from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries, ImuSeries
@@ -103,7 +104,7 @@ def has_heading(fixes: Floats) -> bool:
 
 
 def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
-    """Return True if a log has readings that input validation rejects as implausible.
+    """Return True if a log has readings that are rejected before the gates.
 
     Args:
         log: the log.
@@ -118,4 +119,5 @@ def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
     ]
     if imu.linear_acceleration is not None:
         readings.append((imu.linear_acceleration, ABSURD_FORCE))
-    return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)
+    absurd = any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)
+    return absurd or may_repeat(log)

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import NEVER, Count, assign
+from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
@@ -78,6 +79,8 @@ class FilterCheckpoint(
             and of their squares.
         noise: record of the noise of the IMU.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
+        positions: newest place of the position fixes.
+        poses: newest place of the pose fixes.
     """
 
     stamp: int | None
@@ -99,6 +102,8 @@ class FilterCheckpoint(
     fix_trend: tuple[float, float, float] = (0.0, 0.0, 1.0)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     wander_stamp: int | None = None
+    positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
+    poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
 
     def __post_init__(self) -> None:
         size = s.WANDER.stop if self.state.shape == (s.WANDER.stop,) else s.SIZE
@@ -115,6 +120,8 @@ class FilterCheckpoint(
         record.slip_factor = self.slip_factor
         record.trend_forward, record.trend_left, record.trend_size = self.fix_trend
         record.wander_stamp = NEVER if self.wander_stamp is None else self.wander_stamp
+        assign(record.positions, self.positions)
+        assign(record.poses, self.poses)
         assign(record.tracks, self.tracks)
         assign(record.imu, self.imu)
         assign(record.noise, self.noise)
@@ -134,4 +141,6 @@ class FilterCheckpoint(
             stood_at=later(self.stood_at),
             wander_stamp=later(self.wander_stamp),
             noise=self.noise.shifted(by),
+            positions=self.positions.shifted(by),
+            poses=self.poses.shifted(by),
         )

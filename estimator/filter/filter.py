@@ -13,7 +13,8 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, assign, copied, plain_copy
+from icreckon.estimator.base.records import NEVER, assign, copied, or_none, plain_copy
+from icreckon.estimator.faults.repeating_fixes import PlaceRecord, repeats
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
@@ -24,6 +25,7 @@ from icreckon.estimator.filter.health import (
     SensorHealth,
     add_estimates,
     add_gyro_faults,
+    add_repeated_fixes,
     noise_health,
     slip_health,
 )
@@ -88,10 +90,7 @@ from icreckon.estimator.sensors.predictions import (
     twist_now,
     with_wander,
 )
-from icreckon.estimator.sensors.sensor_models import (
-    STANDSTILL_VARIANCE,
-    SensorModels,
-)
+from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings, stands, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
 from icreckon.estimator.sensors.wheel_speeds import by_wheels
@@ -168,7 +167,7 @@ class Reckoning:
     @property
     def stamp(self) -> int | None:
         """Time of the estimate [ns]; None before the first track speeds or fix."""
-        return _or_none(self._record.stamp)
+        return or_none(self._record.stamp)
 
     @property
     def stands(self) -> bool:
@@ -182,6 +181,7 @@ class Reckoning:
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
         health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
         add_gyro_faults(health, self._tracks)
+        add_repeated_fixes(health, record.positions, record.poses)
         add_estimates(health, self.ekf.x, self.ekf.P, self._prior)
         return health
 
@@ -222,11 +222,12 @@ class Reckoning:
             self.ekf.model.memory,
             None if self.ekf.regressors is None else self.ekf.regressors.copy(),
             self._rejected_fixes,
-            _or_none(record.stood_at),
+            or_none(record.stood_at),
             float(record.slip_factor),
             (float(record.trend_forward), float(record.trend_left), float(record.trend_size)),
             plain_copy(NoiseRecord, record.noise),
-            _or_none(record.wander_stamp),
+            or_none(record.wander_stamp),
+            *(plain_copy(PlaceRecord, one) for one in (record.positions, record.poses)),
         )
 
     def memory(self) -> FilterMemory:
@@ -434,9 +435,11 @@ class Reckoning:
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
-        model, ekf = MODELS[type(m)], self.ekf
+        model, ekf, record = MODELS[type(m)], self.ekf, self._record
+        if repeats(record.positions, record.poses, m, 0.5 * sum(self.track_speeds)):
+            self._rejected_fixes = ()
+            return False
         # Predict. A zero velocity at the end of a step is about the next one.
-        record = self._record
         at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
         if not ahead and model.predicts == "pose":
@@ -594,7 +597,3 @@ class Reckoning:
         start, hold_ns = record.stamp, record.settings.hold_ns
         left, right = mean_speeds(self._tracks, start, stamp, hold_ns)
         return (stamp - start) * NANOSECOND, left, right
-
-
-def _or_none(stamp: int) -> int | None:
-    return None if stamp == NEVER else stamp

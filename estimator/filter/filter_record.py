@@ -8,6 +8,7 @@ from __future__ import annotations
 import msgspec
 
 from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
@@ -30,6 +31,8 @@ class FilterRecord(msgspec.Struct):
         trend_left: to its left.
         trend_size: mean of their squares; 1 if they are as large as expected.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
+        positions: newest place of the position fixes.
+        poses: newest place of the pose fixes.
         tracks: the track speeds.
         imu: clock of the IMU.
         noise: noise of the IMU.
@@ -49,6 +52,8 @@ class FilterRecord(msgspec.Struct):
     trend_left: float = 0.0
     trend_size: float = 1.0
     wander_stamp: int = NEVER
+    positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
+    poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)

@@ -13,6 +13,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import NEVER, Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
+from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.motion.icr import GRAVITY
@@ -28,8 +29,9 @@ ADMITTED, REJECTED, REACQUIRED = range(3)
 VERDICTS = ("admitted", "rejected", "reacquired")
 # Names of a track that spins.
 SIDES = {LEFT: "left", UNKNOWN: "unknown", RIGHT: "right"}
-# Names of a gyro's faults, the reasons to reject its readings.
-GYRO_FAULTS = {JUMPED: "jumped", REPEATS: "repeats itself", BEYOND: "beyond its range"}
+# Reason to reject a reading or a fix; names of a gyro's faults, the reasons to reject its readings.
+REPEATED = "repeats itself"
+GYRO_FAULTS = {JUMPED: "jumped", REPEATS: REPEATED, BEYOND: "beyond its range"}
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
 # hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
@@ -335,6 +337,13 @@ def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
     for reason, count in zip(GYRO_FAULTS.values(), counts, strict=True):
         if count:
             health.sensor("gyro").rejected[reason] = count
+
+
+def add_repeated_fixes(health: Health, positions: PlaceRecord, poses: PlaceRecord) -> None:
+    """Add the numbers of fixes that repeat a position to health."""
+    for name, place in (("position", positions), ("pose", poses)):
+        if place.rejected:
+            health.sensor(name).rejected[REPEATED] = place.rejected
 
 
 class TiltHealth(NamedTuple):

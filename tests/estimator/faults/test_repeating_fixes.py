@@ -1,0 +1,125 @@
+"""A receiver that repeats one position while the robot drives, and one that does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.faults.repeating_fixes import MOST_DRIVEN, may_repeat
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import PoseFix, PositionFix, TrackSpeeds
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+SECOND = 1_000_000_000
+STUCK_AT = 30.0
+LARGE = tuple(tuple(row) for row in (np.eye(3) * 100.0).tolist())
+
+
+def driven(seed: int = 3) -> Log:
+    return simulate(Scenario(duration=60.0, seed=seed, trajectory="random", fix_rate=5.0), ALPHA)
+
+
+def with_stuck_receiver(log: Log) -> Log:
+    """A log whose receiver repeats its position after half a minute."""
+    poses, since = log.fixes.poses.copy(), log.fixes.stamps - log.start >= STUCK_AT * SECOND
+    poses[since] = poses[since][0]
+    return replace(log, fixes=replace(log.fixes, poses=poses))
+
+
+def position_errors(log: Log, variant: str) -> tuple[float, float, dict[str, int]]:
+    """Largest error of the position after the fault, own standard deviation there, rejections."""
+    one = run(log, ALPHA, variant)
+    after = one.stamps - log.start > (STUCK_AT + 5.0) * SECOND
+    true = interpolate_poses(log.truth.poses, one.stamps[after])
+    off = np.hypot(*(one.trajectory.poses[after, :2] - true[:, :2]).T)
+    worst = int(off.argmax())
+    sigma = np.hypot(*one.state_sigmas[after][worst, :2])
+    return float(off[worst]), float(sigma), one.health.rejections()
+
+
+@pytest.mark.parametrize("variant", ["gyro", "constant-online", "inertia-online"])
+def test_a_position_that_repeats_itself_does_not_hold_the_robot(variant):
+    log = with_stuck_receiver(driven())
+    off, sigma, rejections = position_errors(log, variant)
+    assert rejections["position: repeats itself"] > 100
+    assert off < 1.0
+    assert off < 3.0 * max(sigma, 0.3)
+
+
+def test_a_healthy_receiver_is_not_accused():
+    log = driven()
+    assert not may_repeat(log)
+    assert "position: repeats itself" not in run(log, ALPHA, "constant-online").health.rejections()
+
+
+def test_a_robot_that_stands_may_be_measured_at_one_place():
+    estimator = PoseEstimator(ALPHA, "constant-online")
+    for k in range(1, 1000):
+        estimator.feed(TrackSpeeds(k * SECOND // 10, 0.0, 0.0))
+        if k % 10 == 0:
+            estimator.feed(PositionFix(k * SECOND // 10, 1.0, 2.0, 0.01))
+    assert "position: repeats itself" not in estimator.health.rejections()
+
+
+@pytest.mark.parametrize(
+    ("fix", "name"),
+    [
+        (lambda stamp: PositionFix(stamp, 0.0, 0.0, 100.0), "position"),
+        (lambda stamp: PoseFix(stamp, 0.0, 0.0, 0.0, LARGE), "pose"),
+    ],
+)
+def test_it_is_refused_from_a_metre_of_driving_until_it_moves(fix, name):
+    estimator, used = PoseEstimator(ALPHA, "gyro"), {}
+    for k in range(1, 60):
+        estimator.feed(TrackSpeeds(k * SECOND // 10, 0.5, 0.5))
+        used[0.05 * (k - 1)] = estimator.feed(fix(k * SECOND // 10))
+    assert all(used[way] for way in used if way < 0.9 * MOST_DRIVEN)
+    assert not any(used[way] for way in used if way > 1.1 * MOST_DRIVEN)
+    rejected = estimator.health.rejections()[f"{name}: repeats itself"]
+    assert rejected == sum(not one for one in used.values())
+    assert estimator.feed(replace(fix(6 * SECOND), x=2.9))
+    assert estimator.health.rejections()[f"{name}: repeats itself"] == rejected
+
+
+def test_two_receivers_are_watched_apart():
+    log = simulate(Scenario(duration=20.0, seed=1, trajectory="straight", fix_rate=0.0), ALPHA)
+    estimator, due = PoseEstimator(ALPHA, "gyro"), 0
+    for m in log.measurements():
+        estimator.feed(m)
+        if m.stamp >= due:
+            due = m.stamp + SECOND // 2
+            estimator.feed(PositionFix(m.stamp, 0.0, 0.0, 100.0))
+            x, y, yaw = estimator.pose
+            estimator.feed(PoseFix(m.stamp, x, y, yaw, LARGE))
+    rejections = estimator.health.rejections()
+    assert rejections["position: repeats itself"] > 5
+    assert "pose: repeats itself" not in rejections
+
+
+def test_filters_side_by_side_leave_such_logs_to_the_streaming_filter():
+    log = driven()
+    run_side_by_side(log, ALPHA, ["gyro"])
+    with pytest.raises(BatchError, match="readings that no such sensor gives"):
+        run_side_by_side(with_stuck_receiver(log), ALPHA, ["gyro"])
+
+
+def test_a_saved_estimator_goes_on_refusing(tmp_path):
+    log = with_stuck_receiver(driven())
+    estimator = PoseEstimator(ALPHA, "gyro")
+    events = list(log.measurements())
+    for m in events[: round(0.8 * len(events))]:
+        estimator.feed(m)
+    estimator.save(tmp_path / "saved.json")
+    copy = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    for m in events[round(0.8 * len(events)) :]:
+        assert copy.feed(m) == estimator.feed(m)
+    np.testing.assert_array_equal(copy.state, estimator.state)
+    assert copy.health.rejections() == estimator.health.rejections()
