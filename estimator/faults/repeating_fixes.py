@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Size, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, plain_copy
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, PoseFix, PositionFix
 
@@ -26,14 +26,14 @@ class PlaceRecord(msgspec.Struct):
         x: position [m].
         y: position [m].
         stamp: stamp of the newest fix there [ns], or NEVER.
-        driven: way of the tracks since the first fix there [m].
+        driven: way forward by the tracks since the first fix there [m].
         rejected: number of fixes that were not used because they repeat a position.
     """
 
     x: float = 0.0
     y: float = 0.0
     stamp: int = NEVER
-    driven: Size = 0.0
+    driven: float = 0.0
     rejected: Count = 0
 
     def shifted(self, by: int) -> PlaceRecord:
@@ -50,16 +50,16 @@ def repeats(positions: PlaceRecord, poses: PlaceRecord, m: Measurement, speed: f
         positions: newest place of the position fixes, changed in place.
         poses: newest place of the pose fixes, changed in place.
         m: the measurement.
-        speed: speed of the robot by its tracks [m/s].
+        speed: forward speed by the tracks [m/s]; noise of resting ones adds up to nothing.
     """
     if not isinstance(m, PositionFix | PoseFix):
         return False
     place = positions if isinstance(m, PositionFix) else poses
     same = place.stamp != NEVER and m.x == place.x and m.y == place.y
-    driven = abs(speed) * (m.stamp - place.stamp) * NANOSECOND if same else 0.0
+    driven = speed * (m.stamp - place.stamp) * NANOSECOND if same else 0.0
     place.driven = place.driven + driven if same else 0.0
     place.x, place.y, place.stamp = m.x, m.y, m.stamp
-    found = place.driven > MOST_DRIVEN
+    found = abs(place.driven) > MOST_DRIVEN
     place.rejected += found
     return found
 

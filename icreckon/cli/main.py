@@ -469,7 +469,7 @@ def paper(
 
 
 @app.command()
-def prepare() -> None:
+def prepare(workers: Workers = None) -> None:
     """Compile all filters ahead, for an image or before a robot's first drive.
 
     What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or
@@ -477,7 +477,7 @@ def prepare() -> None:
     """
     from icreckon.cli.prepare import run_prepare
 
-    run_prepare()
+    run_prepare(workers=workers)
 
 
 @app.command()

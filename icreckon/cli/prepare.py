@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from concurrent.futures import as_completed
 from dataclasses import replace
-from functools import partial
 
 import msgspec
 
-from icreckon.cli.console import messages, progress
+from icreckon.cli.console import messages, progress, worker_count
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
@@ -24,26 +24,34 @@ from icreckon.simulation.study.plan import load_study, study_names
 # Kernels depend on the motion model and on what is uncertain, not on the robot.
 ROBOT = "auriga-alpha"
 SECONDS = 5.0
+# Each process takes up to half a gigabyte.
+MOST_WORKERS = 4
 
 
-def run_prepare() -> None:
-    """Compile all filters; the body of `icreckon prepare`."""
+def run_prepare(*, workers: int | None) -> None:
+    """Compile all filters in several processes; the body of `icreckon prepare`."""
     if not keeps_kernels():
         raise EstimatorError(
             f"{cache_folder()} cannot be written, so nothing that is compiled would be kept; set "
             "NUMBA_CACHE_DIR to a folder that can"
         )
-    robot = load_robot(ROBOT)
-    steps: list[tuple[str, Callable[[], object]]] = [
-        (f"{name}, streaming", partial(PoseEstimator, robot, name)) for name in VARIANTS
-    ]
-    steps += [(f"{name}, long logs", partial(_long_log, name)) for name in VARIANTS]
-    steps += [(f"study {name}", partial(_study, name)) for name in study_names()]
-    with progress("compiling") as report:
-        for number, (title, compile_step) in enumerate(steps):
-            messages().print(f"compiling {title}", markup=False)
-            compile_step()
-            report((number + 1) / len(steps))
+    # Variants of one motion model share what a streaming filter compiles.
+    models: dict[str, list[str]] = {}
+    for name, variant in VARIANTS.items():
+        models.setdefault(variant.model, []).append(name)
+    # The friction model takes longest.
+    tasks = [("streaming", *models[model]) for model in reversed(models)]
+    tasks += [("long logs", name) for name in reversed(VARIANTS)]
+    tasks += [("study", name) for name in study_names()]
+    count = min(worker_count(workers), MOST_WORKERS, len(tasks))
+    messages().print(f"compiling with {count} processes", markup=False)
+    with progress("compiling") as report, worker_processes(count) as pool:
+        submitted = {pool.submit(_compile, *task): task for task in tasks}
+        for number, done in enumerate(as_completed(submitted), 1):
+            done.result()
+            kind, *names = submitted[done]
+            messages().print(f"compiled for {kind}: {', '.join(names)}", markup=False)
+            report(number / len(tasks))
     files = [path for path in cache_folder().rglob("*.kernel") if path.is_file()]
     size = sum(path.stat().st_size for path in files)
     messages().print(
@@ -51,6 +59,18 @@ def run_prepare() -> None:
         markup=False,
         soft_wrap=True,
     )
+
+
+def _compile(kind: str, *names: str) -> None:
+    """Compile what filters of these variants or a study of this name need."""
+    for name in names:
+        match kind:
+            case "streaming":
+                PoseEstimator(load_robot(ROBOT), name)
+            case "long logs":
+                _long_log(name)
+            case _:
+                _study(name)
 
 
 def _long_log(variant: str) -> None:

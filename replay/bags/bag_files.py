@@ -231,6 +231,8 @@ def _size(path: Path) -> int:
 
 def _packed_files(path: Path) -> list[Path]:
     """Files of a bag that are compressed as a whole, and were not unpacked beside."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ReplayError(f"{path}: is a device or a pipe; a log is a file or a folder")
     try:
         found = [path] if path.is_file() else sorted(path.iterdir())
     except OSError as problem:

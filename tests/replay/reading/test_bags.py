@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
@@ -276,8 +277,11 @@ def test_what_is_no_bag(tmp_path: Path, robot: Robot) -> None:
     hollow = tmp_path / "hollow"
     hollow.mkdir()
     (hollow / "x.mcap").touch()
+    pipe = tmp_path / "pipe.bag"
+    os.mkfifo(pipe)
     for path, part in (
         (tmp_path / "nowhere.bag", "no such file"),
+        (pipe, "a device or a pipe"),
         (empty, "empty"),
         (text, "not a bag"),
         (old, "version 2.0"),
