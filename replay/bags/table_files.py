@@ -15,6 +15,7 @@ PACKED_CSV_SUFFIXES = (".csv.gz", ".csv.bz2")
 DELIMITERS = "\t;,"
 FIRST_BYTES = 1 << 20
 """Bytes of a CSV file in which its first line must end."""
+UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 MOST_COLUMNS = 10_000
 CELL = 8
 """Size of a number in memory [bytes]."""
@@ -43,7 +44,7 @@ def read_table(path: Path) -> tuple[Any, dict[str, str]]:
 
     Args:
         path: the file; Parquet by its first bytes, otherwise CSV with a line of names, its delimiter
-            a comma, a semicolon or a tab.
+            a comma, a semicolon or a tab; beside the latter two, numbers may have decimal commas.
 
     Returns:
         The columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries, and the types
@@ -62,14 +63,21 @@ def _read_csv(path: Path) -> Any:
 
     packed = path.name.lower().endswith(PACKED_CSV_SUFFIXES)
     with input_stream(path, compression="detect") as stream:
-        first = stream.read(FIRST_BYTES).split(b"\n", 1)[0].decode("utf-8", "replace")
+        begin = stream.read(FIRST_BYTES)
+    if begin.startswith(UTF_16_MARKS):
+        raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` mends that")
+    first, second = [*begin.decode("utf-8", "replace").splitlines(), "", ""][:2]
     delimiter = max(DELIMITERS, key=first.count)
     _check_columns(first.count(delimiter) + 1)
     options = csv.ParseOptions(delimiter=delimiter)
+    # As in many countries: 0,25;0,5
+    decimal = "," if delimiter != "," and "," in second and "." not in second else "."
+    numbers = csv.ConvertOptions(decimal_point=decimal)
     if not packed:
-        return csv.read_csv(path, parse_options=options)
+        return csv.read_csv(path, parse_options=options, convert_options=numbers)
     with input_stream(path, compression="detect") as stream:
-        return csv.read_csv(_Limited(stream), parse_options=options)
+        limited = _Limited(stream)
+        return csv.read_csv(limited, parse_options=options, convert_options=numbers)
 
 
 class _Limited(RawIOBase):

@@ -29,6 +29,8 @@ MOST_NAMED = 5
 """Most columns that a message names."""
 LARGEST_TIME = 2.0**62
 """Times from here on are damage: differences of them overflow int64 nanoseconds."""
+NUMBER_OR_EMPTY = r"^\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|NaN|NAN|Inf))?\s*$"
+"""Cells of a column of texts that are numbers."""
 
 
 class Column(NamedTuple):
@@ -128,10 +130,19 @@ class Table:
         if pa.types.is_null(column.type):
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
-            kind, filled = _kind(column.type), column.drop_null()
+            kind = _kind(column.type)
+            if found := _not_numbers(column):
+                raise ReplayError(f"{self.path}: column {name!r} holds {found}, not numbers alone")
+            filled = column.drop_null()
             such = f" (such as {str(filled[0].as_py())!r})" if len(filled) else ""
             raise ReplayError(f"{self.path}: column {name!r} holds {kind}, not numbers{such}")
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+
+    def stray_texts(self) -> Iterator[str]:
+        """Yield a note for each column of numbers that some text makes a column of texts."""
+        for name in self._table.column_names:
+            if found := _not_numbers(self._table.column(name)):
+                yield f"{self.path.name}: column {name!r} holds {found}; without it these are numbers"
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
         """Times of a column as stamps (n,) [ns], and the mask (n,) of possible ones.
@@ -166,6 +177,23 @@ class Table:
         whole = np.floor(values)
         rest = np.round((values - whole) * factor).astype(np.int64)
         return whole.astype(np.int64) * factor + rest, there
+
+
+def _not_numbers(column: Any) -> str | None:
+    """Describe the cells that are no numbers in a column of texts, most of which are."""
+    import pyarrow as pa
+    from pyarrow import compute
+
+    texts = column.cast(pa.string()) if pa.types.is_dictionary(column.type) else column
+    if not pa.types.is_string(texts.type):
+        return None
+    # Empty cells of such a column are empty texts.
+    other = compute.invert(compute.match_substring_regex(texts, NUMBER_OR_EMPTY)).fill_null(False)
+    count = compute.sum(other).as_py() or 0
+    if not 0 < 2 * count < len(texts):
+        return None
+    first = compute.index(other, True).as_py()
+    return f"text in {count} of {len(texts)} rows (row {first + 1}: {texts[first].as_py()!r})"
 
 
 def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:

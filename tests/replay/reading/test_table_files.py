@@ -13,6 +13,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 
@@ -217,6 +218,7 @@ def test_headings_without_a_position(tmp_path: Path, keys: dict[str, object], ya
     [
         ("t,l,rr\n1,2,3\n", r"columns t, l, r for tracks .* run.csv: rr"),
         ("t,l,r\n1,2,fast\n", r"column 'r' holds string, not numbers \(such as 'fast'\)"),
+        ("t,l,r\n1,2,3\n2,2,x\n3,2,3\n", r"column 'r' holds text in 1 of 3 rows \(row 2: 'x'\)"),
         ("t,l,r\n1.7e18,2,3\n", "too much for times in s; set time_unit"),
         ("t,l,r\n", "no rows"),
         ("t,l,l,r\n1,2,3,4\n", "several columns are named 'l'"),
@@ -275,3 +277,29 @@ def test_names_that_are_not_utf8(tmp_path: Path) -> None:
     path.write_bytes("t,links [°],r\n1,1,1\n".encode("latin-1"))
     with pytest.raises(ReplayError, match="names of its columns are not UTF-8; `iconv"):
         read(path, time="t", tracks={"left": ["l"], "right": ["r"]})
+
+
+@pytest.mark.parametrize(("delimiter", "suffix"), [(";", ".csv"), ("\t", ".tsv")])
+def test_decimal_commas_are_read(tmp_path: Path, delimiter: str, suffix: str) -> None:
+    rows = ["t,l,r", "0.0,0.25,-1.5e-1", "0.5,0.5,1"]
+    plain = read(write(tmp_path / "plain.csv", "\n".join(rows) + "\n"), tracks=SPEEDS)
+    others = [row.replace(",", delimiter).replace(".", ",") for row in rows]
+    log = read(write(tmp_path / f"commas{suffix}", "\n".join(others) + "\n"), tracks=SPEEDS)
+    np.testing.assert_array_equal(log.tracks.speeds, plain.tracks.speeds)
+    np.testing.assert_array_equal(log.tracks.stamps, plain.tracks.stamps)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_utf_16_is_named(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "run.csv"
+    mark = "\ufeff" if encoding.endswith("be") else ""
+    path.write_text(f"{mark}t,l,r\n1,2,3\n", encoding=encoding)
+    with pytest.raises(ReplayError, match="UTF-16; `iconv"):
+        read(path, tracks=SPEEDS)
+
+
+def test_inspect_names_the_text_in_a_column_of_numbers(tmp_path: Path) -> None:
+    rows = "".join(f"{k},{0.1 * k},0.5\n" for k in range(50))
+    path = write(tmp_path / "run.csv", "t,left,right\n" + rows.replace(",0.5\n", ",1.2.3\n", 1))
+    (note,) = [note for note in inspect(path).notes if "text" in note]
+    assert note.startswith("run.csv: column 'right' holds text in 1 of 50 rows (row ")
