@@ -350,7 +350,11 @@ def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, fl
         for parameter, values in one["parameters"].items():
             if parameter == "t_s":
                 continue
-            value, sigma = floats(values["value"]), floats(values["sigma"])
+            value, sigma = (
+                one[np.isfinite(one)] for one in map(floats, (values["value"], values["sigma"]))
+            )
+            if not len(value) or not len(sigma):
+                continue
             if np.ptp(value) >= FLAT * sigma[0] or sigma[-1] < (1.0 - FLAT) * sigma[0]:
                 moved.add(parameter)
             found.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))

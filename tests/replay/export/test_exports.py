@@ -449,7 +449,10 @@ def test_a_bag_without_truth_fixes_and_imu(tmp_path: Path, robot: Robot) -> None
     log = simulate(Scenario(duration=4.0, seed=4), robot)
     bare = compare(replace(log, truth=None, fixes=None, imu=None), robot, ["differential"])
     found = mcap_messages(write_replay_bag(tmp_path / "o.mcap", "mcap", bare, robot))
-    assert set(found) == {"/tf", *(f"/differential/{topic}" for topic in ("odom", "path", "icrs"))}
+    assert set(found) == {
+        "/tf",
+        *(f"/differential/{topic}" for topic in ("odom", "pose", "path", "icrs")),
+    }
 
 
 def test_what_cannot_be_stamped_is_refused(tmp_path: Path) -> None:
