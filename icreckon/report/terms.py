@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Term(NamedTuple):
-    """Term: its key in the page, its name, its meaning, and the pattern of headings that use it."""
+    """Term: key in the page, name, meaning, pattern of headings that use it."""
 
     key: str
     name: str

@@ -1,4 +1,4 @@
-"""Block bootstrap: 95 % intervals of the drift figures of one log, or of several together.
+"""Block bootstrap: 95 % intervals of the drift of one log, or of several.
 
 Segments that start a second apart overlap, and causes of drift are correlated over time. Blocks of the
 log are therefore resampled instead of segments (Künsch, The jackknife and the bootstrap for general

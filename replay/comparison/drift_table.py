@@ -33,7 +33,7 @@ def horizon_labels() -> dict[str, tuple[float, Unit]]:
 def drifts_of(
     runs: Mapping[str, Run], truths: Mapping[str, TruthAlignment], scored: Stretches
 ) -> Drifts:
-    """Drift against the truth, by the label of the horizon and the name of the variant.
+    """Drift against the truth, by label of the horizon and name of the variant.
 
     Args:
         runs: the runs by name.

@@ -1,4 +1,4 @@
-"""Several logs, or several robot files, in one comparison: scores of all logs together."""
+"""Several logs, or several robot files: scores of all logs together."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def compare_many(
     workers: int = 1,
     on_comparison: Callable[[Case, Comparison], None] | None = None,
 ) -> Results:
-    """Run filter variants over several logs, with one robot or several, and score them together.
+    """Run filter variants over several logs, and score them together.
 
     Runs are scored and dropped, log by log; `on_comparison` gets them before. A log that fails is listed
     under "failed", and the others continue.
@@ -183,7 +183,7 @@ def case_scores(case: Case, comparison: Comparison, summary: Results) -> CaseSco
 
 
 def failed_case(case: Case, problem: Exception) -> FailedCase:
-    """Failure of a log: the message of an error of icreckon, or type and message of another."""
+    """Failure of a log, with the message of the error."""
     if isinstance(problem, IcreckonError):
         return FailedCase(case, " ".join(str(problem).split()))
     return FailedCase(case, described(problem))
@@ -309,7 +309,7 @@ def _joined(
 
 
 def _nees(scored: Sequence[CaseScores], name: str) -> Results:
-    """Mean NEES over the poses of all logs; of positions, that of logs without headings."""
+    """Mean NEES over all logs, of poses and of positions alone."""
     found: Results = {}
     for key in ("nees_pose_mean", "nees_position_mean"):
         rows = [one.results["variants"].get(name, {}) for one in scored]
@@ -321,7 +321,7 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
-    """Drift of each robot file over that of the first, by variant, on the same segments."""
+    """Drift with each robot file over that with the first, same segments."""
     of = {one.case: one for one in scored if one.drifts}
     found: Results = {}
     for robot in robots[1:]:
@@ -337,7 +337,7 @@ def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
 
 
 def _ratio(both: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
-    """Ratio of a variant with one robot file to that with another, in all logs that have both."""
+    """Ratio of a variant with one robot file to that with another, in all logs."""
     found: Results = {}
     for label in horizon_labels():
         pairs = []

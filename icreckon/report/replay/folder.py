@@ -47,7 +47,7 @@ def write_report(
 
 
 def write_many(folder: Path, results: Results) -> None:
-    """Write results and page of several logs or robot files; their own stand in subfolders."""
+    """Write results and page of several logs; their own are in subfolders."""
     write_results(folder / RESULTS_FILE, results)
     write_many_page(folder / PAGE_FILE, results)
 

@@ -1,4 +1,4 @@
-"""Tables of several logs or robot files for the terminal, made from their results only."""
+"""Tables of several logs for the terminal, made from their results only."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LABELS = ("10s", "30s")
 
 
 def many_tables(results: Results, *, narrow: bool = False) -> Group:
-    """Verdict, scores over all logs by robot file, ratios of robot files, and the logs.
+    """Verdict, scores over all logs, ratios of robot files, and the logs.
 
     Args:
         results: output of `summarise_many`.

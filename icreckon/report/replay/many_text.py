@@ -1,4 +1,4 @@
-"""Text of the comparison of several logs or robot files, made from its results only."""
+"""Text on several logs or robot files, made from their results only."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ def drift_tables(results: Results) -> list[Table]:
 
 
 def _filled(results: Results, key: str) -> list[str]:
-    """Horizons that have figures; a short log has none of the longest, without any all are shown."""
+    """Horizons that have figures, or all if none has."""
     filled = [
         label
         for label in results["horizons"]

@@ -340,7 +340,7 @@ def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
 
 
 def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, float]]]:
-    """Learnt parameters that no variant moves, by name: last value and sigma of each variant.
+    """Learnt parameters that no variant moves: last value and sigma, by variant.
 
     They move by less than `FLAT` of their standard deviation at the start: their curves are level.
     """
