@@ -42,7 +42,8 @@ def test_the_table_has_the_scores_of_each_variant(cells: dict[str, Any]) -> None
     table = cells["table"]
     assert list(table.index) == ["gyro", "constant-online", "inertia-online"]
     assert np.isfinite(table.to_numpy()).all()
-    assert (table["drift_percent_30s_mean"] < 20.0).all()
+    drifts = table["drift_percent_30s_mean"]
+    assert drifts["inertia-online"] < drifts["gyro"] < 5.0
 
 
 def test_runs_are_frames_over_time(cells: dict[str, Any]) -> None:
