@@ -13,7 +13,6 @@ from typing import TypeVar
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.simulation.study.summary import mean_interval as interval_of_mean
 
 BOOTSTRAPS = 10_000
 # Seconds between two lines of progress.
@@ -68,15 +67,6 @@ def mean_interval(samples: Floats) -> tuple[float, float, float]:
         return mean, float("nan"), float("nan")
     half = 1.96 * float(samples.std(ddof=1)) / np.sqrt(len(samples))
     return mean, mean - half, mean + half
-
-
-def positive_interval(samples: Floats) -> tuple[float, float, float]:
-    """Mean of independent positive samples (n,), and the 95 % interval of its logarithm (Student's t).
-
-    For NEES and NIS, which are skewed: it cannot reach below zero.
-    """
-    samples = np.asarray(samples, dtype=float)
-    return interval_of_mean(samples, np.arange(len(samples)), positive=True)
 
 
 def bootstrap(

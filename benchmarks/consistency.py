@@ -24,7 +24,7 @@ from unittest.mock import patch
 
 import msgspec
 import numpy as np
-from _study import positive_interval, spread, study_parser, table, told
+from _study import mean_interval, spread, study_parser, table, told
 from analysis.sampled_model import Fixes, ModelSampler, Terms
 from scipy.stats import chi2
 
@@ -165,7 +165,7 @@ def nees_row(variant: str, quantity: int, scores: list[Score]) -> list[str]:
         f"`{variant}`",
         QUANTITIES[quantity],
         f"{degrees:.0f}",
-        told(*positive_interval(nees.mean(axis=1))),
+        told(*mean_interval(nees.mean(axis=1))),
         f"{low / len(nees):.2f} to {high / len(nees):.2f}",
         f"{100.0 * inside.mean():.0f} % of {len(means)}",
     ]
@@ -182,7 +182,7 @@ def nis_row(variant: str, sensor: str, scores: list[Score]) -> list[str]:
         f"`{variant}`",
         sensor,
         f"{degrees.sum()}",
-        told(*positive_interval(sums / degrees), ".3f"),
+        told(*mean_interval(sums / degrees), ".3f"),
         f"{expected:.3f}",
         f"{100.0 * inside.mean():.0f} %",
     ]

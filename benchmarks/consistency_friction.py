@@ -13,7 +13,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from _friction import NEES_GOAL, ONLINE, curves
-from _study import positive_interval, spread, study_parser, table, told
+from _study import mean_interval, spread, study_parser, table, told
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -103,7 +103,7 @@ def main() -> None:
     for (name, variant), found in zip(cells, scores, strict=True):
         row = [name, f"`{variant}`"]
         for part in found.T:
-            mean = positive_interval(part)
+            mean = mean_interval(part)
             row += [told(*mean, ".1f"), verdict(mean[0])]
         rows.append(row)
     table(("conditions", "variant", "with fixes (95 %)", "", "without fixes (95 %)", ""), rows)

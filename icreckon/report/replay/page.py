@@ -264,7 +264,7 @@ def _constant_table(results: Results) -> Table | None:
             rows.setdefault((parameter, told), []).append(name)
     if not rows:
         return None
-    title = "Constant: this log moves them by less than a tenth of their σ."
+    title = "Constant, and in no chart: these variants move them by less than a tenth of their σ."
     cells = [
         (name, [Cell(told), Cell(", ".join(names), "wrap")]) for (name, told), names in rows.items()
     ]

@@ -305,7 +305,8 @@ def _icrs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
 
 
 def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """One chart for each parameter that a variant estimates."""
+    """One chart for each parameter that a variant moves."""
+    constant = constant_parameters(results)
     learnt: dict[str, list[str]] = {}
     for name, one in results["series"]["variants"].items():
         for parameter, values in one["parameters"].items():
@@ -317,7 +318,8 @@ def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
             learnt.setdefault(parameter, []).append(name)
     charts = []
     for parameter, names in learnt.items():
-        if parameter in constant_parameters(results):
+        names = [name for name in names if name not in constant.get(parameter, {})]
+        if not names:
             continue
         usual = max(_median(columns[f"{name}/{parameter}/sigma"]) for name in names)
         times = {name: {"x": f"{name}/parameters/t_s"} for name in names}
@@ -340,25 +342,21 @@ def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
 
 
 def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, float]]]:
-    """Learnt parameters that no variant moves: last value and sigma, by variant.
+    """Learnt parameters that a variant does not move: last value and sigma.
 
-    They move by less than `FLAT` of their standard deviation at the start: their curves are level.
+    They move by less than `FLAT` of their standard deviation at the start: their curves are level. Keys
+    are the names of parameters and variants.
     """
     found: dict[str, dict[str, tuple[float, float]]] = {}
-    moved = set()
     for name, one in results["series"]["variants"].items():
-        for parameter, values in one["parameters"].items():
+        for parameter, columns in one["parameters"].items():
             if parameter == "t_s":
                 continue
-            value, sigma = (
-                one[np.isfinite(one)] for one in map(floats, (values["value"], values["sigma"]))
-            )
-            if not len(value) or not len(sigma):
-                continue
-            if np.ptp(value) >= FLAT * sigma[0] or sigma[-1] < (1.0 - FLAT) * sigma[0]:
-                moved.add(parameter)
-            found.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))
-    return {parameter: of for parameter, of in found.items() if parameter not in moved}
+            value, sigma = (floats(columns[key]) for key in ("value", "sigma"))
+            moves = np.ptp(value) >= FLAT * sigma[0] or sigma[-1] < (1.0 - FLAT) * sigma[0]
+            if np.isfinite(value).all() and not moves:
+                found.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))
+    return found
 
 
 def _median(values: Numbers) -> float:
