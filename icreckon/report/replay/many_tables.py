@@ -42,8 +42,9 @@ def many_tables(results: Results, *, narrow: bool = False) -> Group:
 
 def _pooled(results: Results, *, narrow: bool) -> Table:
     pooled, baseline = results["pooled"], results["baseline_variant"]
-    over = next(iter(pooled.values()))
-    title = f"All logs together: {pooled_over(over)}" if len(pooled) == 1 else "All logs together"
+    # A log may have a truth with one robot file, and none with another that makes no sense of it.
+    over = list(dict.fromkeys(map(pooled_over, pooled.values())))
+    title = "All logs together" + (f": {over[0]}" if len(over) == 1 else "")
     table = Table(title=title, title_justify="left")
     table.add_column("variant", no_wrap=True)
     for label in LABELS:

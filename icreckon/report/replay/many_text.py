@@ -64,9 +64,11 @@ def _ratio_text(results: Results, robot: str) -> str:
         return f"{robot} cannot be compared with {ratios['to']}: no segment is scored with both."
     best = min(known, key=lambda one: float(one["drift_percent"]))["best"]
     ratio, interval = (ratios["variants"][best][f"ratio_{label}{end}"] for end in ("", "_95"))
+    times = f"{number(ratio)} times what it drifts"
     said = (
-        f"With {robot}, {best} drifts {number(ratio)} times what it drifts with {ratios['to']}"
-        f"{interval_text(interval, '95 % interval ')}, {horizon_text(label)} of dead reckoning."
+        f"With {robot}, {best} drifts {'as far as' if number(ratio) == number(1.0) else times} with "
+        f"{ratios['to']}{interval_text(interval, '95 % interval ')}, {horizon_text(label)} of dead "
+        "reckoning."
     )
     if interval is None:
         return f"{said} The logs are too short to say whether that is more than chance."
