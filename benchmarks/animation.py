@@ -43,6 +43,8 @@ ANGLE, BLEND, STANDSTILL = 2.3, 1.0, 3.0
 LEAST_TURN = 0.05
 FRAMES_PER_SECOND, FASTER = 12.5, 4.0
 WIDTH, HEIGHT, DPI = 8.2, 4.4, 100
+# Time for which the last frame is shown, which says it all [s].
+LAST_SHOWN = 4.0
 # Frames of the trace behind an ICR.
 TRACE = 25
 COLOURS = 64
@@ -73,7 +75,7 @@ def main() -> None:
     frames = [picture(robot, drive, row) for row in range(len(drive.times))]
     palette = frames[-1].quantize(COLOURS)
     shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    shown += [shown[-1]] * round(1.5 * FRAMES_PER_SECOND)
+    shown += [shown[-1]] * round(LAST_SHOWN * FRAMES_PER_SECOND)
     period = round(1000.0 / FRAMES_PER_SECOND)
     shown[0].save(
         arguments.out,
@@ -198,7 +200,9 @@ def picture(robot: Robot, drive: Drive, row: int) -> Image.Image:
         side.text(0.0, 0.86, "The ICRs shift with the force in a bend", weight="bold")
         v_x, _, w = drive.twists[row]
         side.text(0.0, 0.72, f"speed {v_x:.2f} m/s, lateral acceleration {v_x * w:+.2f} m/s²")
-        side.text(0.0, 0.5, "off the truth (broad line), without fixes:")
+        steps = np.diff(drive.true[: row + 1, :2], axis=0)
+        driven_so_far = float(np.hypot(*steps.T).sum())
+        side.text(0.0, 0.5, f"off the truth (broad) after {driven_so_far:.0f} m without fixes:")
         for place, (poses, colour, label) in enumerate(paths[1:]):
             off = np.hypot(*(poses[row] - drive.true[row])[:2])
             side.text(

@@ -61,6 +61,7 @@ from icreckon.replay.base.errors import ReplayError as ReplayError
 from icreckon.replay.checking.robot_check import check_robot as check_robot
 from icreckon.replay.comparison.compare import compare as compare
 from icreckon.replay.comparison.fixes import parse_part as parse_part
+from icreckon.replay.comparison.many import compare_many as compare_many
 from icreckon.replay.comparison.results import summarise as summarise
 from icreckon.replay.export.log_bag import write_log as write_log
 from icreckon.replay.inspection.inspect import inspect as inspect

@@ -17,7 +17,8 @@ from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
-from icreckon.replay.comparison.results import summarise
+from icreckon.replay.comparison.many import Case, CaseScores, case_scores
+from icreckon.replay.comparison.results import Results, summarise
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.report.replay.folder import RESULTS_FILE, write_views
@@ -25,7 +26,7 @@ from icreckon.report.replay.page_text import failures
 from icreckon.report.replay.tables import WIDE_FROM, results_table
 
 
-def compare_and_report(
+def compare_and_write(
     log: Log,
     robot: Robot,
     folder: Path,
@@ -40,16 +41,16 @@ def compare_and_report(
     engine: str = "auto",
     seed: int | None = None,
     formats: Sequence[str] = DEFAULT_FORMATS,
-    as_json: bool = False,
-    wide: bool = False,
     workers: int | None = None,
-) -> list[str]:
-    """Run the variants over a log, write a report, and print the table or the JSON.
+    case: Case | None = None,
+) -> tuple[Results, CaseScores | None]:
+    """Run the variants over a log, and write a report.
 
-    The arguments are those of `compare`, `summarise` and `write_report`; `folder` must exist.
+    The arguments are those of `compare`, `summarise` and `write_report`; `folder` must exist. `case` has
+    the labels of log and robot if several are compared.
 
     Returns:
-        Messages on variants without a result, for `exit_if_failed`.
+        The results, and of a labelled case the scores for `summarise_many`.
     """
     warn_unless_kept()
     title = f"filtering {log.duration:.0f} s of {log.name}"
@@ -68,10 +69,37 @@ def compare_and_report(
     summary = summarise(
         comparison, robot, command=command, configuration=configuration, seed=seed, inputs=inputs
     )
+    scored = None if case is None else case_scores(case, comparison, summary)
     write_exports(folder, comparison, robot, formats)
     # Free the runs: for a long log they take most of the memory.
     del comparison
     write_views(folder, summary)
+    return summary, scored
+
+
+def compare_and_report(
+    log: Log,
+    robot: Robot,
+    folder: Path,
+    *,
+    as_json: bool = False,
+    wide: bool = False,
+    **options: Any,
+) -> list[str]:
+    """Run the variants over a log, write a report, and print the table or the JSON.
+
+    Args:
+        log: the log.
+        robot: the robot.
+        folder: an existing folder.
+        as_json: whether to print results.json.
+        wide: whether to show all columns.
+        options: as for `compare_and_write`.
+
+    Returns:
+        Messages on variants without a result, for `exit_if_failed`.
+    """
+    summary, _ = compare_and_write(log, robot, folder, **options)
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
     else:

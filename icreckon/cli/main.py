@@ -249,11 +249,25 @@ def simulate(
 
 @app.command()
 def replay(
-    log: Logs,
+    log: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Logs, each by itself: a ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3, a CSV or "
+            "Parquet table.",
+            metavar="LOG...",
+            show_default=False,
+        ),
+    ],
     robot: Annotated[
-        str | None,
-        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
+        list[str] | None,
+        typer.Option(
+            help="Name of a robot that ships with icreckon, or a TOML file. Required; repeatable, to "
+            "compare robot files.",
+        ),
     ] = None,
+    one_log: Annotated[
+        bool, typer.Option("--one-log", help="The files are parts of one log.")
+    ] = False,
     variants: Variants = None,
     fixes: Annotated[
         str | None,
@@ -286,16 +300,18 @@ def replay(
     overwrite: Overwrite = False,
     workers: Workers = None,
 ) -> None:
-    """Run all filter variants over a log, and score them.
+    """Run all filter variants over a log, or several, and score them.
 
-    If the log has a ground truth, they are scored against it, otherwise compared with one another.
+    If a log has a ground truth, they are scored against it, otherwise compared with one another. Several
+    logs are scored together, too.
     """
     from icreckon.cli.replay import run_replay
 
     run_replay(
         paths=log,
+        one_log=one_log,
         message_files=msg or [],
-        robot_name=robot,
+        robot_names=robot or [],
         variants=variants,
         fixes=fixes,
         smooth=smooth,

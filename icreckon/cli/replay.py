@@ -1,33 +1,112 @@
-"""`icreckon replay`: the filter variants over a log."""
+"""`icreckon replay`: the filter variants over a log, or over several."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import typer
 
-from icreckon.cli.comparing import compare_and_report, exit_if_failed, the_robot
-from icreckon.cli.console import messages, progress, results_folder
+from icreckon.cli.comparing import (
+    compare_and_report,
+    compare_and_write,
+    exit_if_failed,
+    the_robot,
+)
+from icreckon.cli.console import messages, progress, results, results_folder
+from icreckon.cli.stopping import Stop
 from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
-from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import MANIFEST
 from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, ENGINES
 from icreckon.replay.comparison.fixes import parse_part
+from icreckon.replay.comparison.many import (
+    Case,
+    CaseScores,
+    FailedCase,
+    failed_case,
+    label_of,
+    summarise_many,
+    unique,
+)
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
+from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
+from icreckon.report.replay.many_tables import many_tables
+from icreckon.report.replay.many_text import many_failures
+from icreckon.report.replay.tables import WIDE_FROM
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """One log of a command, with what all logs share.
+
+    Attributes:
+        paths: files of the log.
+        robot_name: the option --robot.
+        robot: that robot.
+        message_files: definitions of message types.
+        definitions: their content.
+        configuration: options of the command, for the results.
+        options: arguments of `compare_and_write` that all logs share.
+    """
+
+    paths: list[Path]
+    robot_name: str
+    robot: Robot
+    message_files: list[Path]
+    definitions: Definitions
+    configuration: dict[str, Any]
+    options: dict[str, Any]
+
+    def log(self) -> Log:
+        """Read the log; its notes include contradictions to the robot file."""
+        with progress(f"reading {source_name(self.paths)}") as report_progress:
+            log = read_log(
+                self.paths, self.robot, definitions=self.definitions, progress=report_progress
+            )
+        messages().print(
+            f"read {source_name(self.paths)}: {log.duration:.0f} s, "
+            f"{len(log.tracks.stamps)} track speeds",
+            markup=False,
+            soft_wrap=True,
+        )
+        problems = tuple(one.problem for one in check_robot(log, self.robot) if one.problem)
+        if not problems:
+            return log
+        hint = "icreckon check says what each of these costs, and what to set"
+        notes = (*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in problems), hint)
+        return replace(log, notes=notes)
+
+    def all_options(self) -> dict[str, Any]:
+        """Arguments of `compare_and_write`, without log, robot and folder."""
+        name = str(self.paths[0]) if len(self.paths) == 1 else [str(path) for path in self.paths]
+        return self.options | {
+            "command": "replay",
+            "configuration": {"log": name, "robot": self.robot_name} | self.configuration,
+            "inputs": {str(path): path for path in [*self.paths, *self.message_files]},
+        }
 
 
 def run_replay(
     *,
     paths: list[Path],
+    one_log: bool,
     message_files: list[Path],
-    robot_name: str | None,
+    robot_names: list[str],
     variants: str | None,
     fixes: str | None,
     smooth: bool,
@@ -40,52 +119,112 @@ def run_replay(
     workers: int | None,
 ) -> None:
     """Run `icreckon replay`; arguments as in its help."""
-    robot_name, robot = the_robot(robot_name, paths)
+    logs = [paths] if one_log else [[path] for path in paths]
+    _refuse_twice(paths, "log")
+    wanted: list[str | None] = [*robot_names] or [None]
+    robots = dict(the_robot(name, logs[0]) for name in wanted)
+    _refuse_twice(robot_names, "robot file")
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)
     if engine not in ENGINES:
         raise ReplayError(f"--engine {engine!r}{nearest_hint(engine, list(ENGINES))}")
     settings = Settings()
-    wanted = parse_formats(formats)
-    part = None if fixes is None else parse_part(fixes)
+    options = {
+        "variants": names,
+        "settings": settings,
+        "fixes": None if fixes is None else parse_part(fixes),
+        "smooth": smooth,
+        "engine": engine,
+        "formats": parse_formats(formats),
+        "workers": workers,
+    }
+    configuration = {
+        "variants": names if names is not None else list(DEFAULT_VARIANTS),
+        "fixes": fixes,
+        "smooth": smooth,
+        "settings": msgspec.to_builtins(settings),
+    }
     definitions = read_definitions(message_files)
+    drives = [
+        _Drive(log, name, robot, message_files, definitions, configuration, options)
+        for log in logs
+        for name, robot in robots.items()
+    ]
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
-        with progress(f"reading {source_name(paths)}") as report_progress:
-            log = read_log(paths, robot, definitions=definitions, progress=report_progress)
-        messages().print(
-            f"read {source_name(paths)}: {log.duration:.0f} s, {len(log.tracks.stamps)} track speeds",
-            markup=False,
-            soft_wrap=True,
-        )
-        problems = tuple(one.problem for one in check_robot(log, robot) if one.problem)
-        if problems:
-            hint = "icreckon check says what each of these costs, and what to set"
-            log = replace(
-                log, notes=(*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in problems), hint)
+        if len(drives) == 1:
+            one = drives[0]
+            found = one.all_options()
+            failed = compare_and_report(
+                one.log(), one.robot, folder, as_json=as_json, wide=wide, **found
             )
-        failed = compare_and_report(
-            log,
-            robot,
-            folder,
-            command="replay",
-            configuration={
-                "log": str(paths[0]) if len(paths) == 1 else [str(path) for path in paths],
-                "robot": robot_name,
-                "variants": names if names is not None else list(DEFAULT_VARIANTS),
-                "fixes": fixes,
-                "smooth": smooth,
-                "settings": msgspec.to_builtins(settings),
-            },
-            inputs={str(path): path for path in [*paths, *message_files]},
-            variants=names,
-            settings=settings,
-            fixes=part,
-            smooth=smooth,
-            engine=engine,
-            formats=wanted,
-            as_json=as_json,
-            wide=wide,
-            workers=workers,
-        )
+        else:
+            summary = _many(_labelled(drives, logs, robots), folder, configuration)
+            failed = many_failures(summary)
+            if as_json:
+                typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
+            else:
+                console = results()
+                narrow = console.width < WIDE_FROM and not wide
+                console.print(many_tables(summary, narrow=narrow))
+                if narrow:
+                    console.print("--wide shows all columns.")
     exit_if_failed(failed)
+
+
+def _refuse_twice(names: Sequence[Path | str], what: str) -> None:
+    seen = set()
+    for name in names:
+        place = os.path.realpath(name)
+        if place in seen:
+            raise ReplayError(f"{what} {name} is given twice; leave one of them out")
+        seen.add(place)
+
+
+def _labelled(
+    drives: Sequence[_Drive], logs: Sequence[list[Path]], robots: Mapping[str, Robot]
+) -> dict[Case, _Drive]:
+    """Drives by labels that are names of folders."""
+    taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
+    of_logs = unique([label_of(log[0]) for log in logs], taken)
+    of_robots = unique([label_of(Path(name)) for name in robots], taken)
+    cases = [Case(log, robot) for log in of_logs for robot in of_robots]
+    return dict(zip(cases, drives, strict=True))
+
+
+def _many(
+    drives: Mapping[Case, _Drive], folder: Path, configuration: dict[str, Any]
+) -> dict[str, Any]:
+    """Run each log with each robot file, and write the results of all."""
+    scored: list[CaseScores] = []
+    failed: list[FailedCase] = []
+    places = {case: _place(case, drives) for case in drives}
+    for case, drive in drives.items():
+        target = folder / places[case]
+        target.mkdir(parents=True)
+        try:
+            _, found = compare_and_write(
+                drive.log(), drive.robot, target, case=case, **drive.all_options()
+            )
+        except Exception as problem:
+            if Stop.number:
+                raise
+            failed.append(failed_case(case, problem))
+            shutil.rmtree(target)
+        else:
+            scored += [] if found is None else [found]
+    of_all = {
+        "logs": {case.log: list(map(str, drive.paths)) for case, drive in drives.items()},
+        "robots": {case.robot: drive.robot_name for case, drive in drives.items()},
+    }
+    summary = summarise_many(scored, failed, command="replay", configuration=of_all | configuration)
+    for one in summary["logs"]:
+        one["folder"] = places[Case(one["label"], one["robot"])]
+    write_many(folder, summary)
+    return summary
+
+
+def _place(case: Case, drives: Mapping[Case, _Drive]) -> str:
+    """Subfolder of a case: the log and the robot, those of which there are several."""
+    several = (len({getattr(one, kind) for one in drives}) > 1 for kind in Case._fields)
+    return "/".join(part for part, needed in zip(case, several, strict=True) if needed)

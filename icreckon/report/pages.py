@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from icreckon.report.terms import TERMS, term_of
+
 # Forbid all requests, whatever the names and notes of a log contain.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
@@ -65,6 +67,8 @@ _PAGES.globals["verbatim"] = _verbatim
 _PAGES.globals["policy"] = POLICY
 # What not every page has.
 _PAGES.globals |= {"subtitle": "", "failures": (), "remarks": ()}
+_PAGES.globals["terms"] = TERMS
+_PAGES.filters["term_of"] = term_of
 _PAGES.filters["embedded"] = _embedded
 _PAGES.filters["as_text"] = lambda data: json.dumps(data, indent=1, ensure_ascii=False)
 _PAGES.filters["base64"] = lambda data: base64.b64encode(data).decode()

@@ -1,4 +1,4 @@
-"""Block bootstrap: 95 % intervals of the drift figures of one log.
+"""Block bootstrap: 95 % intervals of the drift of one log, or of several.
 
 Segments that start a second apart overlap, and causes of drift are correlated over time. Blocks of the
 log are therefore resampled instead of segments (Künsch, The jackknife and the bootstrap for general
@@ -7,20 +7,23 @@ two segments long, shorter if the log has fewer than five of these, but at least
 blocks, the percentiles are widened like Student's t (Hesterberg, What teachers should know about the
 bootstrap, The American Statistician 69, 2015, "expanded percentile"). Fewer than three blocks give no
 interval.
+
+Of several logs, blocks are drawn from all of them, so that differences between the logs widen the
+interval. A block stays within its log.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.log.scores import Drift
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.scores import SEGMENT_STEP, Drift
 
 REPLICATES = 2000
 SEED = 1
@@ -49,17 +52,25 @@ class PairedDrift:
         errors: (v, n) position errors [m].
         distances: (n,) length of the true path [m].
         block: (segments) length of a block.
+        counts: numbers of segments of each log, in their order; empty for one log.
     """
 
     names: tuple[str, ...]
     errors: Floats
     distances: Floats
     block: int
+    counts: tuple[int, ...] = ()
 
     @property
     def blocks(self) -> float:
         """Number of blocks in the segments."""
         return len(self.distances) / self.block
+
+    def only(self, names: Sequence[str]) -> PairedDrift:
+        """Leave out the variants that are not among these names."""
+        kept = [name for name in self.names if name in names]
+        rows = self.errors[[self.names.index(name) for name in kept]]
+        return replace(self, names=tuple(kept), errors=rows)
 
     def percent(self, name: str) -> Estimate:
         """Mean error over mean distance [%]; NaN without a segment."""
@@ -87,9 +98,15 @@ class PairedDrift:
         return Estimate(value, (min(low, value), max(high, value)))
 
     def _sums(self, values: Floats, starts: NDArray[np.int64]) -> Floats:
-        """Sums (replicates,) over the blocks with these starts, circular at the end."""
-        summed = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values]))])
-        return np.asarray((summed[starts + self.block] - summed[starts]).sum(axis=1))
+        """Sums (replicates,) over the blocks with these starts, circular in each log."""
+        sums = []
+        for part in np.split(values, np.cumsum(self.counts)[:-1]) if self.counts else [values]:
+            if len(part):
+                repeated = np.tile(part, 1 + math.ceil(self.block / len(part)))
+                summed = np.concatenate([[0.0], np.cumsum(repeated)])
+                first = np.arange(len(part))
+                sums.append(summed[first + self.block] - summed[first])
+        return np.asarray(np.concatenate(sums)[starts].sum(axis=1))
 
 
 def expanded_tail(blocks: float) -> float:
@@ -123,3 +140,55 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     block = min(BLOCK_SEGMENTS * length, max(length, len(common) / WANTED_BLOCKS))
     distances = first.distances[rows[name]]
     return PairedDrift(tuple(drifts), errors, distances, max(1, math.ceil(block)))
+
+
+def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
+    """Join the drifts of several logs, for the variants that all of them have.
+
+    Args:
+        logs: paired drift of each log, of the same horizon.
+    """
+    if not logs:
+        raise ValueError("there is no log to pool")
+    names = tuple(name for name in logs[0].names if all(name in one.names for one in logs))
+    rows = [one.errors[[one.names.index(name) for name in names]] for one in logs]
+    return PairedDrift(
+        names,
+        np.concatenate(rows, axis=1),
+        np.concatenate([one.distances for one in logs]),
+        max(one.block for one in logs),
+        tuple(len(one.distances) for one in logs),
+    )
+
+
+def matched_drifts(one: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:
+    """Keep the segments of two drifts that start at the same time of one log.
+
+    Lags of the truth that were removed by two runs may differ, and so may the stamps of the same segment.
+
+    Args:
+        one: drift by one run.
+        other: drift by another, of the same horizon.
+        later: time by which a pose of the truth is stamped later in `other` than in `one` [s].
+
+    Returns:
+        Both drifts, with the stamps of the first.
+    """
+    if not len(one.starts) or not len(other.starts):
+        nothing = np.zeros(0, dtype=np.int64)
+        return _rows(one, nothing, nothing), _rows(other, nothing, nothing)
+    starts = other.starts - round(later / NANOSECOND)
+    after = np.clip(np.searchsorted(starts, one.starts), 1, max(1, len(starts) - 1))
+    after = np.minimum(after, len(starts) - 1)
+    before = np.maximum(after - 1, 0)
+    closer = abs(starts[before] - one.starts) <= abs(starts[after] - one.starts)
+    nearest = np.where(closer, before, after)
+    same = abs(starts[nearest] - one.starts) < 0.5 * SEGMENT_STEP / NANOSECOND
+    stamps = one.starts[same]
+    return _rows(one, np.flatnonzero(same), stamps), _rows(other, nearest[same], stamps)
+
+
+def _rows(of: Drift, rows: NDArray[np.int64], stamps: NDArray[np.int64]) -> Drift:
+    """Rows of a drift, with other stamps of their starts."""
+    columns = ("durations", "position_errors", "yaw_errors", "distances")
+    return replace(of, starts=stamps, **{name: getattr(of, name)[rows] for name in columns})

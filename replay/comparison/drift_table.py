@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Unit, drift
+from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Drift, Unit, drift
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
@@ -19,6 +19,8 @@ VERDICT_HORIZONS = ("30s", "10s", "30m", "10m", "5m", "60s", "50m")
 
 Results = dict[str, Any]
 Stretches = list[tuple[int, int]]
+# Label of the horizon -> name of the variant -> drift.
+Drifts = dict[str, dict[str, Drift]]
 
 
 def horizon_labels() -> dict[str, tuple[float, Unit]]:
@@ -28,10 +30,10 @@ def horizon_labels() -> dict[str, tuple[float, Unit]]:
     return {f"{horizon:g}{unit}": (horizon, unit) for horizon, unit in every}
 
 
-def paired_drifts(
+def drifts_of(
     runs: Mapping[str, Run], truths: Mapping[str, TruthAlignment], scored: Stretches
-) -> dict[str, PairedDrift]:
-    """Drift of all variants against the truth, by the label of the horizon.
+) -> Drifts:
+    """Drift against the truth, by label of the horizon and name of the variant.
 
     Args:
         runs: the runs by name.
@@ -39,14 +41,18 @@ def paired_drifts(
         scored: intervals of stamps [ns] that segments must lie in.
     """
     paths = {name: one.trajectory.pose_series for name, one in runs.items()}
-    found = {}
-    for label, (horizon, unit) in horizon_labels().items():
-        drifts = {
+    return {
+        label: {
             name: drift(path, truths[name].truth.poses, horizon, unit=unit, within=scored)
             for name, path in paths.items()
         }
-        found[label] = paired_drift(drifts)
-    return found
+        for label, (horizon, unit) in horizon_labels().items()
+    }
+
+
+def paired_drifts(drifts: Drifts) -> dict[str, PairedDrift]:
+    """Pair the drifts of all variants, by the label of the horizon."""
+    return {label: paired_drift(of) for label, of in drifts.items()}
 
 
 def baseline_of(names: list[str]) -> str:
@@ -60,10 +66,10 @@ def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) ->
     for label, paired in drifts.items():
         percent, ratio = paired.percent(name), paired.ratio(name, baseline)
         found[f"drift_percent_{label}_mean"] = percent.value
-        found[f"drift_percent_{label}_95"] = _listed(percent)
+        found[f"drift_percent_{label}_95"] = listed(percent)
         found[f"drift_segments_{label}"] = len(paired.distances)
         found[f"drift_ratio_{label}"] = ratio.value
-        found[f"drift_ratio_{label}_95"] = _listed(ratio)
+        found[f"drift_ratio_{label}_95"] = listed(ratio)
     return found
 
 
@@ -92,14 +98,14 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
         "horizon": label,
         "best": best,
         "drift_percent": percents[best].value,
-        "drift_percent_95": _listed(percents[best]),
+        "drift_percent_95": listed(percents[best]),
         "baseline": baseline,
         "ratio": ratio.value,
-        "ratio_95": _listed(ratio),
+        "ratio_95": listed(ratio),
         "segments": len(paired.distances),
         "blocks": paired.blocks,
         "ratios_to_best": {name: one.value for name, one in others.items()},
-        "ratios_to_best_95": {name: _listed(one) for name, one in others.items()},
+        "ratios_to_best_95": {name: listed(one) for name, one in others.items()},
         "not_shown_worse": [
             name for name, one in others.items() if one.interval is None or one.interval[0] <= 1.0
         ],
@@ -110,7 +116,8 @@ def _known(paired: PairedDrift) -> bool:
     return paired.percent(paired.names[0]).interval is not None
 
 
-def _listed(estimate: Estimate) -> list[float] | None:
+def listed(estimate: Estimate) -> list[float] | None:
+    """Interval of an estimate as a list; None if there is none."""
     if estimate.interval is None or not all(map(math.isfinite, estimate.interval)):
         return None
     return list(estimate.interval)

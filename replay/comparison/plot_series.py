@@ -20,7 +20,9 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.comparison.compare import Comparison
 
-SERIES_POINTS = 1500
+# Rows of the series: one each `SERIES_STEP` [s], but at least and at most so many. With all nine
+# variants, 1500 rows make a page of 2.6 MB, 4000 rows one of 5.7 MB.
+SERIES_POINTS, MOST_SERIES_POINTS, SERIES_STEP = 1500, 4000, 0.25
 PARAMETER_POINTS = 300
 INNOVATION_POINTS = 700
 # Least yaw rate at which indices are computed from a twist [rad/s].
@@ -42,7 +44,8 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
     """
     log = comparison.log
     first = next(iter(comparison.runs.values()))
-    stamps = first.stamps[_picks(len(first.stamps), SERIES_POINTS)]
+    most = series_points((log.end - log.start) * NANOSECOND)
+    stamps = first.stamps[_picks(len(first.stamps), most)]
     truth = None if log.truth is None else log.truth.poses
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
@@ -61,7 +64,7 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
     travelled = np.interp(stamps, driven.stamps, path_length(driven))
     series["distance_m"] = _rounded(travelled, DECIMALS)
     if log.fixes is not None:
-        rows = _picks(len(log.fixes.stamps), SERIES_POINTS)
+        rows = _picks(len(log.fixes.stamps), most)
         series["fixes"] = {
             "t_s": _rounded((log.fixes.stamps[rows] - log.start) * NANOSECOND),
             "x_m": _rounded(log.fixes.poses[rows, 0], DECIMALS),
@@ -87,6 +90,11 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
         columns["innovations"] = _innovations(one, log.start)
         series["variants"][name] = columns
     return series
+
+
+def series_points(seconds: float) -> int:
+    """Most rows of the series of a log of this duration [s]."""
+    return int(min(max(SERIES_POINTS, seconds / SERIES_STEP), MOST_SERIES_POINTS))
 
 
 def _inputs(log: Log, robot: Robot, stamps: Stamps) -> Results:

@@ -28,6 +28,7 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import (
     baseline_of,
     drift_scores,
+    drifts_of,
     horizon_labels,
     paired_drifts,
     verdict,
@@ -75,7 +76,7 @@ def summarise(
     variants, found = {}, None
     if log.truth is not None:
         truths = truths_of(comparison)
-        drifts = paired_drifts(comparison.runs, truths, scored)
+        drifts = paired_drifts(drifts_of(comparison.runs, truths, scored))
         found = verdict(drifts, baseline)
         for name, one in comparison.runs.items():
             variants[name] = scores(one, truths[name], scored)

@@ -87,6 +87,7 @@ def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> 
     # Errors of fixes are not known to the filter's covariance.
     known = len(nees) > 0 and truth.source != OF_FIXES
     found[name] = float(nees.mean()) if known else math.nan
+    found["nees_poses"] = len(nees) if known else 0
     end = min(truth.poses.stamps[-1], estimate.stamps[-1])
     at = np.array([end])
     last = interpolate_poses(estimate.pose_series, at) - interpolate_poses(truth.poses, at)

@@ -41,6 +41,7 @@ TRUTH = "ground_truth"
 FIXES_TOPIC, TF_TOPIC = "/fixes", "/tf"
 # Highest rate of transforms [Hz]; odometry and truth keep all of their samples.
 TF_RATE = 20.0
+POSE_RATE = 20.0
 MARKER_RATE = 5.0
 # Most poses of a path, which is one message.
 PATH_POSES = 1000
@@ -54,6 +55,7 @@ def write_replay_bag(
     """Write the runs of a comparison as a bag.
 
     It holds, with `-` in names of variants written as `_`: `/<variant>/odom` (nav_msgs/Odometry),
+    `/<variant>/pose` (geometry_msgs/PoseStamped, for viewers that draw no odometry),
     `/<variant>/path` (nav_msgs/Path), `/<variant>/icrs` (visualization_msgs/MarkerArray), `/tf`, `/fixes`
     that were used, `/ground_truth/pose` and `/ground_truth/path`, and `/diagnostics`
     (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
@@ -78,6 +80,7 @@ def write_replay_bag(
         poses, attitude = one.trajectory.pose_series, attitude_of(one)
         outboxes += [
             _odometry(f"/{topic}/odom", one.trajectory, attitude, frame),
+            _poses(f"/{topic}/pose", poses, attitude.quaternions, rate=POSE_RATE),
             _path(f"/{topic}/path", poses),
             _transforms(poses, attitude.quaternions, frame),
             _icrs(f"/{topic}/icrs", one.stamps, one.indices, robot, frame, colour_of(name)),
@@ -133,8 +136,23 @@ def _odometry(topic: str, trajectory: Trajectory, attitude: Attitude, frame: str
     return Outbox(topic, ODOMETRY, trajectory.stamps, packing=packing)
 
 
-def _poses(topic: str, series: PoseSeries) -> Outbox:
-    quaternions = yaw_to_quaternion(series.poses[:, 2])
+def _poses(
+    topic: str, series: PoseSeries, quaternions: Floats | None = None, *, rate: float | None = None
+) -> Outbox:
+    """geometry_msgs/PoseStamped in odom.
+
+    Args:
+        topic: the topic.
+        series: the poses.
+        quaternions: (n, 4) their orientations; None for level ones.
+        rate: highest rate of the messages [Hz]; None for all poses.
+    """
+    if quaternions is None:
+        quaternions = yaw_to_quaternion(series.poses[:, 2])
+    if rate is not None:
+        rows = thinned(series.stamps, rate)
+        series = PoseSeries(series.stamps[rows], series.poses[rows])
+        quaternions = quaternions[rows]
 
     def packing(messages: Messages) -> Packing:
         pose = messages.pose((0.0, 0.0), (0.0, 0.0, 0.0, 1.0))

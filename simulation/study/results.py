@@ -24,6 +24,8 @@ COMMAND = "study"
 # Preferred horizon at which drift is reported [s].
 USUAL_HORIZON = 30.0
 FINAL_ERROR = "final_position_error_m"
+# Beginnings of the names of statistics whose intervals are those of the logarithm of the mean.
+POSITIVE = ("nees_", "nis_")
 # Percentiles that represent the distribution of the final error.
 PERCENTILES = tuple(range(101))
 # Number of stored distributions, of cells that lie far apart.
@@ -180,8 +182,14 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
         )
         found.append(
             [
-                summarise(means[:, k], others[:, k], motions, paired[:, k])
-                for k in range(one.shape[-1])
+                summarise(
+                    means[:, k],
+                    others[:, k],
+                    motions,
+                    paired[:, k],
+                    positive=statistic.name.startswith(POSITIVE),
+                )
+                for k, statistic in enumerate(runs.statistics)
             ]
         )
     return found

@@ -3,8 +3,10 @@
 Runs of the same true motion are not independent. So the standard error of a mean is that of sums over
 true motions (cluster-robust; Cameron and Miller, A practitioner's guide to cluster-robust inference,
 2015). The interval is that of Student's t, with one degree of freedom less than there are true motions.
-If each run has its own true motion, that is the usual t interval. Ratios are those of two means over the
-same runs, their intervals by the delta method. Nothing here is drawn at random.
+If each run has its own true motion, that is the usual t interval. Of NEES and NIS, which are positive and
+skewed, it is that of the logarithm of the mean (delta method), which cannot reach below zero. Ratios are
+those of two means over the same runs, their intervals by the delta method. Nothing here is drawn at
+random.
 """
 
 from __future__ import annotations
@@ -62,7 +64,12 @@ COLUMNS = tuple(field.name for field in fields(Summary))
 
 
 def summarise(
-    values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
+    values: Floats,
+    baseline: Floats,
+    motions: Ints,
+    paired: Floats | None = None,
+    *,
+    positive: bool = False,
 ) -> Summary:
     """Summarise a statistic.
 
@@ -71,12 +78,13 @@ def summarise(
         baseline: (n,) values of the same runs by the baseline.
         motions: (n,) index of the true motion of each run.
         paired: (n,) values of the runs over the cells that the baseline has too; `values` by default.
+        positive: whether the interval of the mean is that of its logarithm.
     """
     paired = values if paired is None else paired
     known = np.isfinite(values)
     some, of = values[known], motions[known]
     both = np.isfinite(paired) & np.isfinite(baseline)
-    mean = mean_interval(some, of)
+    mean = mean_interval(some, of, positive=positive)
     apart = mean_interval(paired[both] - baseline[both], motions[both])
     times = ratio_interval(paired[both], baseline[both], motions[both])
     median, p05, p95 = np.percentile(some, (50.0, 5.0, 95.0)) if len(some) else [math.nan] * 3
@@ -93,12 +101,23 @@ def summarise(
     )
 
 
-def mean_interval(values: Floats, motions: Ints) -> tuple[float, float, float]:
-    """Mean of runs (n,) and its 95 % interval; `motions` (n,) are their true motions."""
+def mean_interval(
+    values: Floats, motions: Ints, *, positive: bool = False
+) -> tuple[float, float, float]:
+    """Mean of runs and its 95 % interval.
+
+    Args:
+        values: (n,) values of the runs.
+        motions: (n,) index of the true motion of each run.
+        positive: whether the interval is that of the mean's logarithm, which cannot reach below zero.
+    """
     if not len(values):
         return math.nan, math.nan, math.nan
     mean = float(values.mean())
     half = _half_width(values - mean, motions)
+    if positive and mean > 0.0:
+        factor = math.exp(half / mean)
+        return mean, mean / factor, mean * factor
     return mean, mean - half, mean + half
 
 

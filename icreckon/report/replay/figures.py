@@ -18,7 +18,7 @@ from icreckon.replay.base.colours import colour_of as _colour
 from icreckon.replay.comparison.results import Results
 from icreckon.report.printable import any_letters, printable
 from icreckon.report.replay.page_charts import breaks_of
-from icreckon.report.replay.page_text import failures, has_yaw_errors
+from icreckon.report.replay.page_text import failures, has_yaw_errors, page_title
 
 # Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
 SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
@@ -28,6 +28,10 @@ LEAST_POSITION_ERROR = 1e-3
 # Bounds beyond this multiple of an axis are not drawn.
 FAR_BEYOND = 3.0
 LEAST_YAW_ERROR = 0.01
+# Size [in] and dots per inch: letters are about 12 px high where a page shows it 800 px wide.
+SIZE, DOTS = (10.0, 8.6), 160
+# Labels of shades in the legend.
+SHADES, BOUNDS = ("no fixes",), "3σ of a filter"
 
 
 def write_figure(path: Path, results: Results) -> None:
@@ -38,30 +42,42 @@ def write_figure(path: Path, results: Results) -> None:
         results: output of `replay.comparison.results.summarise`.
     """
     results = _lifted(results)
-    style: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
+    style: Any = {"font.size": 11, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
     with mpl.rc_context(style), any_letters():
-        figure = Figure(figsize=(15, 9), layout="constrained")
-        grid = figure.add_gridspec(6, 2, width_ratios=(1.15, 1.0))
-        _draw_paths(figure.add_subplot(grid[:, 0]), results)
-        right = [figure.add_subplot(grid[0:2, 1])]
-        right.append(figure.add_subplot(grid[2:3, 1], sharex=right[0]))
-        right += [figure.add_subplot(grid[row, 1], sharex=right[0]) for row in (3, 4, 5)]
+        figure = Figure(figsize=SIZE, layout="constrained")
+        grid = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
+        of_errors = grid[0].subgridspec(2, 2, width_ratios=(1.0, 1.1), height_ratios=(1.7, 1.0))
+        paths = figure.add_subplot(of_errors[:, 0])
+        _draw_paths(paths, results)
+        errors = figure.add_subplot(of_errors[0, 1])
+        yaw = figure.add_subplot(of_errors[1, 1], sharex=errors)
         if results["truth"]:
-            _draw_position_errors(right[0], results)
+            _draw_position_errors(errors, results)
         else:
-            _draw_uncertainty(right[0], results)
+            _draw_uncertainty(errors, results)
         if has_yaw_errors(results):
-            _draw_yaw_errors(right[1], results)
+            _draw_yaw_errors(yaw, results)
         else:
-            _draw_yaw(right[1], results)
-        for axes, key in zip(right[2:], ("zeta_m", "epsilon_m", "eta"), strict=True):
+            _draw_yaw(yaw, results)
+        errors.tick_params(labelbottom=False)
+        yaw.set_xlabel("time [s]")
+        indices = grid[1].subgridspec(1, 3)
+        for place, key in enumerate(INDEX_TITLES):
+            axes = figure.add_subplot(indices[place], sharex=errors)
             _draw_index(axes, results, key)
-        for axes in right[:-1]:
-            axes.tick_params(labelbottom=False)
-        right[-1].set_xlabel("time since the start [s]")
+            axes.set_xlabel("time [s]")
+        handles = [*paths.get_legend_handles_labels()[0], *_shades(errors)]
+        figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
         title = "\n".join([_title(results), *failures(results)])
-        figure.suptitle(printable(title), fontsize=13)
-        figure.savefig(path, dpi=110)
+        figure.suptitle(printable(title), fontsize=12)
+        figure.savefig(path, dpi=DOTS)
+
+
+def _shades(axes: Axes) -> list[Any]:
+    """Handles of what is shaded: times without fixes, 3-sigma bounds."""
+    handles, labels = axes.get_legend_handles_labels()
+    shaded = (*SHADES, BOUNDS)
+    return [one for one, label in zip(handles, labels, strict=True) if label in shaded]
 
 
 def _lifted(results: Results) -> Results:
@@ -86,7 +102,7 @@ def _lifted(results: Results) -> Results:
 
 def _title(results: Results) -> str:
     log, truth = results["log"], results["truth"]
-    title = f"{results['robot']['name']} on {log['name']}, {log['duration_s']:.0f} s"
+    title = f"{page_title(results)}, {log['duration_s']:.0f} s"
     if truth is None:
         return f"{title}, no ground truth"
     drifts = {
@@ -152,8 +168,7 @@ def _draw_paths(axes: Axes, results: Results) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-    axes.set_title("paths (squares: where they end)")
-    axes.legend(loc="best", framealpha=0.9)
+    axes.set_title("paths (squares: ends)", fontsize=11)
 
 
 def _shade_outages(axes: Axes, results: Results) -> None:
@@ -161,7 +176,7 @@ def _shade_outages(axes: Axes, results: Results) -> None:
     if truth is None or not results["log"]["fixes"]:
         return
     for index, (start, end) in enumerate(truth["scored_s"]):
-        axes.axvspan(start, end, color="grey", alpha=0.12, label=None if index else "no fixes")
+        axes.axvspan(start, end, color="#F0E442", alpha=0.25, label=None if index else SHADES[0])
 
 
 def _draw_position_errors(axes: Axes, results: Results) -> None:
@@ -182,14 +197,11 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     top = max(float(np.nanmax(_numbers(one["position_error_m"]))) for one in shown)
     bounds = [3.0 * _numbers(one["position_sigma_m"]) for one in shown]
     limit = max(1.15 * max(top, _widest(bounds, 2.5 * top)), LEAST_POSITION_ERROR)
-    for name, bound in zip(detailed, bounds, strict=True):
-        reached = _in_reach(bound, limit)
-        axes.fill_between(
-            time, 0.0, reached, color=_colour(name), alpha=0.13, lw=0, label=f"3σ of {name}"
-        )
+    for number, (name, bound) in enumerate(zip(detailed, bounds, strict=True)):
+        reached, label = _in_reach(bound, limit), None if number else BOUNDS
+        axes.fill_between(time, 0.0, reached, color=_colour(name), alpha=0.13, lw=0, label=label)
     axes.set_ylim(0.0, limit)
-    axes.set_ylabel("position error [m]")
-    axes.legend(loc="upper left", ncols=2, fontsize=8)
+    axes.set_title("position error [m]", fontsize=11)
 
 
 def _widest(bounds: Sequence[Any], most: float) -> float:
@@ -216,7 +228,7 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
         reached = _in_reach(bound, limit)
         axes.fill_between(time, -reached, reached, color=_colour(name), alpha=0.13, lw=0)
     axes.set_ylim(-limit, limit)
-    axes.set_ylabel("yaw error [deg]")
+    axes.set_title("yaw error [deg]", fontsize=11)
 
 
 def _draw_uncertainty(axes: Axes, results: Results) -> None:
@@ -224,21 +236,20 @@ def _draw_uncertainty(axes: Axes, results: Results) -> None:
     for name, one in series["variants"].items():
         bound = 3.0 * _numbers(one["position_sigma_m"])
         axes.plot(series["t_s"], bound, color=_colour(name), label=name)
-    axes.set_ylabel("own 3σ of position [m]")
-    axes.legend(loc="upper left", ncols=2, fontsize=8)
+    axes.set_title("own 3σ of position [m]", fontsize=11)
 
 
 def _draw_yaw(axes: Axes, results: Results) -> None:
     series = results["series"]
     for name, one in series["variants"].items():
         axes.plot(series["t_s"], np.degrees(_numbers(one["yaw_rad"])), color=_colour(name), lw=1.2)
-    axes.set_ylabel("yaw [deg]")
+    axes.set_title("yaw [deg]", fontsize=11)
 
 
-INDEX_LABELS = {
-    "zeta_m": "sliding\nζ [m]",
-    "epsilon_m": "eccentricity\nε [m]",
-    "eta": "steering\nefficiency η [-]",
+INDEX_TITLES = {
+    "zeta_m": "sliding ζ [m]",
+    "epsilon_m": "eccentricity ε [m]",
+    "eta": "steering efficiency η [-]",
 }
 
 
@@ -259,10 +270,7 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
     low, high = np.nanpercentile(np.concatenate(drawn), (1.0, 99.0))
     margin = 0.15 * (high - low) + 1e-3
     axes.set_ylim(low - margin, high + margin)
-    axes.set_ylabel(INDEX_LABELS[key])
-    if key == "zeta_m":
-        dots = "" if truth is None else " (green dots: truth)"
-        axes.set_title(f"indices over time{dots}", fontsize=9)
+    axes.set_title(INDEX_TITLES[key], fontsize=11)
 
 
 def _true_index(results: Results, key: str) -> Any:

@@ -12,6 +12,7 @@ from icreckon.replay.comparison.results import Results, write_results
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.report.replay.figures import write_figure
+from icreckon.report.replay.many_page import write_many_page
 from icreckon.report.replay.page import write_page
 
 RESULTS_FILE = "results.json"
@@ -43,6 +44,12 @@ def write_report(
         raise ReplayError(f"{folder}: no such folder; make it first")
     write_exports(folder, comparison, robot, formats)
     write_views(folder, results)
+
+
+def write_many(folder: Path, results: Results) -> None:
+    """Write results and page of several logs; their own are in subfolders."""
+    write_results(folder / RESULTS_FILE, results)
+    write_many_page(folder / PAGE_FILE, results)
 
 
 def write_views(folder: Path, results: Results) -> None:

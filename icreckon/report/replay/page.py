@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.base.outputs import written_beside
+from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
-from icreckon.report.replay.page_charts import page_data, switches
+from icreckon.report.replay.page_charts import constant_parameters, page_data, switches
 from icreckon.report.replay.page_text import (
     doubts,
     failures,
@@ -19,6 +21,7 @@ from icreckon.report.replay.page_text import (
     horizon_text,
     notes,
     number,
+    page_title,
     provenance,
     remarks,
     scored_text,
@@ -47,6 +50,9 @@ DIFFERENCES = (
     ("end apart, m", "end_apart_m", 1.0),
     ("end yaw apart, deg", "end_yaw_apart_deg", 1.0),
 )
+
+
+DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
 
 
 class Section(NamedTuple):
@@ -78,7 +84,7 @@ def replay_page(results: Results) -> str:
     dropped = results["log"]["dropped"]
     return render(
         "replay.html",
-        title=f"{results['robot']['name']} on {results['log']['name']}",
+        title=page_title(results),
         subtitle=provenance(results),
         failures=failures(results),
         doubts=doubts(results),
@@ -91,6 +97,7 @@ def replay_page(results: Results) -> str:
         inputs_note=_inputs_note(results),
         icrs_note=_icrs_note(results),
         parameters_note=_parameters_note(results),
+        constant=_constant_table(results),
         innovations_note=_innovations_note(results),
         innovations=_innovation_table(results),
         dropped=[f"{count} × {what}" for what, count in dropped.items()],
@@ -109,16 +116,9 @@ def replay_page(results: Results) -> str:
 def _scored(results: Results) -> list[Section]:
     """Drift or differences, and other scores."""
     variants = results["variants"]
-    of = "drift_percent_{}_mean" if results["truth"] else "apart_percent_{}_mean"
-    # A short log has no segments of the longest horizons; without any figure all are shown.
-    filled = [
-        label
-        for label in results["horizons"]
-        if any(one.get(of.format(label)) is not None for one in variants.values())
-    ]
-    labels = filled or results["horizons"]
-    head = ["variant", *(horizon_text(label) for label in labels)]
     if not results["truth"]:
+        labels = _filled(results, "apart_percent_{}_mean")
+        head = ["variant", *(horizon_text(label) for label in labels)]
         keys = [f"apart_percent_{label}_mean" for label in labels]
         rows = [
             (name, [Cell(number(one.get(key))) for key in keys]) for name, one in variants.items()
@@ -129,8 +129,23 @@ def _scored(results: Results) -> list[Section]:
             Section("How far apart per horizon", note, [Table("", head, rows)]),
             Section("Ends", "", [_score_table(results, DIFFERENCES)]),
         ]
+    of_truth = SCORES if has_yaw_errors(results) else POSITION_SCORES
+    return [
+        Section("Drift per horizon", scored_text(results), drift_tables(results)),
+        Section("Other scores", "", [_score_table(results, of_truth)]),
+    ]
+
+
+def drift_tables(results: Results) -> list[Table]:
+    """Drift per horizon and ratio to the baseline, with intervals.
+
+    Args:
+        results: results with "variants", "horizons" and "baseline_variant".
+    """
+    labels = _filled(results, "drift_percent_{}_mean")
+    head = ["variant", *(horizon_text(label) for label in labels)]
     baseline = results["baseline_variant"]
-    tables = []
+    variants, tables = results["variants"], []
     for title, key in (
         (
             "% of the distance, with 95 % intervals; bold: the lowest of the filters",
@@ -152,11 +167,17 @@ def _scored(results: Results) -> list[Section]:
                 cells.append(Cell(number(one.get(place)), "best" if is_best else "", beneath))
             rows.append((name, cells))
         tables.append(Table(title, head, rows))
-    of_truth = SCORES if has_yaw_errors(results) else POSITION_SCORES
-    return [
-        Section("Drift per horizon", scored_text(results), tables),
-        Section("Other scores", "", [_score_table(results, of_truth)]),
+    return tables
+
+
+def _filled(results: Results, key: str) -> list[str]:
+    """Horizons that have figures, or all if none has."""
+    filled = [
+        label
+        for label in results["horizons"]
+        if any(one.get(key.format(label)) is not None for one in results["variants"].values())
     ]
+    return filled or list(results["horizons"])
 
 
 def _lowest(results: Results, keys: Sequence[str]) -> dict[str, str]:
@@ -187,15 +208,18 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 def _drive_note(results: Results) -> str:
     vehicle = results["robot"]["vehicle"]
+    half = vehicle["half_contact_length"]
+    # Only a file that gives another length has it from somewhere.
+    assumed = " (assumed: the default)" if half == DEFAULT_HALF_LENGTH else " (not measured here)"
     rings = ""
     if "icr_distance_m" in results["series"].get("truth", {}):
         rings = " Rings: where the ICRs truly are, while the robot turns."
     times = results["series"]["t_s"]
     step = (times[-1] - times[0]) / max(1, len(times) - 1)
     return (
-        f"Drawn to scale: track gauge {number(vehicle['track_gauge'])} m, contact length "
-        f"{number(2.0 * vehicle['half_contact_length'])} m; the width of the tracks is not. The ICR of a "
-        "track is the point where its tread would not slide over the ground. Without slip it lies on the "
+        f"Drawn to scale, by the robot file: track gauge {number(vehicle['track_gauge'])} m, contact "
+        f"length {number(2.0 * half)} m{assumed}; the width of the tracks is not. The ICR of a track is "
+        "the point where its tread would not slide over the ground. Without slip it lies on the "
         "track; the farther out both lie, the more turning is lost. Dots: their last 6 s. Line: the last "
         f"8 s of the path.{rings} Lateral acceleration is speed times yaw rate. The page has a row of "
         f"the log every {number(step)} s."
@@ -229,6 +253,27 @@ def _parameters_note(results: Results) -> str:
         "(X right, Y forward). gravity_x and gravity_y are gravity along the ground in base_link, "
         "forward and left: uphill, gravity_x is negative; 0.17 m/s² is a slope of one degree."
     )
+
+
+def _constant_table(results: Results) -> Table | None:
+    """Table of the parameters that no variant moves, instead of charts of level lines."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for parameter, of in constant_parameters(results).items():
+        for name, (value, sigma) in of.items():
+            told = f"{_digits(value)} ± {_digits(2.0 * sigma)} {unit(parameter)}".removesuffix(" -")
+            rows.setdefault((parameter, told), []).append(name)
+    if not rows:
+        return None
+    title = "Constant, and in no chart: these variants move them by less than a tenth of their σ."
+    cells = [
+        (name, [Cell(told), Cell(", ".join(names), "wrap")]) for (name, told), names in rows.items()
+    ]
+    return Table(title, ["parameter", "value ± 2σ", "variants"], cells)
+
+
+def _digits(value: float) -> str:
+    """Three significant digits, with a true minus sign."""
+    return f"{value:.3g}".replace("-", "−")
 
 
 def _innovations_note(results: Results) -> str:

@@ -3,7 +3,7 @@
 `columns` holds lists of numbers, of equal length for those of one time; `breaks` lists, for each column
 of times, the rows before which a hole of the log ends. Each chart is a plain object for `charts.js`:
 `place` (its HTML element), `title`, `y_label`, `lines`, `points` and `bands` with names of columns,
-horizontal `levels` and grey `spans` of time [s]. `x` is a column of times [s], `y` one of values, to be
+horizontal `levels` and shaded `spans` of time [s]. `x` is a column of times [s], `y` one of values, to be
 multiplied by `scale`. A band reaches from `middle` (zero if null) less to plus `times` `sigma`. `series`
 names the switch that shows and hides an object; without one it has a `label` and colours of its own. For
 the y axis, `least` is the least margin, `trim` the share of values at both ends that may be cut, `limit`
@@ -38,6 +38,8 @@ BY_DEFINITION = "differential"
 LARGEST_INNOVATION = 10.0
 DEGREES = 180.0 / math.pi
 LEFT_COLOUR, RIGHT_COLOUR, GYRO_COLOUR = "#0072B2", "#D55E00", "#444444"
+# Share of its standard deviation by which a parameter moves that has a chart.
+FLAT = 0.1
 # A hole is longer than this number of usual intervals.
 USUAL_INTERVALS = 4.0
 Chart = dict[str, Any]
@@ -140,11 +142,11 @@ def _errors(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         for name in names:
             columns[f"{name}/apart_m"], columns[f"{name}/yaw_apart_rad"] = _apart(results, name)
     spans = _scored_spans(results)
-    grey = " Grey: without fixes, where drift is scored." if spans else ""
+    scored = " Yellow: without fixes, where drift is scored." if spans else ""
     common = {
         "place": "errors",
         "spans": spans,
-        "note": f"Bands: the filter's own 3σ; a stripe at the edge: far beyond the axis.{grey}",
+        "note": f"Bands: the filter's own 3σ; a stripe at the edge: far beyond the axis.{scored}",
     }
     position: Chart = {
         "title": titles[0],
@@ -303,7 +305,8 @@ def _icrs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
 
 
 def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """One chart for each parameter that a variant estimates."""
+    """One chart for each parameter that a variant moves."""
+    constant = constant_parameters(results)
     learnt: dict[str, list[str]] = {}
     for name, one in results["series"]["variants"].items():
         for parameter, values in one["parameters"].items():
@@ -315,6 +318,9 @@ def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
             learnt.setdefault(parameter, []).append(name)
     charts = []
     for parameter, names in learnt.items():
+        names = [name for name in names if name not in constant.get(parameter, {})]
+        if not names:
+            continue
         usual = max(_median(columns[f"{name}/{parameter}/sigma"]) for name in names)
         times = {name: {"x": f"{name}/parameters/t_s"} for name in names}
         charts.append(
@@ -333,6 +339,24 @@ def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
             }
         )
     return charts
+
+
+def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, float]]]:
+    """Learnt parameters that a variant does not move: last value and sigma.
+
+    They move by less than `FLAT` of their standard deviation at the start: their curves are level. Keys
+    are the names of parameters and variants.
+    """
+    found: dict[str, dict[str, tuple[float, float]]] = {}
+    for name, one in results["series"]["variants"].items():
+        for parameter, columns in one["parameters"].items():
+            if parameter == "t_s":
+                continue
+            value, sigma = (floats(columns[key]) for key in ("value", "sigma"))
+            moves = np.ptp(value) >= FLAT * sigma[0] or sigma[-1] < (1.0 - FLAT) * sigma[0]
+            if np.isfinite(value).all() and not moves:
+                found.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))
+    return found
 
 
 def _median(values: Numbers) -> float:

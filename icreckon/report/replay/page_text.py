@@ -10,45 +10,59 @@ from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.comparison.results import Results
 
 
+def page_title(results: Results) -> str:
+    """Robot and log; one name alone if both have it."""
+    robot, log = results["robot"]["name"], results["log"]["name"]
+    return str(log) if robot.casefold() == log.casefold() else f"{robot} on {log}"
+
+
 def headline(results: Results) -> str:
     """Verdict in one or two sentences."""
     if not results["truth"]:
         return _apart(results)
     found = results["verdict"]
-    if found is None:
-        return _with_fixes_throughout(results)
+    return _with_fixes_throughout(results) if found is None else verdict_text(found)
+
+
+def verdict_text(found: Results, logs: int = 1) -> str:
+    """Verdict on the drift in a number of logs."""
+    this, short = (
+        ("this log", "The log is") if logs == 1 else (f"these {logs} logs", "The logs are")
+    )
     best, baseline = found["best"], found["baseline"]
     drifts = (
         f"{number(found['drift_percent'])} % of the distance {horizon_text(found['horizon'])} of dead "
-        f"reckoning{_interval(found['drift_percent_95'], '95 % interval ')}"
+        f"reckoning{interval_text(found['drift_percent_95'], '95 % interval ')}"
     )
     if not found["ratios_to_best"]:
         return f"{best} drifts {drifts}. Nothing else was run to compare it with."
     if best == baseline:
-        return f"{best} drifts least: {drifts}. {_next_best(found)}"
+        return f"{best} drifts least: {drifts}. {_next_best(found, short)}"
     ratio, interval = number(found["ratio"]), found["ratio_95"]
     if interval is None:
         return (
-            f"{best} drifts least: {drifts}, {ratio} times what {baseline} drifts. The log is too "
+            f"{best} drifts least: {drifts}, {ratio} times what {baseline} drifts. {short} too "
             "short to say whether that is more than chance."
         )
     if interval[1] >= 1.0:
         return (
-            f"No variant is shown to drift less than {baseline} on this log. {best} has the lowest "
-            f"figure, {drifts}, {ratio} times that of {baseline}{_interval(interval)}: that may be "
+            f"No variant is shown to drift less than {baseline} on {this}. {best} has the lowest "
+            f"figure, {drifts}, {ratio} times that of {baseline}{interval_text(interval)}: that may be "
             "chance."
         )
-    times = f"{ratio} times what {baseline} drifts{_interval(interval)}"
+    times = f"{ratio} times what {baseline} drifts{interval_text(interval)}"
     return f"{best} drifts least: {drifts}. That is {times}."
 
 
-def _next_best(found: Results) -> str:
+def _next_best(found: Results, short: str) -> str:
     """Lead of the best over the others, if the best is the baseline."""
     if found["drift_percent_95"] is None:
-        return "The log is too short to say whether the others drift more by more than chance."
+        return f"{short} too short to say whether the others drift more by more than chance."
     chance, ratios = found["not_shown_worse"], found["ratios_to_best"]
     name = min(chance or ratios, key=lambda one: float(ratios[one]))
-    factor = f"{number(ratios[name])} times as much{_interval(found['ratios_to_best_95'][name])}"
+    factor = (
+        f"{number(ratios[name])} times as much{interval_text(found['ratios_to_best_95'][name])}"
+    )
     if not chance:
         return f"All others drift more; next is {name} with {factor}."
     more = [one for one in chance if one != name]
@@ -204,7 +218,8 @@ def number(value: float | None) -> str:
     return f"{value:.{digits}f}".replace("-", "−")
 
 
-def _interval(interval: list[float] | None, before: str = "") -> str:
+def interval_text(interval: list[float] | None, before: str = "") -> str:
+    """Format an interval in brackets; nothing for none."""
     if interval is None:
         return ""
     return f" ({before}{number(interval[0])} to {number(interval[1])})"

@@ -149,7 +149,7 @@ def notes(results: Results) -> list[str]:
     shared = "" if motions == runs else f" of {motions} true motions"
     return [
         f"{runs} runs{shared} in each cell, paired over cells and variants; in brackets 95 % intervals "
-        "of the mean (Student's t, over true motions).",
+        "of the mean (Student's t, over true motions; of NEES on a log scale).",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: median, and "
         "95th percentile of the runs. NEES of the pose: 3 is ideal, more is too sure.",
     ]

@@ -61,7 +61,7 @@ def test_several_files_are_one_log(log: Log, tmp_path: Path) -> None:
         write_log(part, tmp_path / f"part{number}", "mcap", robot)
         for number, part in enumerate(halves(log))
     ]
-    words = ("--robot", "auriga-alpha", "--variants", "differential", "--json")
+    words = ("--robot", "auriga-alpha", "--variants", "differential", "--json", "--one-log")
     done = icreckon("replay", *parts, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "and 1 more" in done.stderr

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Reader as Ros1Reader
@@ -303,14 +304,16 @@ def test_the_official_decoder_reads_the_mcap(mcap_bag: Path, comparison: Compari
     smoothed = [f"{name}-smoothed" for name in VARIANTS]
     names = [name.replace("-", "_") for name in (*VARIANTS, *smoothed)]
     assert set(found) == {
-        *(f"/{name}/{topic}" for name in names for topic in ("odom", "path", "icrs")),
+        *(f"/{name}/{topic}" for name in names for topic in ("odom", "pose", "path", "icrs")),
         *("/tf", "/fixes", "/ground_truth/pose", "/ground_truth/path", "/diagnostics"),
     }
     assert {topic: rows[0][0] for topic, rows in found.items() if "inertia" not in topic} == {
         "/constant_online/odom": "nav_msgs/msg/Odometry",
+        "/constant_online/pose": "geometry_msgs/msg/PoseStamped",
         "/constant_online/path": "nav_msgs/msg/Path",
         "/constant_online/icrs": "visualization_msgs/msg/MarkerArray",
         "/constant_online_smoothed/odom": "nav_msgs/msg/Odometry",
+        "/constant_online_smoothed/pose": "geometry_msgs/msg/PoseStamped",
         "/constant_online_smoothed/path": "nav_msgs/msg/Path",
         "/constant_online_smoothed/icrs": "visualization_msgs/msg/MarkerArray",
         "/tf": "tf2_msgs/msg/TFMessage",
@@ -335,6 +338,42 @@ def test_the_official_decoder_reads_the_mcap(mcap_bag: Path, comparison: Compari
     assert len(found["/inertia_online/path"]) == 1
     assert path.poses[-1].pose.position.x == one.trajectory.poses[-1, 0]
     assert len(path.poses) <= 1000
+
+
+def test_poses_are_those_of_the_odometry_thinned(mcap_bag: Path) -> None:
+    found = mcap_messages(mcap_bag)
+    odometry = {logged: message for _, logged, message in found["/inertia_online/odom"]}
+    rows = found["/inertia_online/pose"]
+    assert len(rows) == pytest.approx(20 * 20, abs=2)
+    for _, logged, message in rows:
+        assert message.header.frame_id == "odom"
+        assert logged == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        of = odometry[logged].pose.pose
+        for part, keys in (("position", "xyz"), ("orientation", "xyzw")):
+            one, other = getattr(message.pose, part), getattr(of, part)
+            assert [getattr(one, key) for key in keys] == [getattr(other, key) for key in keys]
+
+
+def test_fixes_have_the_covariance_of_the_log(mcap_bag: Path, comparison: Comparison) -> None:
+    fixes = comparison.log.fixes
+    for (_, logged, message), variances in zip(
+        mcap_messages(mcap_bag)["/fixes"], fixes.variances.tolist(), strict=True
+    ):
+        assert logged in fixes.stamps
+        covariance = np.reshape(message.pose.covariance, (6, 6))
+        assert covariance[0, 0] == covariance[1, 1] == variances[0]
+
+
+def test_paths_are_recorded_as_transient_local(mcap_bag: Path) -> None:
+    """A bare MCAP file has no metadata.yaml: ROS 2 takes the quality of service from its channels."""
+    with mcap_bag.open("rb") as stream:
+        channels = make_reader(stream).get_summary().channels.values()
+    of = {one.topic: yaml.safe_load(one.metadata["offered_qos_profiles"]) for one in channels}
+    for topic in ("/inertia_online/path", "/ground_truth/path"):
+        (profile,) = of[topic]
+        assert profile["durability"] == "transient_local"
+        assert profile["reliability"] == "reliable"
+    assert not of["/inertia_online/odom"]
 
 
 def test_each_frame_has_one_parent_and_base_link_goes_with_the_last_filter(
@@ -410,7 +449,10 @@ def test_a_bag_without_truth_fixes_and_imu(tmp_path: Path, robot: Robot) -> None
     log = simulate(Scenario(duration=4.0, seed=4), robot)
     bare = compare(replace(log, truth=None, fixes=None, imu=None), robot, ["differential"])
     found = mcap_messages(write_replay_bag(tmp_path / "o.mcap", "mcap", bare, robot))
-    assert set(found) == {"/tf", *(f"/differential/{topic}" for topic in ("odom", "path", "icrs"))}
+    assert set(found) == {
+        "/tf",
+        *(f"/differential/{topic}" for topic in ("odom", "pose", "path", "icrs")),
+    }
 
 
 def test_what_cannot_be_stamped_is_refused(tmp_path: Path) -> None:

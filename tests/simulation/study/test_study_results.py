@@ -63,6 +63,42 @@ def test_with_a_motion_for_each_run_the_interval_is_student_s():
     assert (low, high) == pytest.approx((expected.low, expected.high), rel=1e-12)
 
 
+def test_intervals_of_nees_stay_above_zero():
+    # One run in twelve is far too sure of itself.
+    values = np.array([1.5, 2.0, 2.2, 2.8, 1.9, 2.4, 2.1, 1.7, 2.6, 2.3, 2.0, 68.0])
+    assert mean_interval(values, np.arange(12))[1] < 0.0
+    mean, low, high = mean_interval(values, np.arange(12), positive=True)
+    assert 0.0 < low < mean < high
+    assert mean == values.mean()
+    # The same factor up and down, and where the mean is well known the usual interval.
+    assert mean / low == pytest.approx(high / mean)
+    sure = 3.0 + 0.01 * (values[:11] - 2.0)
+    usual, log = (mean_interval(sure, np.arange(11), positive=one) for one in (False, True))
+    assert log == pytest.approx(usual, rel=1e-5)
+    assert mean_interval(np.zeros(3), np.arange(3), positive=True) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("count", "least"), [(12, 0.92), (40, 0.94)])
+def test_intervals_of_nees_hold_the_truth(count, least):
+    rng = np.random.default_rng(6)
+    inside, times = 0, 2000
+    for _ in range(times):
+        values = rng.chisquare(3.0, count)
+        _, low, high = mean_interval(values, np.arange(count), positive=True)
+        inside += low < 3.0 < high
+    # 95 % is meant. Four standard deviations of a share of 95 % over so many times are 2 %.
+    assert least - 0.02 <= inside / times <= 0.97
+
+
+def test_a_study_has_intervals_of_nees_by_the_logarithm(results):
+    for cell in results["cells"]:
+        for one in cell["variants"].values():
+            for name, found in one.items():
+                if name.startswith(("nees_", "nis_")) and found["mean"]:
+                    up, down = found["mean_high"] / found["mean"], found["mean"] / found["mean_low"]
+                    assert up == pytest.approx(down)
+
+
 def test_runs_that_share_their_motion_count_as_one():
     rng = np.random.default_rng(2)
     of_motions = rng.normal(3.0, 1.0, 8)

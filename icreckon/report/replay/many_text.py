@@ -1,0 +1,123 @@
+"""Text on several logs or robot files, made from their results only."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from icreckon.replay.comparison.results import Results
+from icreckon.report.replay.page_text import (
+    failures,
+    filtered,
+    horizon_text,
+    interval_text,
+    number,
+    verdict_text,
+)
+
+UNSCORED = (
+    "No log has a ground truth, so nothing is scored. The page of each log compares its variants."
+)
+# Horizon that stands for all where only one is shown.
+USUAL_HORIZON = "30s"
+
+
+def many_headline(results: Results) -> str:
+    """Verdict over all logs: of the robot file, or of each against the first."""
+    robots = list(results["pooled"])
+    if len(robots) > 1:
+        lines = [_ratio_text(results, robot) for robot in results["ratios"]]
+        return " ".join(lines)
+    return _robot_text(results["pooled"][robots[0]])
+
+
+def many_remarks(results: Results) -> list[str]:
+    """Verdicts by robot file if there are several, and caveats."""
+    pooled = results["pooled"]
+    lines = []
+    if len(pooled) > 1:
+        lines = [f"{robot}: {_robot_text(found)}" for robot, found in pooled.items()]
+    if any(found["verdict"] for found in pooled.values()):
+        lines.append(
+            "Of all logs together: summed errors over summed distances. Intervals are over blocks of "
+            "time of all logs. The best was picked on the logs that it is scored on."
+        )
+    return lines + list(results["notes"])
+
+
+def _robot_text(found: Results) -> str:
+    """Verdict of a robot file over all logs."""
+    if found["verdict"] is not None:
+        return verdict_text(found["verdict"], found["logs"])
+    if found["logs"]:
+        return (
+            "Nowhere in these logs is there a stretch of dead reckoning long enough to score drift."
+        )
+    return UNSCORED
+
+
+def _ratio_text(results: Results, robot: str) -> str:
+    """Drift of a robot file over that of the first, of the variant that drifts least."""
+    ratios, label = results["ratios"][robot], horizon_of(results)
+    verdicts = [results["pooled"][one]["verdict"] for one in (robot, ratios["to"])]
+    known = [one for one in verdicts if one and one["best"] in ratios["variants"]]
+    if not known:
+        return f"{robot} cannot be compared with {ratios['to']}: no segment is scored with both."
+    best = min(known, key=lambda one: float(one["drift_percent"]))["best"]
+    ratio, interval = (ratios["variants"][best][f"ratio_{label}{end}"] for end in ("", "_95"))
+    times = f"{number(ratio)} times what it drifts"
+    said = (
+        f"With {robot}, {best} drifts {'as far as' if number(ratio) == number(1.0) else times} with "
+        f"{ratios['to']}{interval_text(interval, '95 % interval ')}, {horizon_text(label)} of dead "
+        "reckoning."
+    )
+    if interval is None:
+        return f"{said} The logs are too short to say whether that is more than chance."
+    return f"{said} That may be chance." if interval[0] <= 1.0 <= interval[1] else said
+
+
+def horizon_of(results: Results) -> str:
+    """Horizon of the verdicts, for figures of one horizon."""
+    verdicts = [found["verdict"] for found in results["pooled"].values()]
+    return next((str(one["horizon"]) for one in verdicts if one), USUAL_HORIZON)
+
+
+def many_failures(results: Results) -> list[str]:
+    """Logs and variants without a result, each with its reason."""
+    lines = [
+        f"ERROR: {_name(one['log'], one['robot'], results)} has no result: {one['reason']}"
+        for one in results["failed"]
+    ]
+    for one in results["logs"]:
+        name = _name(one["label"], one["robot"], results)
+        lines += [f"{name}: {line}" for line in failures(one)]
+    return lines
+
+
+def _name(log: str, robot: str, results: Results) -> str:
+    robots = {one["robot"] for part in ("logs", "failed") for one in results[part]}
+    return f"{log} with {robot}" if len(robots) > 1 else log
+
+
+def pooled_over(found: Results) -> str:
+    """Logs, time and distance that scores of a robot file are from."""
+    logs = f"{found['logs']} logs" if found["logs"] != 1 else "1 log"
+    return f"{logs}, {number(found['duration_s'])} s, {number(found['distance_m'])} m"
+
+
+def lowest(variants: dict[str, Any], key: str) -> str | None:
+    """Filter with the lowest value of a score."""
+    known = {
+        name: one[key]
+        for name, one in filtered({"variants": variants}).items()
+        if one.get(key) is not None
+    }
+    return min(known, key=lambda name: float(known[name])) if known else None
+
+
+def left_out(found: Results) -> list[str]:
+    """Variants that lack a log which others have."""
+    return [
+        f"{name} is scored in {one['logs']} of {found['logs']} logs."
+        for name, one in found["variants"].items()
+        if one["logs"] < found["logs"]
+    ]

@@ -1,0 +1,358 @@
+"""Several logs, or several robot files: scores of all logs together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.lost import described
+from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.bootstrap import (
+    Estimate,
+    PairedDrift,
+    matched_drifts,
+    paired_drift,
+    pooled_drift,
+)
+from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, Comparison, compare
+from icreckon.replay.comparison.drift_table import (
+    Drifts,
+    baseline_of,
+    drift_scores,
+    drifts_of,
+    horizon_labels,
+    listed,
+    paired_drifts,
+    verdict,
+)
+from icreckon.replay.comparison.fixes import LogPart
+from icreckon.replay.comparison.results import (
+    FORMAT,
+    Results,
+    json_types,
+    summarise,
+    versions,
+)
+from icreckon.replay.comparison.scores import scored_intervals, truths_of
+from icreckon.replay.reading.read_log import read_log
+
+# Longest time between the end of a log and the start of another that may be one recording [s].
+NEXT_PART = 5.0
+
+
+class Case(NamedTuple):
+    """Labels of a log and of a robot file that is run over it."""
+
+    log: str
+    robot: str
+
+
+@dataclass(frozen=True)
+class CaseScores:
+    """Scores of a robot file over a log, without the runs.
+
+    Attributes:
+        case: labels of both.
+        results: output of `summarise`, without the series.
+        drifts: drift of all variants, see `drifts_of`; empty without a truth.
+        lag: lag of the truth that was removed [s].
+    """
+
+    case: Case
+    results: Results
+    drifts: Drifts
+    lag: float
+
+
+class FailedCase(NamedTuple):
+    """A log that has no results, with the reason."""
+
+    case: Case
+    reason: str
+
+
+def compare_many(
+    logs: Sequence[Log | Path | str],
+    robots: Robot | Mapping[str, Robot],
+    variants: Sequence[str] | str = DEFAULT_VARIANTS,
+    *,
+    settings: Settings | None = None,
+    fixes: LogPart | str | None = None,
+    smooth: bool = False,
+    engine: str = "auto",
+    workers: int = 1,
+    on_comparison: Callable[[Case, Comparison], None] | None = None,
+) -> Results:
+    """Run filter variants over several logs, and score them together.
+
+    Runs are scored and dropped, log by log; `on_comparison` gets them before. A log that fails is listed
+    under "failed", and the others continue.
+
+    Args:
+        logs: the logs; paths are read with each robot, since radius and gauge turn wheel rates to speeds.
+        robots: the robot, or several by their labels. The others are compared with the first, on the
+            same segments.
+        variants: names of filter variants, or one name.
+        settings: settings of the pose estimator.
+        fixes: part of each log in which fixes are used, as for `compare`.
+        smooth: whether each run is smoothed, too.
+        engine: as for `compare`.
+        workers: number of processes for the variants of a log.
+        on_comparison: called with labels and runs of each log and robot.
+
+    Returns:
+        Plain data, as results.json of `icreckon replay LOG LOG ...`: see `summarise_many`.
+
+    Raises:
+        ReplayError: there is no log or no robot, or no log has results.
+    """
+    named = {robots.name: robots} if isinstance(robots, Robot) else dict(robots)
+    if not logs or not named:
+        raise ReplayError("no log or no robot: give at least one of each")
+    labels = unique([one.name if isinstance(one, Log) else label_of(Path(one)) for one in logs])
+    scored: list[CaseScores] = []
+    failed: list[FailedCase] = []
+    for label, one in zip(labels, logs, strict=True):
+        for name, robot in named.items():
+            case = Case(label, name)
+            try:
+                comparison = compare(
+                    one if isinstance(one, Log) else read_log(one, robot),
+                    robot,
+                    variants,
+                    settings=settings,
+                    fixes=fixes,
+                    smooth=smooth,
+                    engine=engine,
+                    workers=workers,
+                )
+                if on_comparison is not None:
+                    on_comparison(case, comparison)
+                summary = summarise(comparison, robot, command="compare_many", configuration={})
+                scored.append(case_scores(case, comparison, summary))
+            except Exception as problem:
+                failed.append(failed_case(case, problem))
+    return summarise_many(scored, failed, command="compare_many", configuration={})
+
+
+def label_of(path: Path) -> str:
+    """Label of a log or a robot file: its name without suffix."""
+    path = path if path.name.strip(".") else path.resolve()
+    return path.name if path.is_dir() else path.stem
+
+
+def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
+    """Make labels unique, in upper and lower case alike, by numbers behind them.
+
+    Args:
+        labels: the labels.
+        taken: labels that none may have.
+    """
+    found: list[str] = []
+    used = {one.casefold() for one in taken}
+    for label in labels:
+        name, number = label, 1
+        while name.casefold() in used:
+            number += 1
+            name = f"{label}-{number}"
+        used.add(name.casefold())
+        found.append(name)
+    return found
+
+
+def case_scores(case: Case, comparison: Comparison, summary: Results) -> CaseScores:
+    """Keep the scores of a comparison that the summary of several logs needs."""
+    drifts: Drifts = {}
+    if comparison.log.truth is not None:
+        scored = scored_intervals(comparison.log)
+        drifts = drifts_of(comparison.runs, truths_of(comparison), scored)
+    alignment = comparison.alignment
+    lag = 0.0 if alignment is None or alignment.lag is None else alignment.lag
+    kept = {key: value for key, value in summary.items() if key != "series"}
+    return CaseScores(case, kept, drifts, lag)
+
+
+def failed_case(case: Case, problem: Exception) -> FailedCase:
+    """Failure of a log, with the message of the error."""
+    if isinstance(problem, IcreckonError):
+        return FailedCase(case, " ".join(str(problem).split()))
+    return FailedCase(case, described(problem))
+
+
+def summarise_many(
+    scored: Sequence[CaseScores],
+    failed: Sequence[FailedCase],
+    *,
+    command: str,
+    configuration: dict[str, Any],
+) -> Results:
+    """Summarise several logs, or several robot files.
+
+    "logs" lists each log and robot with its own scores. "pooled" holds, by robot, the scores of all logs
+    together: summed errors over summed distances, with intervals over blocks of all logs. "ratios"
+    compares each robot with the first, by variant, on the same segments.
+
+    Args:
+        scored: scores of each log and robot.
+        failed: logs without results.
+        command: name of the command.
+        configuration: options of the command.
+
+    Raises:
+        ReplayError: no log has results.
+    """
+    if not scored:
+        reasons = "; ".join(f"{one.case.log}: {one.reason}" for one in failed)
+        raise ReplayError(f"no log has a result: {reasons}")
+    robots = list(dict.fromkeys(one.case.robot for one in scored))
+    names = [
+        name for one in scored for name in one.results["variants"] if not name.endswith(SMOOTHED)
+    ]
+    baseline = baseline_of(list(dict.fromkeys(names)))
+    found: Results = {
+        "format": FORMAT,
+        "command": command,
+        "configuration": configuration,
+        "versions": versions(),
+        "inputs": {name: hash_ for one in scored for name, hash_ in one.results["inputs"].items()},
+        "robots": {one.case.robot: one.results["robot"] for one in scored},
+        "horizons": list(horizon_labels()),
+        "baseline_variant": baseline,
+        "logs": [_of_log(one) for one in scored],
+        "failed": [
+            {"log": one.case.log, "robot": one.case.robot, "reason": one.reason} for one in failed
+        ],
+        "notes": list(_consecutive(scored)),
+        "pooled": {
+            robot: _pooled([one for one in scored if one.case.robot == robot], baseline)
+            for robot in robots
+        },
+        "ratios": _ratios(scored, robots),
+    }
+    cleaned: Results = json_types(found)
+    return cleaned
+
+
+def _of_log(one: CaseScores) -> Results:
+    results = one.results
+    shown = ("log", "truth", "verdict", "failed", "reference_variant", "variants")
+    return {"label": one.case.log, "robot": one.case.robot} | {key: results[key] for key in shown}
+
+
+def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
+    """Note logs that begin where another ends: parts of one recording."""
+    spans = {}
+    for one in scored:
+        log = one.results["log"]
+        spans[one.case.log] = (log["start_ns"], log["start_ns"] + log["duration_s"] / NANOSECOND)
+    ordered = sorted(spans.items(), key=lambda item: item[1])
+    for (before, (_, end)), (after, (start, _)) in pairwise(ordered):
+        if abs(start - end) * NANOSECOND < NEXT_PART:
+            yield (
+                f"{after} begins {(start - end) * NANOSECOND:.1f} s after the end of {before}: "
+                "--one-log reads them as one, if they are parts of one recording"
+            )
+
+
+# --- scores of all logs together --------------------------------------------------------------------
+
+
+def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
+    """Scores of a robot over all logs with a truth, and the verdict."""
+    of_logs = [paired_drifts(one.drifts) for one in scored if one.drifts]
+    names = dict.fromkeys(name for one in scored for name in one.results["variants"])
+    variants: dict[str, Results] = {}
+    for name in names:
+        logs = [one for one in of_logs if all(name in pair.names for pair in one.values())]
+        variants[name] = {"logs": len(logs)} | _nees(scored, name)
+        if logs:
+            variants[name] |= drift_scores(_joined(logs, [name]), name, name)
+        both = [one for one in logs if all(baseline in pair.names for pair in one.values())]
+        joined = _joined(both, [name, baseline]) if both else {}
+        for label in horizon_labels():
+            ratio = joined[label].ratio(name, baseline) if joined else Estimate(math.nan, None)
+            variants[name][f"drift_ratio_{label}"] = ratio.value
+            variants[name][f"drift_ratio_{label}_95"] = listed(ratio)
+    found = None
+    if of_logs:
+        joined = _joined(of_logs, list(names))
+        kept = next(iter(joined.values())).names
+        filters = [name for name in kept if not name.endswith(SMOOTHED)]
+        if filters:
+            found = verdict(joined, baseline if baseline in kept else baseline_of(filters))
+    return {
+        "logs": len(of_logs),
+        "distance_m": sum(one.results["truth"]["distance_m"] for one in scored if one.drifts),
+        "duration_s": sum(one.results["log"]["duration_s"] for one in scored if one.drifts),
+        "verdict": found,
+        "variants": variants,
+    }
+
+
+def _joined(
+    logs: Sequence[Mapping[str, PairedDrift]], names: Sequence[str]
+) -> dict[str, PairedDrift]:
+    """Drift of some variants in all logs, by the label of the horizon."""
+    return {
+        label: pooled_drift([one[label].only(names) for one in logs]) for label in horizon_labels()
+    }
+
+
+def _nees(scored: Sequence[CaseScores], name: str) -> Results:
+    """Mean NEES over all logs, of poses and of positions alone."""
+    found: Results = {}
+    for key in ("nees_pose_mean", "nees_position_mean"):
+        rows = [one.results["variants"].get(name, {}) for one in scored]
+        known = [(row[key], row["nees_poses"]) for row in rows if row.get(key) is not None]
+        poses = sum(count for _, count in known)
+        found[key] = sum(mean * count for mean, count in known) / poses if poses else math.nan
+        found[key.replace("_mean", "_poses")] = poses
+    return found
+
+
+def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
+    """Drift with each robot file over that with the first, same segments."""
+    of = {one.case: one for one in scored if one.drifts}
+    found: Results = {}
+    for robot in robots[1:]:
+        both = [
+            (of[Case(log, robots[0])], of[Case(log, robot)])
+            for log in dict.fromkeys(case.log for case in of)
+            if Case(log, robots[0]) in of and Case(log, robot) in of
+        ]
+        names = list(both[0][1].results["variants"]) if both else []
+        variants = {name: ratio for name in names if (ratio := _ratio(both, name))}
+        found[robot] = {"to": robots[0], "variants": variants}
+    return found
+
+
+def _ratio(both: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
+    """Ratio of a variant with one robot file to that with another, in all logs."""
+    found: Results = {}
+    for label in horizon_labels():
+        pairs = []
+        for first, other in both:
+            if name in first.drifts[label] and name in other.drifts[label]:
+                # A larger lag moves the stamps of the truth further back.
+                later = first.lag - other.lag
+                one, two = matched_drifts(
+                    first.drifts[label][name], other.drifts[label][name], later=later
+                )
+                pairs.append(paired_drift({"first": one, "other": two}))
+        if not pairs:
+            return {}
+        joined = pooled_drift(pairs)
+        ratio = joined.ratio("other", "first")
+        found[f"ratio_{label}"], found[f"ratio_{label}_95"] = ratio.value, listed(ratio)
+        found[f"segments_{label}"] = len(joined.distances)
+    return found | {"logs": len(pairs)}

@@ -1,0 +1,133 @@
+"""Words on several logs and robot files, from results made by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from icreckon.report.replay.many_page import many_page
+from icreckon.report.replay.many_text import (
+    UNSCORED,
+    left_out,
+    many_failures,
+    many_headline,
+    many_remarks,
+)
+
+HORIZONS = ("10s", "30s", "60s", "5m", "10m", "30m", "50m")
+
+
+def verdict(best: str, percent: float) -> dict[str, Any]:
+    return {
+        "horizon": "30s",
+        "best": best,
+        "drift_percent": percent,
+        "drift_percent_95": [0.9 * percent, 1.2 * percent],
+        "baseline": "gyro",
+        "ratio": 0.5,
+        "ratio_95": [0.4, 0.6],
+        "ratios_to_best": {"gyro": 2.0},
+        "ratios_to_best_95": {"gyro": [1.7, 2.5]},
+        "not_shown_worse": [],
+    }
+
+
+def scores(logs: int = 3) -> dict[str, Any]:
+    found: dict[str, Any] = {"logs": logs, "nees_pose_mean": 2.9, "nees_pose_poses": 100}
+    found |= {"nees_position_mean": None, "nees_position_poses": 0}
+    for label in HORIZONS:
+        found |= {f"drift_percent_{label}_mean": 1.5, f"drift_percent_{label}_95": [1.2, 1.9]}
+        found |= {f"drift_ratio_{label}": 1.0, f"drift_ratio_{label}_95": None}
+        found[f"drift_segments_{label}"] = 200
+    return found
+
+
+def pooled(best: str, percent: float) -> dict[str, Any]:
+    variants = {"gyro": scores(), "inertia-online": scores()}
+    of_all = {"logs": 3, "duration_s": 600.0, "distance_m": 240.0}
+    return of_all | {"verdict": verdict(best, percent), "variants": variants}
+
+
+@pytest.fixture
+def results() -> dict[str, Any]:
+    ratio: dict[str, Any] = {"logs": 3}
+    for label in HORIZONS:
+        ratio |= {f"ratio_{label}": 0.5, f"ratio_{label}_95": [0.4, 0.6], f"segments_{label}": 200}
+    log = {"label": "a", "log": {"duration_s": 200.0}, "truth": {"distance_m": 80.0}}
+    log |= {"failed": {}, "variants": {"gyro": scores(), "inertia-online": scores()}}
+    return {
+        "command": "replay",
+        "configuration": {},
+        "versions": {},
+        "inputs": {},
+        "format": 1,
+        "horizons": list(HORIZONS),
+        "baseline_variant": "gyro",
+        "robots": {},
+        "notes": [],
+        "logs": [log | {"robot": name, "folder": f"a/{name}"} for name in ("maker", "mine")],
+        "failed": [],
+        "pooled": {"maker": pooled("gyro", 3.0), "mine": pooled("inertia-online", 1.5)},
+        "ratios": {
+            "mine": {"to": "maker", "variants": {"gyro": dict(ratio), "inertia-online": ratio}}
+        },
+    }
+
+
+def test_robot_files_are_compared_by_the_variant_that_drifts_least(results: dict[str, Any]) -> None:
+    assert many_headline(results) == (
+        "With mine, inertia-online drifts 0.50 times what it drifts with maker (95 % interval 0.40 to "
+        "0.60), after 30 s of dead reckoning."
+    )
+    of_each = many_remarks(results)[:2]
+    assert of_each[0].startswith("maker: gyro drifts least: 3.00 %")
+    assert of_each[1].startswith("mine: inertia-online drifts least: 1.50 %")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "interval", "end"),
+    [
+        (0.9, [0.7, 1.1], "That may be chance."),
+        (0.9, None, "The logs are too short to say whether that is more than chance."),
+        (1.001, [0.99, 1.01], "That may be chance."),
+    ],
+)
+def test_a_lead_that_may_be_chance_is_called_so(
+    results: dict[str, Any], ratio: float, interval: list[float] | None, end: str
+) -> None:
+    one = results["ratios"]["mine"]["variants"]["inertia-online"]
+    one["ratio_30s"], one["ratio_30s_95"] = ratio, interval
+    assert many_headline(results).endswith(end)
+    assert ("as far as with maker" in many_headline(results)) == (ratio > 1.0)
+
+
+def test_robot_files_without_a_common_segment_are_not_compared(results: dict[str, Any]) -> None:
+    results["ratios"]["mine"]["variants"] = {}
+    assert "cannot be compared with maker" in many_headline(results)
+
+
+def test_one_robot_file_has_the_verdict_over_all_logs(results: dict[str, Any]) -> None:
+    del results["pooled"]["maker"]
+    results["ratios"] = {}
+    assert many_headline(results).startswith("inertia-online drifts least: 1.50 % of the distance")
+    results["pooled"]["mine"]["verdict"]["ratio_95"] = [0.8, 1.2]
+    assert "on these 3 logs" in many_headline(results)
+    results["pooled"]["mine"] |= {"verdict": None, "logs": 0}
+    assert many_headline(results) == UNSCORED
+
+
+def test_what_failed_is_named_with_its_robot_file(results: dict[str, Any]) -> None:
+    results["failed"] = [{"log": "b", "robot": "mine", "reason": "b.bag: the file is empty"}]
+    results["logs"][0]["failed"] = {"gyro": {"reason": "estimate is not finite", "since_s": 3.0}}
+    assert many_failures(results) == [
+        "ERROR: b with mine has no result: b.bag: the file is empty",
+        "a with maker: ERROR: gyro has no result: estimate is not finite",
+    ]
+    results["pooled"]["mine"]["variants"]["gyro"]["logs"] = 2
+    assert left_out(results["pooled"]["mine"]) == ["gyro is scored in 2 of 3 logs."]
+    page = many_page(results)
+    assert "b with mine has no result" in page
+    assert "gyro is scored in 2 of 3 logs." in page
+    assert page.count("<a href=") == 2
+    assert "<title>maker and mine on a</title>" in page

@@ -1,0 +1,122 @@
+"""What a stranger needs on the page of a comparison: terms, constant parameters, titles, rows."""
+
+from __future__ import annotations
+
+import copy
+import re
+from typing import Any
+
+import pytest
+
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.plot_series import series_points
+from icreckon.replay.comparison.results import summarise
+from icreckon.report.replay.page import replay_page
+from icreckon.report.replay.page_charts import constant_parameters, page_data
+from icreckon.report.replay.page_text import page_title
+from icreckon.report.terms import TERMS, term_of
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Any]:
+    robot = load_robot("auriga-alpha")
+    log = simulate(Scenario(duration=40.0, seed=4, outages=((15.0, 40.0),)), robot)
+    found = compare(log, robot, ["constant-online", "inertia-online"])
+    return summarise(found, robot, command="replay", configuration={"log": "run"})
+
+
+@pytest.fixture(scope="module")
+def page(results: dict[str, Any]) -> str:
+    return replay_page(results)
+
+
+@pytest.mark.parametrize(
+    ("heading", "key"),
+    [
+        ("pose NEES, ideal 3", "nees"),
+        ("mean NIS per degree of freedom, ideal 1", "nis"),
+        ("yaw drift, deg/m", "yaw-drift"),
+        ("after 30 s", "drift"),
+        ("RMSE v_x, mm/s", "rmse"),
+        ("own σ at end, m", "sigma"),
+        ("end x, m", None),
+        ("distance, m", None),
+    ],
+)
+def test_headings_have_their_term(heading: str, key: str | None) -> None:
+    found = term_of(heading)
+    assert (None if found is None else found.key) == key
+
+
+def test_each_term_is_explained_without_a_script(page: str) -> None:
+    """A popover opens by a tap or a key, a title on hover; neither needs JavaScript."""
+    for one in TERMS:
+        assert page.count(f'popover id="term-{one.key}"') == 1
+    targets = set(re.findall(r'popovertarget="term-([\w-]+)"', page))
+    assert targets <= {one.key for one in TERMS}
+    assert {"nees", "nis", "sigma", "drift", "innovation", "icr", "rmse"} <= targets
+    for button in re.findall(r"<button [^>]*popovertarget[^>]*>", page):
+        assert 'type="button"' in button
+        assert re.search(r'title="[^"]{20,}"', button)
+
+
+def test_a_parameter_that_the_log_does_not_move_is_no_chart(results: dict[str, Any]) -> None:
+    flat = copy.deepcopy(results)
+    for one in flat["series"]["variants"].values():
+        learnt = one["parameters"]["gyro_bias"]
+        learnt["value"] = [1.5e-4] * len(learnt["value"])
+        learnt["sigma"] = [2e-3] * len(learnt["sigma"])
+    assert constant_parameters(flat)["gyro_bias"]["inertia-online"] == (1.5e-4, 2e-3)
+    titles = [chart["title"] for chart in page_data(flat)["charts"]]
+    assert "Bias of the gyro" not in titles
+    row = re.search(r"<td class=\"text\">gyro_bias</td>(.*?)</tr>", replay_page(flat), re.S)
+    assert row is not None
+    assert "0.00015 ± 0.004 rad/s" in row[1]
+    assert "constant-online, inertia-online" in row[1]
+
+
+@pytest.mark.parametrize("change", ["value", "sigma"])
+def test_a_parameter_that_one_variant_learns_is_a_chart(
+    results: dict[str, Any], change: str
+) -> None:
+    moved = copy.deepcopy(results)
+    for name, one in moved["series"]["variants"].items():
+        learnt = one["parameters"]["gyro_bias"]
+        learnt["value"] = [0.0] * len(learnt["value"])
+        learnt["sigma"] = [2e-3] * len(learnt["sigma"])
+        if name == "inertia-online":
+            learnt[change][-1] = 1e-3
+    # The level line of the other would only lie over it.
+    assert list(constant_parameters(moved)["gyro_bias"]) == ["constant-online"]
+    (chart,) = (one for one in page_data(moved)["charts"] if one["title"] == "Bias of the gyro")
+    for part in ("lines", "bands"):
+        assert [one["series"] for one in chart[part]] == ["inertia-online"]
+
+
+def test_a_name_that_robot_and_log_share_stands_once(results: dict[str, Any]) -> None:
+    assert page_title(results).startswith("auriga-alpha on ")
+    same = copy.deepcopy(results)
+    same["log"]["name"] = same["robot"]["name"] = "jackal_test2"
+    assert page_title(same) == "jackal_test2"
+    assert "<title>jackal_test2</title>" in replay_page(same)
+
+
+def test_a_contact_length_by_default_is_called_assumed(results: dict[str, Any], page: str) -> None:
+    assert "contact length 0.80 m (not measured here)" in page
+    other = copy.deepcopy(results)
+    other["robot"]["vehicle"]["half_contact_length"] = 0.3
+    assert "contact length 0.60 m (assumed: the default)" in replay_page(other)
+
+
+def test_shading_is_named_by_a_colour_that_no_variant_has(results: dict[str, Any]) -> None:
+    notes = [chart.get("note", "") for chart in page_data(results)["charts"]]
+    assert any("Yellow: without fixes" in note for note in notes)
+    assert not any("rey:" in note for note in notes)
+
+
+@pytest.mark.parametrize(("seconds", "rows"), [(90.0, 1500), (600.0, 2400), (36_000.0, 4000)])
+def test_longer_logs_have_more_rows_up_to_a_limit(seconds: float, rows: int) -> None:
+    assert series_points(seconds) == rows
