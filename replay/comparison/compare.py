@@ -96,14 +96,14 @@ def compare(
     truth's pose if there is one, otherwise at the pose from the fixes or at the origin.
 
     The variants run in one batch over a log of `MANY_SAMPLES` IMU samples or more; see
-    `estimator.batch.replay`. Exceptions are logs with data that only the streaming filter supports, and
-    smoothing. The results agree to rounding; `engine` overrides the choice.
+    `icreckon.estimator.batch.replay`. Exceptions are logs with data that only the streaming filter
+    supports, and smoothing. The results agree to rounding; `engine` overrides the choice.
 
     A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
     continue.
 
     If `gyro` is compared with others, and neither standstill nor fixes show it its bias, it runs once
-    more with the bias that the truth shows; see `replay.comparison.known_bias`.
+    more with the bias that the truth shows; see `icreckon.replay.comparison.known_bias`.
 
     Args:
         log: the log.
@@ -112,7 +112,7 @@ def compare(
         settings: settings of the pose estimator.
         fixes: part of the log in which fixes are used, as "0:40%" or "12:90" (seconds), or from
             `parse_part`; None for all logged fixes. Without a truth, the others are scored against.
-        smooth: whether each run is smoothed, too, see `estimator.streaming.smoother`.
+        smooth: whether each run is smoothed, too, see `icreckon.estimator.streaming.smoother`.
         engine: "auto", as above; "batch", for a log of any length; or "streaming".
         workers: number of processes for the variants; 1 runs them in this one. A batch always runs in
             this process.

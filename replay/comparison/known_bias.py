@@ -118,8 +118,10 @@ def _by_headings(
     # The bias that the filter took off, over each block.
     bias, seconds = run.states[:, s.GYRO_BIAS], np.diff(run.stamps) * NANOSECOND
     sums = np.concatenate([[0.0], np.cumsum(0.5 * (bias[1:] + bias[:-1]) * seconds)])
-    first, last = (interpolate(run.stamps, sums[:, None], at)[:, 0] for at in (begins, ends))
-    apart = scale * wrap_angle(turned - true) + last - first
+    before_it, after_it = (
+        interpolate(run.stamps, sums[:, None], at)[:, 0] for at in (begins, ends)
+    )
+    apart = scale * wrap_angle(turned - true) + after_it - before_it
     design = np.column_stack([np.full(len(begins), BLOCK), turned])
     value, *_ = np.linalg.lstsq(design, apart, rcond=None)
     misfit = apart - design @ value

@@ -60,7 +60,7 @@ def write_replay_bag(
     (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
 
     Args:
-        path: target, as for `replay.bags.writer.write_bag`.
+        path: target, as for `icreckon.replay.bags.writer.write_bag`.
         form: "mcap", "sqlite3" or "ros1".
         comparison: the runs.
         robot: the robot, for its gauge.

@@ -17,7 +17,7 @@ def headline(results: Results) -> str:
 
 
 def bias_text(results: Results) -> str:
-    """Bias of the gyro that the robot file lacks and `gyro` could not learn, and its cost."""
+    """Bias of the gyro that `gyro` could not learn, and its cost."""
     bias = results.get("gyro_bias")
     if bias is None:
         return ""
