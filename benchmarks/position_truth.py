@@ -23,7 +23,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.drift_table import drift_scores, drifts_of, paired_drifts
-from icreckon.replay.comparison.scores import scored_intervals, truths_of
+from icreckon.replay.comparison.fixes import scored_intervals
+from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.reading.read_log import read_log
 
 VARIANT = "constant-online"

@@ -18,7 +18,8 @@ from _logs import WITH_TRUTH
 
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.scores import scored_intervals, scores, truths_of
+from icreckon.replay.comparison.fixes import scored_intervals
+from icreckon.replay.comparison.scores import scores, truths_of
 from icreckon.replay.reading.read_log import read_log
 
 LOGS = ("husky_deflated_part1", "marmotte_part1", "warthog_grass_2024_8_8_15h56s39")

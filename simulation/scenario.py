@@ -41,13 +41,13 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Configuration of a simulated run.
 
     Attributes:
-        trajectory: name from `simulation.drives.trajectories.TRAJECTORIES`, or "recorded".
+        trajectory: name from `icreckon.simulation.drives.trajectories.TRAJECTORIES`, or "recorded".
         trajectory_options: option of that trajectory -> value; see its docstring.
-        trajectory_file: CSV file of the "recorded" trajectory; see `simulation.drives.recorded`.
+        trajectory_file: CSV file of the "recorded" trajectory; see `icreckon.simulation.drives.recorded`.
         duration: length of the run [s]; its first 3 s are standstill.
         seed: seed of the study; a run's streams derive from it and the run's index.
-        noise: name from `simulation.sensors.specs.NOISE_PRESETS`.
-        truth: name from `simulation.truth.by_name.TRUTHS`.
+        noise: name from `icreckon.simulation.sensors.specs.NOISE_PRESETS`.
+        truth: name from `icreckon.simulation.truth.by_name.TRUTHS`.
         truth_spread: relative spread of the true robot about the robot file.
         slip_noise: factor on the slip residual of the true motion, which no model explains; None for
             the truth's default [-].

@@ -59,7 +59,7 @@ def simulate(
         recording: track speeds to drive, for the trajectory "recorded" without a trajectory_file.
 
     Returns:
-        The log; the first stamp is `simulation.base.sampling.EPOCH`.
+        The log; the first stamp is `icreckon.simulation.base.sampling.EPOCH`.
 
     Raises:
         SimulationError: speeds beyond the robot's max_track_speed, a trajectory_file that cannot be

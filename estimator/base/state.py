@@ -35,6 +35,7 @@ STATE_NAMES: Final[tuple[str, ...]] = (
     "fast_slip_y",
     "fast_slip_w",
 )
+"""Names (SIZE,) of the states of the inertia-based variants, in their order."""
 
 # Name of a parameter's place that the variant's model does not use.
 NO_NAME: Final = ""

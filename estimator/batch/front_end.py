@@ -1,7 +1,7 @@
 """Inputs of steps, from the track speeds and IMU samples of several lanes.
 
 Inputs depend on the measurements alone, so all variants use the same. Each is computed by the functions
-of `estimator.sensors` that the streaming filter calls; here is the loop over steps and lanes.
+of `icreckon.estimator.sensors` that the streaming filter calls; here is the loop over steps and lanes.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Measured(NamedTuple):
 
 
 class LaneRecords(NamedTuple):
-    """Records of all lanes, see `estimator.base.records`.
+    """Records of all lanes, see `icreckon.estimator.base.records`.
 
     Attributes:
         held: (lanes,) `TrackRecord` of each.

@@ -26,7 +26,7 @@ class Worked(NamedTuple):
 
     Attributes:
         lanes: the filters.
-        estimates: (ticks, rows, width) see `estimator.engine.work.ESTIMATE`.
+        estimates: (ticks, rows, width) see `icreckon.estimator.engine.work.ESTIMATE`.
     """
 
     lanes: Lanes

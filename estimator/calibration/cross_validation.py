@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.fit import Fit, few_blocks
 from icreckon.estimator.calibration.noise import log_density
-from icreckon.estimator.calibration.result import Comparison, Difference, ModelScore
+from icreckon.estimator.calibration.result import Difference, ModelComparison, ModelScore
 from icreckon.estimator.calibration.segments import Recording
 
 FOLDS = 8
@@ -38,7 +38,7 @@ class _HeldOut:
     error_with_gyro: Floats
 
 
-def validate(fits: Mapping[str, Fit]) -> Comparison:
+def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     """Compare models by their predictions of held-out blocks.
 
     Args:
@@ -101,7 +101,7 @@ def validate(fits: Mapping[str, Fit]) -> Comparison:
                     float(bounds[1]),
                 )
             )
-    return Comparison(
+    return ModelComparison(
         tuple(scores),
         tuple(differences),
         blocks,
@@ -112,7 +112,7 @@ def validate(fits: Mapping[str, Fit]) -> Comparison:
     )
 
 
-def likeliest(comparison: Comparison) -> str:
+def likeliest(comparison: ModelComparison) -> str:
     """Name of the model with the highest held-out likelihood."""
     return max(comparison.scores, key=lambda one: one.log_likelihood).model
 

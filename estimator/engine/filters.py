@@ -69,7 +69,7 @@ class Lanes(NamedTuple):
     Attributes:
         workspace: (rows, width) see `BatchFilter.layout`.
         rejected: (width, n, 5) position fixes that were rejected since one was used, see
-            `estimator.filter.reacquisition.RejectedFix`.
+            `icreckon.estimator.filter.reacquisition.RejectedFix`.
         rejected_count: (width,) their number.
         constants: constants that all lanes share, with room for those of a step.
     """
@@ -227,7 +227,7 @@ class BatchFilter:
 
         Args:
             lanes: lanes from `begin`.
-            inputs: (n, rows, width) inputs of each step, see `estimator.engine.layout`.
+            inputs: (n, rows, width) inputs of each step, see `icreckon.estimator.engine.layout`.
             steps: n steps of a run that `prepare` or `compile_for` was called with.
             table: (n, k) constants of each step, from `prepare`.
             estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks; of
@@ -293,7 +293,7 @@ class BatchFilter:
         return found
 
     def counts(self, lanes: Lanes) -> dict[str, Floats]:
-        """Counts (width,) by their names in `estimator.engine.layout.COUNTS`."""
+        """Counts (width,) by their names in `icreckon.estimator.engine.layout.COUNTS`."""
         return {name: lanes.workspace[self.rows[name]].copy() for name in COUNTS}
 
     def prepare(self, steps: Steps) -> Floats:

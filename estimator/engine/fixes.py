@@ -1,4 +1,4 @@
-"""Updates with fixes in traced numbers, as in `estimator.filter.update`."""
+"""Updates with fixes in traced numbers, as in `icreckon.estimator.filter.update`."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Step of the friction motion model in the workspace of lanes.
 
-The memory of index models is advanced by `estimator.engine.model.advanced_memory`.
+The memory of index models is advanced by `icreckon.estimator.engine.model.advanced_memory`.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ class Lane:
         return trace.lane_input("lanes", self.rows[name])
 
     def input(self, name: str) -> Traced:
-        """Input of the step, see `estimator.engine.layout.INPUTS`."""
+        """Input of the step, see `icreckon.estimator.engine.layout.INPUTS`."""
         return trace.lane_input("inputs", INPUTS[name])
 
     def constant(self, name: str) -> Traced:
@@ -218,7 +218,7 @@ class Lane:
         stand_in: int | None = None,
         only: Any = True,
     ) -> None:
-        """Gate a scalar measurement, update and count, see `estimator.filter.update`.
+        """Gate, update and count a scalar, see `icreckon.estimator.filter.update`.
 
         Args:
             sensor: name of the sensor.

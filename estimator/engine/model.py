@@ -1,7 +1,7 @@
 """Motion models and noise models in traced numbers.
 
-Equations and derivatives are those of `estimator.motion`, `estimator.filter.process_noise` and
-`estimator.sensors.sensor_models`.
+Equations and derivatives are those of `icreckon.estimator.motion`,
+`icreckon.estimator.filter.process_noise` and `icreckon.estimator.sensors.sensor_models`.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class ModelInputs(NamedTuple):
 
 
 class SlipConstants(NamedTuple):
-    """Values of `estimator.robot.robot_file.Slip`."""
+    """Values of `icreckon.estimator.robot.robot_file.Slip`."""
 
     turning_x: Any
     turning_y: Any

@@ -1,8 +1,8 @@
 """Schedule of the steps of filters side by side, from the stamps of measurements.
 
-`walk_stamps` makes the steps that `estimator.filter.filter` takes with each measurement, and finds the
-fixes that wait for the IMU. Of a log it also finds the estimates that `estimator.streaming.run` writes as
-rows. `fill_table` computes the constants of each step.
+`walk_stamps` makes the steps that `icreckon.estimator.filter.filter` takes with each measurement, and
+finds the fixes that wait for the IMU. Of a log it also finds the estimates that
+`icreckon.estimator.streaming.run` writes as rows. `fill_table` computes the constants of each step.
 """
 
 from __future__ import annotations
@@ -296,7 +296,7 @@ class WalkLimits(NamedTuple):
 
 
 class Walk(msgspec.Struct):
-    """State of a walk through the stamps of a log, see `estimator.base.records`.
+    """State of a walk through the stamps, see `icreckon.estimator.base.records`.
 
     Attributes:
         now: stamp that the filter has reached [ns].

@@ -57,7 +57,7 @@ class StepKind(NamedTuple):
 
 
 class PredictedPose(NamedTuple):
-    """Predicted pose, see `estimator.sensors.predictions.Prediction`.
+    """Predicted pose, see `icreckon.estimator.sensors.predictions.Prediction`.
 
     Attributes:
         values: (3,) x, y, yaw.
@@ -162,7 +162,10 @@ class Step:
         )
 
     def predict_pose(self) -> PredictedPose:
-        """Predict the pose a step later, see `estimator.sensors.predictions.pose_ahead`."""
+        """Predict the pose a step later.
+
+        See `icreckon.estimator.sensors.predictions.pose_ahead`.
+        """
         lane = self.lane
         dt, now = lane.constant("dt"), lane.with_smoothed_derivatives(self.model)
         density = self._density(now)

@@ -5,7 +5,7 @@ back, or agree with the turning of the tracks for some time. A gyro that is clip
 reading to the last digit. Coarse gyros and slow sensors repeat theirs, too; so repetition counts only if
 the turning of the tracks changes meanwhile, and much longer than in the gyro's own earlier repetitions.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

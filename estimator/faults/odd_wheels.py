@@ -5,7 +5,7 @@ that loses its grip or sticks shows it with certainty. Of three wheels or more t
 the one counts that fits the other side's speed and the gyro; as long as that does not decide, their mean
 does, and its error grows with the time. Wheels that are coupled never disagree.
 
-The record and its density are for plain Python and for numba, see `estimator.base.records`.
+The record and its density are for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ accelerometer shows no velocity, only its changes, and gravity on slopes looks l
 found if it begins suddenly, with a speed beyond that of the robot's usual starts and stops; one that
 begins slowly is not. It ends with the opposite change, or is forgotten after some time.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ which the tracks turn as the gyro does. A track sensor that fails looks the same
 A motion model with the loads of the tracks explains a track that slides for want of load, and needs its
 true speed: for such a model only a jump counts.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Many sensors repeat readings: those sampled less often than they are published, 
 resolution at a steady speed. So repetition counts only if the other track has read many different values
 meanwhile, and if it lasts much longer than this track's earlier repetitions.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class FilterMemory(NamedTuple):
     """Copy of all that a `Reckoning` changes: quick to make, for the history.
 
     Attributes:
-        state: (SIZE,) see `estimator.base.state`.
+        state: (SIZE,) see `icreckon.estimator.base.state`.
         covariance: (SIZE, SIZE).
         regressors: (3, 9) of the filter, None before its first step.
         model: (m,) memory of the motion model.
@@ -60,7 +60,7 @@ class FilterCheckpoint(
 
     Attributes:
         stamp: time of the estimate [ns], or None before the first.
-        state: (SIZE,) see `estimator.base.state`; with the wander of the fixes two more.
+        state: (SIZE,) see `icreckon.estimator.base.state`; with the wander of the fixes two more.
         covariance: (n, n) of the n states.
         step_under_way: the fast slip of the next step has begun.
         stands: the robot was found standing.
@@ -70,10 +70,11 @@ class FilterCheckpoint(
         rejected_in_a_row: rejections in a row, by sensor.
         health: counts.
         clones: stochastic clones, None if there are none.
-        model: (m,) memory of the motion model, see `estimator.motion.motion_model.MotionModel`.
+        model: (m,) memory of the motion model, see `icreckon.estimator.motion.motion_model.MotionModel`.
         rejected_fixes: position fixes that were rejected since one was used.
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
-        regressors: (3, 9) of the filter, see `estimator.filter.ekf.IcrEkf`; None before its first step.
+        regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.IcrEkf`; None before its
+            first step.
         slip_factor: factor on the slip that position fixes have shown.
         fix_trend: mean of the normalised innovations of position fixes, to the front and to the left,
             and of their squares.

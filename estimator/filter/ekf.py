@@ -100,9 +100,9 @@ class Observer(Protocol):
 class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """filterpy's EKF with the kinematics of ICRs as its motion model.
 
-    `x` is (SIZE,), `P` (SIZE, SIZE); `estimator.base.state` has their layout. If fixes wander there are
-    two states more behind these (`add_wander`). `F` and `Q` are those of the newest prediction. Updates
-    are scalar (`update_scalar`); filterpy's own `update` and its `y`, `K` and `S` are not used.
+    `x` is (SIZE,), `P` (SIZE, SIZE); `icreckon.estimator.base.state` has their layout. If fixes wander
+    there are two states more behind these (`add_wander`). `F` and `Q` are those of the newest prediction.
+    Updates are scalar (`update_scalar`); filterpy's own `update` and its `y`, `K` and `S` are not used.
 
     Args:
         model: the motion model.

@@ -1,6 +1,6 @@
 """Record of a streaming filter: all that it remembers of its inputs.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Process noise: slip, errors of the track speeds, and random walks.
 
-The functions are written for plain Python and for numba (`estimator.tracing.jit_kernel`).
+The functions are written for plain Python and for numba (`icreckon.estimator.tracing.jit_kernel`).
 """
 
 from __future__ import annotations

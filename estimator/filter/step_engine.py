@@ -18,7 +18,10 @@ class WholeStep(Protocol):
     """Whole steps of a filter, compiled; they change its record as the reference does."""
 
     def take_track_speeds(self, stamp: int, left: float, right: float) -> int:
-        """Add track speeds, see `estimator.filter.filter_record.take_track_speeds`."""
+        """Add track speeds.
+
+        See `icreckon.estimator.filter.filter_record.take_track_speeds`.
+        """
         ...
 
     def take_imu(

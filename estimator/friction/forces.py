@@ -1,7 +1,7 @@
 """Forces of the ground on both tracks and their derivatives, in traced numbers.
 
-The forces are those of `estimator.motion.contact_forces`: Coulomb friction against the slip of each
-contact point, which fades at small slip and may build up with the shear displacement, and rolling
+The forces are those of `icreckon.estimator.motion.contact_forces`: Coulomb friction against the slip of
+each contact point, which fades at small slip and may build up with the shear displacement, and rolling
 resistance. Symbols and axes are the paper's. Jacobians are tuples of rows.
 """
 

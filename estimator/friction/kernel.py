@@ -71,7 +71,7 @@ def friction_steps(
     Args:
         kernel: kernel of a substep.
         places: places in its arrays.
-        compiler: one of `estimator.tracing.jit_kernel`, with a digest of the kernel.
+        compiler: one of `icreckon.estimator.tracing.jit_kernel`, with a digest of the kernel.
     """
     started, load_lag, pairs, constant_count, place_of_h, keep, is_first, turn_share = places
 

@@ -54,9 +54,9 @@ CARRIED = ("right_by_left", "right_by_right", "forward_by_left", "forward_by_rig
 # the first of a step, and the share of a step in the averaged indices of turns, 0 before the last.
 SUBSTEP_CONSTANTS = ("h", "keep", "is_first", "turn_share")
 
-# Constants of a vehicle on its ground, see `estimator.motion.contact_forces.Ground`: `even` is the upper
-# triangle of a symmetric matrix, `friction` across and along each track, `pairs` the number of pairs of
-# contact points.
+# Constants of a vehicle on its ground, see `icreckon.estimator.motion.contact_forces.Ground`: `even` is
+# the upper triangle of a symmetric matrix, `friction` across and along each track, `pairs` the number of
+# pairs of contact points.
 BODY_CONSTANTS = (
     *("mass", "weight", "yaw_inertia", "load_lag", "half_gauge", "half_width", "rear", "front"),
     *("shear_modulus", "small", "opposes_travel"),

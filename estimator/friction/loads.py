@@ -1,8 +1,8 @@
 """Loads of the contact points in traced numbers, as planes over the contact.
 
-Loads are those of `estimator.motion.contact.vertical_loads`: planar over the points that touch, and zero
-where the plane is below zero. Coordinates along the track are those of the nominal contact, so that a
-plane does not depend on the estimated length.
+Loads are those of `icreckon.estimator.motion.contact.vertical_loads`: planar over the points that touch,
+and zero where the plane is below zero. Coordinates along the track are those of the nominal contact, so
+that a plane does not depend on the estimated length.
 """
 
 from __future__ import annotations

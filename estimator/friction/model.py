@@ -2,7 +2,7 @@
 
     twist = v + dv/dp (p - p') + dv/dg (g - g') + dv/dV (V - V') + slip
 
-where v is the twist that `estimator.friction.step` has integrated up to the end of the present
+where v is the twist that `icreckon.estimator.friction.step` has integrated up to the end of the present
 step, with the estimates of the parameters p' and of gravity along the ground g' at its start, at its
 track speeds V'. The derivatives are integrated,
 too, so that they contain the effect of the parameters on all motion so far. Updates of the parameters
@@ -13,11 +13,12 @@ rolling resistance [-], half the contact's length and the three coordinates of t
 of the nine places stay empty. The model does not use indices; those that it reports are of the newest
 turns, averaged over a short time.
 
-Friction is that of `estimator.motion.contact`, but it fades at slip below `REGULARISING_SPEED`: track
-speeds are not accurate enough to resolve the kink in Coulomb's law.
+Friction is that of `icreckon.estimator.motion.contact`, but it fades at slip below `REGULARISING_SPEED`:
+track speeds are not accurate enough to resolve the kink in Coulomb's law.
 
-Symbols and axes are the paper's (see `estimator.motion.icr`). `linearise` accepts floats, and complex
-numbers for complex-step differentiation, and lanes trace it, see `estimator.motion.motion_model`.
+Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). `linearise` accepts floats, and
+complex numbers for complex-step differentiation, and lanes trace it, see
+`icreckon.estimator.motion.motion_model`.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ class FrictionMotion:
 
     @property
     def pairs(self) -> Floats:
-        """Pairs of contact points (k, 4), see `estimator.friction.loads`."""
+        """Pairs of contact points (k, 4), see `icreckon.estimator.friction.loads`."""
         at, count = self._ground, len(self._ground.x) // 2
         return np.stack([at.x[:count], at.x[count:], at.y[:count], at.share[:count]], axis=-1)
 
@@ -220,7 +221,7 @@ def linearise(
 ) -> tuple[Motion, TwistDerivatives]:
     """Linearise the friction model, see `FrictionMotion.linearise`.
 
-    `memory` is laid out as in `estimator.friction.layout`.
+    `memory` is laid out as in `icreckon.estimator.friction.layout`.
     """
     left, right = V_l - memory[AT_SPEEDS.start], V_r - memory[AT_SPEEDS.start + 1]
     inputs = (*(parameters[k] for k in range(PARAMETERS)), gravity[0], gravity[1])

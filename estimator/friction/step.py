@@ -1,8 +1,8 @@
 """Step of the friction motion model and of its derivatives, in traced numbers.
 
-The body's twist v about the origin follows the tracks by the forces F of `estimator.friction.forces`. A
-step of h seconds is implicit in the stiff part, friction, and explicit in the slow parts, the loads and
-the force of inertia I:
+The body's twist v about the origin follows the tracks by the forces F of
+`icreckon.estimator.friction.forces`. A step of h seconds is implicit in the stiff part, friction, and
+explicit in the slow parts, the loads and the force of inertia I:
 
     A (v' - v) = h (F(v', V, loads(q)) + I(v) + M g)
     q' = k q - (1 - k) F(v', V, loads(q)),  k = exp(-h / T)
@@ -73,7 +73,7 @@ class FrictionRows(NamedTuple):
     """Numbers of a friction model that a substep changes.
 
     Attributes:
-        memory: (MEMORY,) see `estimator.friction.layout`.
+        memory: (MEMORY,) see `icreckon.estimator.friction.layout`.
         carried: (4,) see `layout.CARRIED`.
     """
 
@@ -98,7 +98,7 @@ def substep(
         inputs: (INPUTS,) present estimate of parameters and gravity.
         V: speeds of the left and the right track [m/s].
         constants: `layout.SUBSTEP_CONSTANTS` and `layout.BODY_CONSTANTS` by name.
-        pairs: pairs of contact points, see `estimator.friction.loads`.
+        pairs: pairs of contact points, see `icreckon.estimator.friction.loads`.
         sheared: friction builds up with the shear displacement.
         estimated: places of the inputs by which derivatives are computed. Those by parameters whose
             constant `estimated` is 0 stay zero, so that variants share code.

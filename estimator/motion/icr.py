@@ -122,7 +122,7 @@ def indices_at_inertia(force: Number, x_1: Number, x_2: Number, parameters: Any)
         force: magnitude of the force of inertia |F| [N].
         x_1: V_l - V_r [m/s], only its sign counts.
         x_2: V_l + H V_r [m/s], only its sign counts.
-        parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`.
+        parameters: eight index parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`.
     """
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters[:8]
     signed = force * np.sign(x_1) * np.sign(x_2)
@@ -151,8 +151,8 @@ def indices_at_signed_inertia(signed: Number, directed: Number, parameters: Any)
     Args:
         signed: first value of `signed_inertia` [N].
         directed: second value of `signed_inertia` [N].
-        parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`; H is
-            not used.
+        parameters: eight index parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`;
+            H is not used.
     """
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters[:8]
     return IndexValues(

@@ -18,9 +18,9 @@ so the equation has a solution for any parameters.
 u is found by Newton's iteration from u = 0, or by bisection in the rare case that this does not converge
 (parameters far from any real vehicle's). The derivatives follow from the implicit-function theorem.
 
-Symbols and axes are the paper's (see `estimator.motion.icr`). Arguments broadcast; floats give floats,
-complex numbers pass through, for complex-step differentiation. The filter's model is
-`estimator.motion.lagged_index_model`.
+Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Arguments broadcast; floats give
+floats, complex numbers pass through, for complex-step differentiation. The filter's model is
+`icreckon.estimator.motion.lagged_index_model`.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def solve(
     Args:
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
-        parameters: eight index parameters, in the order of `estimator.robot.robot_file.Indices`; each
-            broadcasts.
+        parameters: eight index parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`;
+            each broadcasts.
         vehicle: L, M, x_CM, y_CM.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
         slip: residual (r_x, r_y, r_w) added to the kinematic twist.

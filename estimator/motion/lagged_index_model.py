@@ -16,13 +16,13 @@ S is the paper's signed force of inertia with gravity's part g_right along the g
 the ground along the tracks, as a share of the weight: rolling resistance c, acceleration a (lagged, too)
 and gravity's part g_forward. In a turn every contact point slides, so a force along the tracks shifts
 both ICRs alike; epsilon_F is that shift. The paper's model is the steady motion on level ground with
-epsilon_F = 0 (`estimator.motion.index_model`).
+epsilon_F = 0 (`icreckon.estimator.motion.index_model`).
 
 S is at most the weight, P at most 1. The ICRs of the tracks stay on both sides of the origin, and y_ICR
 within the effective gauge: so v_y is between the track speeds for any parameters.
 
-Symbols and axes are the paper's (see `estimator.motion.icr`). Floats, complex numbers and traced numbers
-pass through, see `estimator.motion.motion_model`.
+Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Floats, complex numbers and traced
+numbers pass through, see `icreckon.estimator.motion.motion_model`.
 """
 
 from __future__ import annotations

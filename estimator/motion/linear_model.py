@@ -8,7 +8,7 @@ It contains constant ICRs of two tracks with different radii (Baril et al., Eval
 kinematic models for subarctic environments, CRV 2020; Okawara et al., Tightly-coupled LiDAR-IMU-wheel
 odometry with an online calibration of a kinematic model for skid-steering robots, IEEE Access 2024).
 
-Symbols and axes are the paper's (see `estimator.motion.icr`).
+Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`).
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """Interface of motion models: body velocity from track speeds, with derivatives.
 
-`estimator.motion.lagged_index_model` has the inertia-based model, `estimator.friction.model` that of
-friction, `estimator.motion.linear_model` the linear one.
-Internally, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three
+`icreckon.estimator.motion.lagged_index_model` has the inertia-based model,
+`icreckon.estimator.friction.model` that of friction, `icreckon.estimator.motion.linear_model` the linear
+one. Internally, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three
 indices and the slip). So a derivative by a parameter is that by a channel times the *gain factor*, the
 factor of that parameter in its index. The interface has derivatives by the parameters, track speeds and
 slip themselves.
 
-Symbols and axes are the paper's (see `estimator.motion.icr`). Functions without a class are written for
-floats, complex numbers and arrays, and for numba (`estimator.tracing.jit_kernel`): comparisons use real
-parts only, and branches plain flags only.
+Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Functions without a class are
+written for floats, complex numbers and arrays, and for numba (`icreckon.estimator.tracing.jit_kernel`):
+comparisons use real parts only, and branches plain flags only.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ class TwistDerivatives(NamedTuple):
     """Total derivatives of (v_x, v_y, w), three rows each, as tuples or arrays.
 
     Attributes:
-        by_parameters: (3, 9) by the parameters, in the order of `estimator.robot.robot_file.Indices`.
+        by_parameters: (3, 9) by the parameters, in the order of
+            `icreckon.estimator.robot.robot_file.Indices`.
         by_speeds: (3, 2) by V_l and V_r.
         by_slip: (3, 3) by r_x, r_y and r_w.
         by_gravity: (3, 2) by gravity along the ground, right and forward.
@@ -134,7 +135,7 @@ class MotionModel(Protocol):
             V_l: speed of the left track [m/s].
             V_r: speed of the right track [m/s].
             parameters: nine parameters, those of index models in the order of
-                `estimator.robot.robot_file.Indices`.
+                `icreckon.estimator.robot.robot_file.Indices`.
             slip: residual (r_x, r_y, r_w) added to the model's twist.
             gravity: acceleration of gravity along the ground, right and forward [m/s²].
         """

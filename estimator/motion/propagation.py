@@ -2,7 +2,7 @@
 
 All functions work on scalars.
 
-Written for plain Python and for numba (`estimator.tracing.jit_kernel`).
+Written for plain Python and for numba (`icreckon.estimator.tracing.jit_kernel`).
 """
 
 from __future__ import annotations

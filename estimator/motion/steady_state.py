@@ -1,7 +1,7 @@
 """Stationary twist of a tracked vehicle: all forces and moments balance.
 
-The balance (`estimator.motion.contact.steady_balance`) is solved for many pairs of track speeds. Each
-stage is Newton's iteration (compiled) with the analytic Jacobian and step halving on the norm of the
+The balance (`icreckon.estimator.motion.contact.steady_balance`) is solved for many pairs of track speeds.
+Each stage is Newton's iteration (compiled) with the analytic Jacobian and step halving on the norm of the
 balance:
 
 1. from a kinematic guess, which solves most pairs in a few steps;

@@ -162,7 +162,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         gyro_scale_sigma: standard deviation of the gyro's scale [-].
         gyro_bias: initial bias of the yaw rate in base_link, reading less rate [rad/s].
         gyro_noise_density: white noise of the rate [rad/s/√Hz]; measured noise counts where it differs
-            clearly, see `estimator.sensors.imu_noise`.
+            clearly, see `icreckon.estimator.sensors.imu_noise`.
         gyro_bias_sigma: standard deviation of the initial bias [rad/s].
         gyro_bias_walk: random walk of the bias [rad/s/√s].
         accelerometer_noise_density: white noise, vibration and small slopes included [m/s²/√Hz]; clearly
@@ -317,7 +317,8 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         slope: slope of the ground.
         soil: friction and rolling resistance of the robot's usual ground, None if unknown.
         undetected_slip: slip of both tracks that no sensor shows.
-        slip: overrides of the slip residual, variant name -> Slip; see `estimator.robot.variants`.
+        slip: overrides of the slip residual, variant name -> Slip; see
+            `icreckon.estimator.robot.variants`.
         log: topic mapping of this robot's logs, checked by the readers of logs.
         format: version of the file format.
         note: free text.

@@ -86,6 +86,7 @@ VARIANTS = {
         Variant("friction-online", "friction", online=True),
     )
 }
+"""Filter variants by name."""
 
 
 class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -204,8 +205,9 @@ def find_variant(name: str) -> Variant:
 def register(variant: Variant) -> None:
     """Add a variant; its name is valid wherever those of `VARIANTS` are.
 
-    A motion model without a traced form (`estimator.engine.model`) is evaluated in Python, with either
-    engine, and cannot run side by side. Studies refuse it, and the worker processes of a replay lack it.
+    A motion model without a traced form (`icreckon.estimator.engine.model`) is evaluated in Python, with
+    either engine, and cannot run side by side. Studies refuse it, and the worker processes of a replay
+    lack it.
 
     Raises:
         EstimatorError: the name is taken, or there is no such shipped model.
@@ -275,8 +277,8 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
     """Initial values of the nine parameters (9,) of a variant.
 
     They are the robot file's, as far as the variant's model has them. Gains that the file lacks are those
-    of Coulomb friction; see `estimator.robot.nominal_contact`, also for the friction model on unknown
-    ground.
+    of Coulomb friction; see `icreckon.estimator.robot.nominal_contact`, also for the friction model on
+    unknown ground.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground.

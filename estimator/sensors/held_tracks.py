@@ -1,6 +1,6 @@
 """Held track speeds: newest values, age, acceleration, and error density if stale.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Clock of a sensor: newest stamp, interval, expectation of the next sample.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Second differences cancel a constant and a constant change, so that a turn does not count as noise. Their
 mean size, clipped, is a robust scale of the noise. It is taken of single readings and of means over short
 blocks, which show slow vibration to a fast IMU; the larger counts. The functions are written for plain
-Python and for numba, see `estimator.base.records`.
+Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations

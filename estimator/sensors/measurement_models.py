@@ -34,7 +34,7 @@ from icreckon.estimator.sensors.sensor_models import (
     shift,
 )
 
-# Gates have thresholds for so many components (`estimator.filter.gate.CHI_SQUARE_1E4`).
+# Gates have thresholds for so many components (`icreckon.estimator.filter.gate.CHI_SQUARE_1E4`).
 MOST_COMPONENTS = 3
 # A twist measurement does not move the pose, which is to be continuous.
 POSE_FIXED = (s.X, s.Y, s.YAW)

@@ -46,7 +46,7 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
     Args:
         x: (SIZE,) the state.
         model: the twist at `x`.
-        density: (3, 3) density of the fast slip, see `estimator.filter.process_noise`.
+        density: (3, 3) density of the fast slip, see `icreckon.estimator.filter.process_noise`.
         elapsed: time since the newest step [s].
     """
     twist, jacobian = _without_fast_slip(x, model)
@@ -100,7 +100,7 @@ def twist_ahead(x: Floats, model: TwistModel, density: Floats, interval: float) 
     Args:
         x: (SIZE,) the state.
         model: the twist at `x`.
-        density: (3, 3) density of the fast slip, see `estimator.filter.process_noise`.
+        density: (3, 3) density of the fast slip, see `icreckon.estimator.filter.process_noise`.
         interval: expected length of the next step [s].
     """
     return Prediction(*_without_fast_slip(x, model), density / interval)

@@ -1,6 +1,6 @@
 """IMU: mounting, and equations of its predicted measurements.
 
-The equations serve plain Python and compiled code (`estimator.tracing`).
+The equations serve plain Python and compiled code (`icreckon.estimator.tracing`).
 """
 
 from __future__ import annotations

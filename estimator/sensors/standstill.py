@@ -1,7 +1,7 @@
 """Standstill detection: both tracks stopped, and a gyro whose mean is its bias.
 
-The functions are written for plain Python and for numba, see `estimator.base.records`. Yaw-rate readings
-lie in a buffer beside the record, for their number is known only when a log is.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`. Yaw-rate
+readings lie in a buffer beside the record, for their number is known only when a log is.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ class PoseEstimator:
 
     Args:
         robot: the robot, see `load_robot`.
-        variant: name of a filter variant, see `estimator.robot.variants.VARIANTS`.
+        variant: name of a filter variant, see `icreckon.estimator.robot.variants.VARIANTS`.
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
@@ -202,12 +202,12 @@ class PoseEstimator:
 
     @property
     def biases(self) -> dict[str, float]:
-        """Biases and scales by their names in `estimator.base.state`."""
+        """Biases and scales by their names in `icreckon.estimator.base.state`."""
         return self._named(s.BIASES)
 
     @property
     def state(self) -> Floats:
-        """(SIZE,) copy of the filter's state, see `estimator.base.state`."""
+        """(SIZE,) copy of the filter's state, see `icreckon.estimator.base.state`."""
         return self._reckoning.ekf.x[: s.SIZE].copy()
 
     @property

@@ -20,12 +20,12 @@ class Run:
         variant: name of the filter variant, with "-smoothed" appended if the run is smoothed.
         trajectory: poses and twists with covariances.
         indices: (n, 3) zeta [m], epsilon [m], eta [-] of the motion at that time.
-        state_names: (SIZE,) names of the states, see `estimator.base.state`.
+        state_names: (SIZE,) names of the states, see `icreckon.estimator.base.state`.
         states: (n, SIZE) states of the filter.
         state_sigmas: (n, SIZE) standard deviations of the states.
         health: counts of the measurements.
         innovation_names: (k,) components of the sensors with innovations, see
-            `estimator.streaming.innovation_rows`.
+            `icreckon.estimator.streaming.innovation_rows`.
         innovations: (n, k) newest innovation of each component since the row before, over its predicted
             standard deviation [-]; NaN if there was none. A smoothed run has no innovations.
     """

@@ -55,7 +55,7 @@ def run(
     return work_through(log, estimator, progress)
 
 
-# NaN is found afterwards, see `estimator.streaming.lost`.
+# NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
 @np.errstate(all="ignore")
 def work_through(
     log: Log,

@@ -65,7 +65,7 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         now: checkpoint of the filter.
         history: checkpoint of the history, for late measurements.
         arrivals: counts of measurements that did not reach the filter.
-        witnesses: see `estimator.log.input_checks.Admission`.
+        witnesses: see `icreckon.estimator.log.input_checks.Admission`.
         latencies: latencies of the stamps.
         estimated_latency: part of the track speeds' latency that was estimated [s].
         behind: rows of measurements that were too old, see `Admission`.

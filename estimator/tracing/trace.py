@@ -1,9 +1,10 @@
 """Traced numbers, whose operations are recorded and compiled for many lanes.
 
 A `Traced` stands for one number of each lane. Functions of numbers (for example those of
-`estimator.motion.index_model`) are run once with traced numbers for arguments, through
-`estimator.tracing.elementary.traced`, and their operations become a graph. The graph contains each
-expression once. Constant zeros and ones are left out as it is built: a Jacobian's zeros cost nothing.
+`icreckon.estimator.motion.index_model`) are run once with traced numbers for arguments, through
+`icreckon.estimator.tracing.elementary.traced`, and their operations become a graph. The graph contains
+each expression once. Constant zeros and ones are left out as it is built: a Jacobian's zeros cost
+nothing.
 """
 
 from __future__ import annotations

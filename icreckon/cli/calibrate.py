@@ -22,9 +22,9 @@ from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
-from icreckon.report.calibration.figure import write_calibration_figure
 from icreckon.report.calibration.page import write_calibration_page
 from icreckon.report.calibration.tables import calibration_tables
+from icreckon.report.drawing import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
@@ -81,7 +81,10 @@ def run_calibrate(
         summary = json_types(summary)
         write_results(folder / RESULTS_FILE, summary)
         write_calibration_page(folder / PAGE_FILE, summary)
-        write_calibration_figure(folder / FIGURE_FILE, summary)
+        with unless_missing():
+            from icreckon.report.calibration.figure import write_calibration_figure
+
+            write_calibration_figure(folder / FIGURE_FILE, summary)
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:

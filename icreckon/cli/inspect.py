@@ -13,7 +13,7 @@ from rich.text import Text
 from icreckon.cli.console import messages, results
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import check_replaceable, written_beside
-from icreckon.replay.inspection.filled_in import with_filled_in
+from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
 from icreckon.replay.inspection.robot_file import FIRST_WORDS, has_tracks
 from icreckon.replay.inspection.topic_survey import TopicReport
@@ -46,7 +46,8 @@ def run_inspect(
     starts = (FIRST_WORDS.encode(),)
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
-    found = inspect(paths, definitions=read_definitions(message_files))
+    gauge = None if write is None else filled_in_gauge(write)
+    found = inspect(paths, definitions=read_definitions(message_files), track_gauge=gauge)
     if as_json:
         typer.echo(json.dumps(_as_plain(found), indent=1))
     else:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import platform
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -11,8 +9,14 @@ import numpy as np
 import typer
 
 from icreckon.cli.console import messages, progress, results, results_folder
-from icreckon.replay.comparison.results import FORMAT, Results, json_types, write_results
-from icreckon.report.paper.figures import write_figures
+from icreckon.replay.comparison.results import (
+    FORMAT,
+    Results,
+    json_types,
+    versions,
+    write_results,
+)
+from icreckon.report.drawing import unless_missing
 from icreckon.report.paper.page import write_paper_page
 from icreckon.report.paper.tables import LEVELS, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
@@ -53,7 +57,10 @@ def run_paper(
             comment = f"Found by: icreckon paper --identify --seed {seed}"
         text = as_toml(guess, comment)
         (folder / CONTACT_FILE).write_text(text, encoding="utf-8")
-        write_figures(folder, reproduced, FIGURE_FILE)
+        with unless_missing():
+            from icreckon.report.paper.figures import write_figures
+
+            write_figures(folder, reproduced, FIGURE_FILE)
         write_results(folder / RESULTS_FILE, summary)
         write_paper_page(folder / PAGE_FILE, summary, folder)
         if as_json:
@@ -102,8 +109,7 @@ def _summary(reproduced: Reproduction, seed: int | None, found: Results | None) 
         "command": "paper",
         "configuration": {"identify": found is not None, **msgspec.to_builtins(guess)},
         "seed": seed,
-        "versions": {"python": platform.python_version()}
-        | {name: version(name) for name in PACKAGES},
+        "versions": versions(PACKAGES),
         "published": [msgspec.to_builtins(row) for row in reproduced.rows],
         "counts": {
             "printed": len(printed),

@@ -10,7 +10,7 @@ from typing import Any, cast
 from icreckon.cli.console import messages
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.comparison.scores import SCORED_OUTAGE, scored_intervals
+from icreckon.replay.comparison.fixes import SCORED_OUTAGE, scored_intervals
 from icreckon.replay.export.log_bag import Format, check_place, write_log
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options

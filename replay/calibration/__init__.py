@@ -1,4 +1,4 @@
 """Calibration outputs: results as plain data, and the calibrated robot's file.
 
-Below: `comparison`, `estimator.calibration`.
+Below: `comparison`, `icreckon.estimator.calibration`.
 """

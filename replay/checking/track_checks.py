@@ -34,7 +34,8 @@ from icreckon.replay.checking.measured import (
 )
 from icreckon.replay.inspection.imu_mounting import SMOOTHING, forward_yaw, turning_correlation
 from icreckon.replay.inspection.latency import objection, track_latency
-from icreckon.replay.inspection.wheels import CLEAR_TURNING, DEGREES
+from icreckon.replay.inspection.wheels import CLEAR_TURNING, DEGREES, turning_suspicion
+from icreckon.replay.mapping.topics import topic_map
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
 # the distance by as much.
@@ -91,7 +92,17 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         shown = (
             "nothing turns" if correlation is None else f"correlation {correlation:.2f}: unclear"
         )
-        yield Check("sense of turning", "left is positive", shown)
+        gauge = _gauge_of_twist(robot)
+        off = [] if gauge is None else turning_suspicion(log, vertical, gauge)
+        yield Check(
+            "sense of turning",
+            "left is positive",
+            shown,
+            off[0] if off else "",
+            "look at the odometry's yaw rate; gauge in [log.tracks] is that of its controller"
+            if off
+            else "",
+        )
         return
     turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
     difference = float(turned.std()) / effective_track(robot)
@@ -127,6 +138,14 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     yield Check(
         "sense of turning", "left is positive", f"correlation {correlation:.2f}", text, remedy, mend
     )
+
+
+def _gauge_of_twist(robot: Robot) -> float | None:
+    """Gauge [m] of track speeds that are made from a twist; None if they are not."""
+    tracks = topic_map(robot, robot.name).tracks if robot.log else None
+    if tracks is None or tracks.left:
+        return None
+    return tracks.gauge or robot.vehicle.track_gauge
 
 
 def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:

@@ -33,10 +33,12 @@ from icreckon.replay.comparison.fixes import (
     OF_FIXES,
     LogPart,
     parse_part,
+    scored_intervals,
     with_fixes_within,
     with_truth_of_fixes,
 )
 from icreckon.replay.comparison.initial_pose import start_from_fixes
+from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
@@ -64,12 +66,15 @@ class Comparison:
             as "inertia-online-smoothed".
         alignment: lag and lever arm removed from a logged truth; None for a simulated truth or none.
         failed: failures by name of the variant; never all of them.
+        known_bias: bias of the gyro by the truth if `gyro` had no chance to learn it; `runs` has
+            "gyro-known-bias" then, which is `gyro` with that bias.
     """
 
     log: Log
     runs: dict[str, Run]
     alignment: TruthAlignment | None
     failed: dict[str, LostFilter] = field(default_factory=dict)
+    known_bias: KnownBias | None = None
 
 
 def compare(
@@ -91,11 +96,14 @@ def compare(
     truth's pose if there is one, otherwise at the pose from the fixes or at the origin.
 
     The variants run in one batch over a log of `MANY_SAMPLES` IMU samples or more; see
-    `estimator.batch.replay`. Exceptions are logs with data that only the streaming filter supports, and
-    smoothing. The results agree to rounding; `engine` overrides the choice.
+    `icreckon.estimator.batch.replay`. Exceptions are logs with data that only the streaming filter
+    supports, and smoothing. The results agree to rounding; `engine` overrides the choice.
 
     A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
     continue.
+
+    If `gyro` is compared with others, and neither standstill nor fixes show it its bias, it runs once
+    more with the bias that the truth shows; see `icreckon.replay.comparison.known_bias`.
 
     Args:
         log: the log.
@@ -104,7 +112,7 @@ def compare(
         settings: settings of the pose estimator.
         fixes: part of the log in which fixes are used, as "0:40%" or "12:90" (seconds), or from
             `parse_part`; None for all logged fixes. Without a truth, the others are scored against.
-        smooth: whether each run is smoothed, too, see `estimator.streaming.smoother`.
+        smooth: whether each run is smoothed, too, see `icreckon.estimator.streaming.smoother`.
         engine: "auto", as above; "batch", for a log of any length; or "streaming".
         workers: number of processes for the variants; 1 runs them in this one. A batch always runs in
             this process.
@@ -149,7 +157,28 @@ def compare(
     kept = {one.variant: one for one in found if isinstance(one, Run)}
     if not kept:
         raise _all_failed([*failed.values()])
-    return Comparison(log, kept, alignment, failed)
+    kept, bias = _with_known_bias(task, kept)
+    return Comparison(log, kept, alignment, failed, bias)
+
+
+def _with_known_bias(task: _Task, runs: dict[str, Run]) -> tuple[dict[str, Run], KnownBias | None]:
+    """Runs with `gyro` once more if it had no chance to learn its bias, and that bias."""
+    log = task.log
+    if GYRO not in runs or len(runs) == 1 or log.truth is None or log.imu is None:
+        return runs, None
+    bias = known_bias(runs[GYRO], log.truth, task.robot, scored_intervals(log))
+    if bias is None:
+        return runs, None
+    try:
+        again = replace(task, robot=bias.robot(task.robot), smooth=False).only_run(GYRO)
+    except LostFilter:
+        return runs, None
+    found = {}
+    for name, one in runs.items():
+        found[name] = one
+        if name == GYRO:
+            found[KNOWN_BIAS] = replace(again, variant=KNOWN_BIAS)
+    return found, bias
 
 
 def _without_false_headings(log: Log) -> Log:

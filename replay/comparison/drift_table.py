@@ -10,10 +10,11 @@ from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Drift, Unit, drif
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
+from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.comparison.truth_alignment import TruthAlignment
 
 # Candidates for the baseline, wheels and gyro first: the first that was run.
-BASELINES = ("gyro", "constant-online", "constant-fixed", "differential")
+BASELINES = (KNOWN_BIAS, "gyro", "constant-online", "constant-fixed", "differential")
 # Candidates for the horizon of the verdict: the first with an interval, or else with segments.
 VERDICT_HORIZONS = ("30s", "10s", "30m", "10m", "5m", "60s", "50m")
 

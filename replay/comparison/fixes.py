@@ -10,6 +10,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix, PoseFix
+from icreckon.estimator.log.scores import without_fixes
 from icreckon.estimator.log.series import FixSeries, PoseSeries, Truth
 from icreckon.replay.base.errors import ReplayError
 
@@ -18,6 +19,8 @@ OF_FIXES = "fixes that were not used"
 # Fixes from a truth: period [s], and their standard deviations [m, rad].
 TRUTH_FIX_PERIOD = 1.0
 TRUTH_FIX_SIGMA = (0.05, 0.02)
+# Shortest gap between fixes that is scored as dead reckoning [s].
+SCORED_OUTAGE = 15.0
 
 
 class Bound(NamedTuple):
@@ -113,6 +116,13 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
             if not isinstance(other, HeadingFix | PoseFix) or start <= other.stamp <= end
         ),
     )
+
+
+def scored_intervals(log: Log) -> list[tuple[int, int]]:
+    """Intervals of scored drift: a whole log without fixes, else its long outages."""
+    if log.fixes is None or len(log.fixes.stamps) == 0:
+        return [(log.start, log.end)]
+    return without_fixes(log.fixes.stamps, log.start, log.end, SCORED_OUTAGE)
 
 
 def _fixes_from_truth(log: Log) -> FixSeries:

@@ -35,7 +35,7 @@ from icreckon.replay.comparison.drift_table import (
     paired_drifts,
     verdict,
 )
-from icreckon.replay.comparison.fixes import LogPart
+from icreckon.replay.comparison.fixes import LogPart, scored_intervals
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -43,7 +43,7 @@ from icreckon.replay.comparison.results import (
     summarise,
     versions,
 )
-from icreckon.replay.comparison.scores import scored_intervals, truths_of
+from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.reading.read_log import read_log
 
 # Longest time between the end of a log and the start of another that may be one recording [s].

@@ -11,6 +11,7 @@ import json
 import math
 import platform
 import re
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,9 @@ from icreckon.replay.comparison.drift_table import (
     paired_drifts,
     verdict,
 )
+from icreckon.replay.comparison.fixes import scored_intervals
 from icreckon.replay.comparison.plot_series import series_of
-from icreckon.replay.comparison.scores import differences, scored_intervals, scores, truths_of
+from icreckon.replay.comparison.scores import differences, scores, truths_of
 
 FORMAT = 1
 # Shortest gap without samples that is reported [s].
@@ -107,6 +109,7 @@ def summarise(
         "baseline_variant": None if log.truth is None else baseline,
         "horizons": list(horizon_labels()),
         "verdict": found,
+        "gyro_bias": _gyro_bias(comparison),
         "failed": {
             name: {"reason": lost.reason, "since_s": lost.seconds}
             for name, lost in comparison.failed.items()
@@ -225,6 +228,18 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
     }
 
 
+def _gyro_bias(comparison: Comparison) -> Results | None:
+    """Bias of the gyro that the variant `gyro` had no chance to learn."""
+    found = comparison.known_bias
+    if found is None:
+        return None
+    return {
+        "used_rad_s": found.used,
+        "shown_rad_s": found.shown,
+        "shown_sigma_rad_s": found.sigma,
+    }
+
+
 def json_types(value: Any) -> Any:
     """Convert to JSON types: None for NaN and infinity, no numpy types."""
     if isinstance(value, dict):
@@ -238,10 +253,10 @@ def json_types(value: Any) -> Any:
     return value
 
 
-def versions() -> dict[str, str]:
-    """Versions of the software that determines a result."""
+def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
+    """Versions of Python and of the packages that determine a result."""
     found = {"python": platform.python_version()}
-    for name in PACKAGES:
+    for name in packages:
         try:
             found[name] = version(name)
         except PackageNotFoundError:

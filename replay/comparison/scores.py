@@ -9,7 +9,6 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import relative, wrap_angle
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import (
     HORIZONS,
     drift,
@@ -17,7 +16,6 @@ from icreckon.estimator.log.scores import (
     path_length,
     pose_nees,
     velocity_errors,
-    without_fixes,
 )
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.comparison.compare import Comparison
@@ -26,17 +24,7 @@ from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.plot_series import largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
 
-# Shortest gap between fixes that is scored as dead reckoning [s].
-SCORED_OUTAGE = 15.0
-
 Results = dict[str, Any]
-
-
-def scored_intervals(log: Log) -> list[tuple[int, int]]:
-    """Intervals of scored drift: a whole log without fixes, else its long outages."""
-    if log.fixes is None or len(log.fixes.stamps) == 0:
-        return [(log.start, log.end)]
-    return without_fixes(log.fixes.stamps, log.start, log.end, SCORED_OUTAGE)
 
 
 def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:

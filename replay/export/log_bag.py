@@ -53,7 +53,7 @@ def write_log(
     """Write a log as a bag, on the topics of the robot's mapping.
 
     Streams without a mapping, or with one that cannot be written, go to
-    `replay.mapping.topics.DEFAULT_TOPICS`. The bag then holds its own mapping for reading it.
+    `icreckon.replay.mapping.topics.DEFAULT_TOPICS`. The bag then holds its own mapping for reading it.
 
     `read_log` with the same robot restores the log: stamps exactly, track speeds up to the rounding of
     sprocket_radius, yaw up to that of the quaternion.

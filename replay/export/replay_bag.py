@@ -32,6 +32,7 @@ from icreckon.replay.bags.messages import (
 from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.export.attitude import Attitude, attitude_of
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages
@@ -61,7 +62,7 @@ def write_replay_bag(
     (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
 
     Args:
-        path: target, as for `replay.bags.writer.write_bag`.
+        path: target, as for `icreckon.replay.bags.writer.write_bag`.
         form: "mcap", "sqlite3" or "ros1".
         comparison: the runs.
         robot: the robot, for its gauge.
@@ -74,7 +75,8 @@ def write_replay_bag(
         ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
     log, outboxes = comparison.log, []
-    base = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
+    others = (SMOOTHED, KNOWN_BIAS)
+    base = [name for name in comparison.runs if not name.endswith(others)][-1]
     for name, one in comparison.runs.items():
         topic, frame = frame_of(name), f"{frame_of(name)}/{BASE_LINK}"
         poses, attitude = one.trajectory.pose_series, attitude_of(one)

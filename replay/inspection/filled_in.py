@@ -53,6 +53,16 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
     return "\n".join(lines) + "\n", taken
 
 
+def filled_in_gauge(path: Path) -> float | None:
+    """Track gauge of an earlier proposal [m]; None if there is none that can be read."""
+    try:
+        former = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError):
+        return None
+    found = _value(former, "vehicle", "track_gauge")
+    return None if found is None or float(found) <= 0.0 else float(found)
+
+
 def _value(former: dict[str, Any], table: str, key: str) -> str | None:
     """Value of a key as TOML, None if it is no number that was filled in."""
     found: Any = former

@@ -42,6 +42,7 @@ from icreckon.replay.inspection.wheels import (
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import as_paths, gather
+from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
@@ -81,13 +82,17 @@ class Inspection:
 
 
 def inspect(
-    path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
+    path: Path | str | Sequence[Path | str],
+    *,
+    definitions: Definitions = (),
+    track_gauge: float | None = None,
 ) -> Inspection:
     """Inspect a log; a bag that was cut short is inspected up to the break.
 
     Args:
         path: the file or folder, or several that make one log, as for `read_log`.
         definitions: message types that bags lack, as for `read_log`.
+        track_gauge: the robot's, for `eta0` of the proposed robot file [m]; None if not known.
 
     Raises:
         ReplayError: no such file, no bag or table, or nothing of it is readable.
@@ -151,8 +156,18 @@ def inspect(
             heading_offset(log) if log is not None else None,
             latencies.get("tracks"),
             wander if isinstance(wander, FixWanderEstimate) else None,
+            gauge=track_gauge,
+            held=_held(log),
         ),
     )
+
+
+def _held(log: Log | None) -> str:
+    """Rate of track speeds that the log repeats in between, empty if it does not."""
+    if log is None:
+        return ""
+    found = without_holding(log, "auto")
+    return "" if found is log else found.notes[-1].partition(":")[0]
 
 
 def guess_mapping(
@@ -275,6 +290,8 @@ def _findings(
         )
     if estimates.track_ratio is not None:
         yield _of_track(estimates, mapping)
+    if held := _held(log):
+        yield f"tracks: {held}"
     if len(log.tracks.stamps):
         stops = standstills(log)
         total = sum(end - begin for begin, end in stops)

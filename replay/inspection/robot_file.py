@@ -12,7 +12,7 @@ from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate
-from icreckon.replay.inspection.imu_mounting import Mounting
+from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import WheelEstimates
 from icreckon.replay.mapping.columns import ColumnMap
@@ -29,6 +29,8 @@ USUAL_DIFFERENCE_SIGMA = 0.02
 STANDING_BIAS_SIGMA = 0.002
 """Standard deviation of a gyro bias that a standstill has shown, for other logs [rad/s]."""
 FILL_IN = "# not in the log: fill in"
+MARGIN = 1.2
+"""Highest speed of a robot over the fastest in a log [-]."""
 
 
 def robot_file_text(
@@ -41,6 +43,9 @@ def robot_file_text(
     heading_offset: float | None,
     track_latency: Lag | NoLag | None = None,
     wander: FixWanderEstimate | None = None,
+    *,
+    gauge: float | None = None,
+    held: str = "",
 ) -> str:
     """Format a robot file that `load_robot` and `topic_map` accept.
 
@@ -54,14 +59,18 @@ def robot_file_text(
         heading_offset: offset from a heading to the direction of driving [deg], or None.
         track_latency: latency of the track speeds against the gyro, or None if not observable.
         wander: error of the fixes, or None if not observable.
+        gauge: track gauge of an earlier proposal that was filled in [m], or None.
+        held: note on track speeds that the log repeats, empty if it does not.
     """
     late, wandering = _latency_lines(track_latency), _wander_lines(wander)
+    if held:
+        late = [*late, f'held = "auto"    # {held}']
     lines = [
         f"{FIRST_WORDS} {_text(path.name)[1:-1]}: check every line.",
         f"name = {_text(path.stem)}",
         "format = 1",
         "",
-        *_vehicle(mapping, log, estimates),
+        *_vehicle(mapping, log, estimates, gauge),
         "",
         *_imu(mounting, log),
         *_tracks(mapping, estimates),
@@ -84,45 +93,99 @@ def has_tracks(mapping: TopicMap) -> bool:
     return mapping.tracks is not None or bool(mapping.columns and mapping.columns.tracks)
 
 
-def _vehicle(mapping: TopicMap, log: Log | None, estimates: WheelEstimates) -> list[str]:
+def _vehicle(
+    mapping: TopicMap, log: Log | None, estimates: WheelEstimates, gauge: float | None
+) -> list[str]:
     # Not a number, so that an incomplete robot file is refused.
-    radius_matters = in_rates(mapping)
+    radius_matters, radius = in_rates(mapping), estimates.way_ratio
+    fastest = None
+    if log is not None and len(log.tracks.speeds):
+        fastest = float(np.abs(log.tracks.speeds).max())
     lines = [
         "[vehicle]",
         f"mass = nan               {FILL_IN} (kg, with load)",
-        f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)",
-        f"sprocket_radius = nan    {FILL_IN} (m, effective)"
-        if radius_matters
-        else "sprocket_radius = 0.1    # not used for this log",
-        f"max_track_speed = 2.0    {FILL_IN} (m/s)",
+        *_gauge(mapping, estimates),
+        _radius(mapping, estimates),
     ]
+    size = 1.0 if not radius_matters else radius
+    if fastest and size is not None and fastest < ABSURD:
+        top = MARGIN * fastest * size
+        lines.append(
+            f"max_track_speed = {top:.2g}    # m/s; the fastest in the log is {fastest * size:.2f}"
+        )
+    else:
+        lines.append(f"max_track_speed = 2.0    {FILL_IN} (m/s)")
+        if fastest:
+            lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
     if not has_tracks(mapping):
         lines.append("# Nothing in the log looks like track speeds: no track speeds, no replay.")
-    elif log is not None and len(log.tracks.speeds):
-        fastest = float(np.abs(log.tracks.speeds).max())
-        if radius_matters:
-            lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
-        else:
-            lines.append(f"# Fastest in the log: {fastest:.1f} m/s.")
-    radius, track = estimates.way_ratio, estimates.track_ratio
-    if radius_matters and radius is not None:
-        lines.append(
-            f"# Effective radius by the {estimates.way_source}: {radius:.3f} m, where it hardly turned."
-        )
+    return lines + _indices(mapping, estimates, gauge)
+
+
+def _radius(mapping: TopicMap, estimates: WheelEstimates) -> str:
+    if not in_rates(mapping):
+        return "sprocket_radius = 0.1    # not used for this log"
+    radius, sigma = estimates.way_ratio, estimates.way_sigma
+    if radius is None:
+        return f"sprocket_radius = nan    {FILL_IN} (m, effective)"
+    error = "" if sigma is None else f" ± {sigma:.2g}"
+    return (
+        f"sprocket_radius = {radius:.4g}    # m{error}, effective, by the {estimates.way_source} "
+        "where it hardly turned"
+    )
+
+
+def effective_track(mapping: TopicMap, estimates: WheelEstimates) -> float | None:
+    """Effective track by the gyro [m]; None if the log does not show it in metres."""
+    if estimates.track_ratio is None or _from_twist(mapping):
+        return None
+    if not in_rates(mapping):
+        return estimates.track_ratio
+    return None if estimates.way_ratio is None else estimates.track_ratio * estimates.way_ratio
+
+
+def _from_twist(mapping: TopicMap) -> bool:
+    """True for track speeds from a twist, which are read with a gauge of 1 m."""
+    return mapping.tracks is not None and not mapping.tracks.left
+
+
+def _gauge(mapping: TopicMap, estimates: WheelEstimates) -> list[str]:
+    track = effective_track(mapping, estimates)
+    if track is None:
+        return [
+            f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)",
+        ]
+    return [
+        f"track_gauge = {track:.3g}    # m, the effective track: fill in that between the centrelines of "
+        "tracks or wheels"
+    ]
+
+
+def _indices(mapping: TopicMap, estimates: WheelEstimates, gauge: float | None) -> list[str]:
+    """Steering efficiency of constant ICRs by the gyro."""
+    ratio = estimates.track_ratio
+    if ratio is None:
+        return []
+    track = effective_track(mapping, estimates)
     if track is not None:
-        size = _effective_track(mapping, track, radius)
-        lines.append(f"# Effective track by the gyro: {size}; eta0 is it over track_gauge.")
-    return lines
-
-
-def _effective_track(mapping: TopicMap, track: float, radius: float | None) -> str:
-    if in_rates(mapping):
-        known = "" if radius is None else f", {track * radius:.2f} m"
-        return f"{track:.3g} times the effective radius{known}"
-    if mapping.tracks is not None and not mapping.tracks.left:
-        # Speed and yaw rate of a controller are read with a gauge of 1 m here.
-        return f"{track:.2f} times the gauge of its controller ([log.tracks])"
-    return f"{track:.2f} m"
+        eta0 = max(1.0, track / gauge) if gauge else 1.0
+        return [
+            "",
+            "[indices]",
+            f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge",
+        ]
+    if not _from_twist(mapping):
+        return [
+            f"# Effective track by the gyro: {ratio:.3g} times the effective radius; eta0 in [indices] "
+            "is it over track_gauge."
+        ]
+    return [
+        "",
+        "[indices]",
+        f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the gauge of "
+        "its controller ([log.tracks])",
+        "# With another gauge there: eta0 times that gauge over track_gauge.",
+    ]
 
 
 def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:

@@ -169,7 +169,7 @@ def unit_suspicions(
                 f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
             )
         if from_twist and vertical is not None and len(log.tracks.stamps) > 1:
-            found += _turning_suspicion(log, vertical)
+            found += turning_suspicion(log, vertical)
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
         if rates and fast > FAST_RATE:
@@ -184,9 +184,15 @@ def unit_suspicions(
     return found
 
 
-def _turning_suspicion(log: Log, vertical: Floats) -> list[str]:
-    """Check the yaw rate of a twist, which is V_r - V_l for a gauge of 1 m."""
-    turning = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std())
+def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:
+    """Check the yaw rate of a twist.
+
+    Args:
+        log: the log.
+        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s].
+        gauge: gauge with which track speeds were computed from the twist [m].
+    """
+    turning = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std()) / gauge
     gyro = float((vertical - vertical.mean()).std())
     if not (turning > 0.0 and gyro > 0.0):
         return []

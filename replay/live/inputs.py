@@ -80,7 +80,8 @@ class LiveInputs:
     """Converter of live messages to measurements.
 
     Header stamps are used where the clocks of the streams agree, as in a replay
-    (`replay.reading.clocks`); until that is known, for the first messages, measurements are held back.
+    (`icreckon.replay.reading.clocks`); until that is known, for the first messages, measurements are held
+    back.
 
     Attributes:
         robot: the robot.

@@ -34,7 +34,8 @@ from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
 
 Clock = Literal["auto", "header", "recording"]
-"""Clock of a stream: header stamps, time of recording, or the choice of `replay.reading.clocks`."""
+"""Clock of a stream: header stamps, time of recording, or the choice of
+`icreckon.replay.reading.clocks`."""
 
 
 def _check_frames(frames: tuple[str, str] | None) -> None:

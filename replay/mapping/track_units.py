@@ -95,4 +95,4 @@ def differences(
 
 
 Held = Literal["auto", "interpolate", "keep"]
-"""Treatment of repeated track speeds, see `replay.reading.held_speeds`."""
+"""Treatment of repeated track speeds, see `icreckon.replay.reading.held_speeds`."""

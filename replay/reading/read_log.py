@@ -33,7 +33,7 @@ def read_log(
             `write_log`), that is used and noted.
         robot: the robot, for its topic mapping and its sprocket radius and gauge.
         topics: a mapping to use instead of the robot file's and the bag's.
-        definitions: message types that bags lack, see `replay.bags.decoding.read_definitions`.
+        definitions: message types that bags lack, see `icreckon.replay.bags.decoding.read_definitions`.
         progress: called periodically with the share of the messages that is read, 0 to 1.
 
     Returns:

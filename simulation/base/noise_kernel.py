@@ -50,7 +50,7 @@ def add_inertial_errors(
 ) -> None:
     """Compute the readings of an inertial sensor, and its bias, from the true values.
 
-    `simulation.sensors.imu` describes the error model.
+    `icreckon.simulation.sensors.imu` describes the error model.
 
     Args:
         true: (n, 3) true values in the sensor's axes [unit].

@@ -1,9 +1,9 @@
 """Trajectory generators: functions from options to commanded track speeds.
 
-Their keyword arguments are the options of a trajectory (`simulation.drives.trajectories`); the types
-state the allowed values. Speeds are shares of the robot's `max_track_speed`, so that each trajectory
-fits any robot. Random trajectories are drawn event by event, so a longer one from the same seed begins
-like the shorter.
+Their keyword arguments are the options of a trajectory (`icreckon.simulation.drives.trajectories`); the
+types state the allowed values. Speeds are shares of the robot's `max_track_speed`, so that each
+trajectory fits any robot. Random trajectories are drawn event by event, so a longer one from the same
+seed begins like the shorter.
 """
 
 from __future__ import annotations
@@ -259,7 +259,7 @@ def recorded(series: TrackSpeedSeries, *, factor: Positive = 1.0) -> Recorded:
         factor: factor on its speeds [-].
 
     Raises:
-        SimulationError: as in `simulation.drives.recorded.recorded_command`.
+        SimulationError: as in `icreckon.simulation.drives.recorded.recorded_command`.
     """
     return recorded_command(series, factor)
 

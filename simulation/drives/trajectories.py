@@ -1,10 +1,10 @@
 """Commanded track speeds over time, by name.
 
-Every trajectory stands still for `simulation.drives.smooth_speeds.STANDSTILL` seconds, then drives with
-continuous speed and acceleration. Each track stays within `max_track_speed` and, unless it is recorded,
-within the acceleration `simulation.drives.smooth_speeds.ACCELERATION`. A trajectory is a function of
-time, so it does not depend on how it is sampled. `simulation.drives.drives` describes each trajectory
-and its options.
+Every trajectory stands still for `icreckon.simulation.drives.smooth_speeds.STANDSTILL` seconds, then
+drives with continuous speed and acceleration. Each track stays within `max_track_speed` and, unless it is
+recorded, within the acceleration `icreckon.simulation.drives.smooth_speeds.ACCELERATION`. A trajectory is
+a function of time, so it does not depend on how it is sampled. `icreckon.simulation.drives.drives`
+describes each trajectory and its options.
 """
 
 from __future__ import annotations

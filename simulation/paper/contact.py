@@ -31,7 +31,7 @@ class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         friction: coefficient across the track, and along it times `friction_ratio` [-].
         friction_ratio: along over across [-].
         rolling_resistance: of a track as a share of its load [-].
-        resistance_opposes: "travel" or "track", see `estimator.motion.contact.Soil`.
+        resistance_opposes: "travel" or "track", see `icreckon.estimator.motion.contact.Soil`.
         shear_modulus: K; 0 for full friction at any slip [m].
     """
 

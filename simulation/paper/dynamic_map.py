@@ -1,8 +1,8 @@
 """Dynamic mapping of the paper: ICRs, inertia, indices from stationary motions.
 
-Sections II to IV of the paper, on stationary motions from `estimator.motion.steady_state` over a grid of
-track speeds. Symbols and axes are the paper's (X right, Y forward); equations come from
-`estimator.motion.icr`.
+Sections II to IV of the paper, on stationary motions from `icreckon.estimator.motion.steady_state` over a
+grid of track speeds. Symbols and axes are the paper's (X right, Y forward); equations come from
+`icreckon.estimator.motion.icr`.
 """
 
 from __future__ import annotations
@@ -203,7 +203,7 @@ def inertia_based_twist(
         mapped: the map.
         parameters: the eight index parameters.
         inertia: "measured" for the map's |F|, as from an IMU; "literal" or "smooth" for |F| implied by
-            the model itself (`estimator.motion.index_model.solve` in that form).
+            the model itself (`icreckon.estimator.motion.index_model.solve` in that form).
     """
     V_l, V_r = mapped.motion.V_l, mapped.motion.V_r
     if inertia != "measured":

@@ -2,7 +2,7 @@
 
 The paper averages each ICR distribution and fits the indices by least squares; the weights of turning
 motions are not stated. Each reading gives the same ten numbers and two motion models.
-`simulation.paper.search` finds the one that comes closest to the printed numbers.
+`icreckon.simulation.paper.search` finds the one that comes closest to the printed numbers.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
         reading: method of the means.
 
     Raises:
-        SimulationError: see `simulation.paper.dynamic_map.mean_icrs`.
+        SimulationError: see `icreckon.simulation.paper.dynamic_map.mean_icrs`.
     """
     chosen = _chosen(mapped, reading)
     if reading.means == "plain":
@@ -95,7 +95,7 @@ def read_parameters(mapped: DynamicMap, reading: Reading) -> Indices:
         reading: method of the fit.
 
     Raises:
-        SimulationError: see `simulation.paper.dynamic_map.fit_parameters`.
+        SimulationError: see `icreckon.simulation.paper.dynamic_map.fit_parameters`.
     """
     chosen = _chosen(mapped, reading)
     if reading.fit == "plain":

@@ -35,7 +35,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """Published number and its reproduction.
 
     Attributes:
-        name: name of the number, see `simulation.paper.published`.
+        name: name of the number, see `icreckon.simulation.paper.published`.
         unit: SI unit, "" for none.
         published: the number as printed [unit].
         reproduced: the reproduced number [unit].

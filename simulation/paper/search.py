@@ -118,7 +118,7 @@ def deviations(
 
     Args:
         guess: contact and reading.
-        targets: values to reproduce, by the names of `simulation.paper.published`.
+        targets: values to reproduce, by the names of `icreckon.simulation.paper.published`.
         count: track speeds per track of the map.
     """
     try:
@@ -155,7 +155,7 @@ def identify(
         seed: seed of the random contacts.
         samples: number of contacts to draw.
         starts: number of candidates to refine.
-        targets: values to reproduce, by the names of `simulation.paper.published`.
+        targets: values to reproduce, by the names of `icreckon.simulation.paper.published`.
         readings: readings to apply to each map.
         count: track speeds per track of the map.
         progress: called with the share done.

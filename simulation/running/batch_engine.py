@@ -77,7 +77,7 @@ def why_not(plan: Plan) -> str | None:
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int, *, bits: int = 64
 ) -> dict[str, RunScores]:
-    """Statistics of some runs of a cell; see `simulation.running.engines.Block`.
+    """Statistics of some runs; see `icreckon.simulation.running.engines.Block`.
 
     Args:
         cell: cell of the runs.
@@ -209,7 +209,7 @@ def _true_ticks(truths: Sequence[_Truth]) -> TrueTicks:
 
 
 def _log(cell: Cell, run: int, truth: _Truth) -> Log:
-    """Log of `simulation.running.streaming_engine.study_log`, without its truth."""
+    """Log without truth, as of `icreckon.simulation.running.streaming_engine`."""
     scenario = cell.scenario
     streams = random_streams(scenario.seed, run)
     read = sensed(truth.perfect, scenario, cell.robot, streams)

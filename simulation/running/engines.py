@@ -26,8 +26,8 @@ class Block(Protocol):
     ) -> dict[str, RunScores]:
         """Compute the statistics of the runs.
 
-        Random numbers are those of `simulation.base.random_streams` by the study's seed and the run's
-        index, those of drive and truth by the index modulo `cell.truths`. So cells and filters are
+        Random numbers are those of `icreckon.simulation.base.random_streams` by the study's seed and the
+        run's index, those of drive and truth by the index modulo `cell.truths`. So cells and filters are
         paired, run by run.
 
         Args:

@@ -15,5 +15,5 @@ __all__ = ["block", "why_not"]
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int
 ) -> dict[str, RunScores]:
-    """Statistics of some runs of a cell; see `simulation.running.engines.Block`."""
+    """Statistics of some runs; see `icreckon.simulation.running.engines.Block`."""
     return study_batch.block(cell, filters, first_run, count, bits=32)

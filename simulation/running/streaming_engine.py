@@ -49,7 +49,7 @@ SENSED = (
 def block(
     cell: Cell, filters: Sequence[Filter], first_run: int, count: int
 ) -> dict[str, RunScores]:
-    """Statistics of some runs of a cell; see `simulation.running.engines.Block`."""
+    """Statistics of some runs; see `icreckon.simulation.running.engines.Block`."""
     width = len(statistics(cell.horizons))
     values = {one.label: np.full((count, width), np.nan) for one in filters}
     reasons: dict[str, list[str]] = {one.label: [] for one in filters}
@@ -107,8 +107,8 @@ def _run(log: Log, one: Filter, times: Floats) -> Run:
 def study_log(cell: Cell, run_index: int) -> Log:
     """Log of a run: true motion of its index modulo `cell.truths`, noise of its own.
 
-    For the first `cell.truths` runs it is the log of `simulation.simulate.simulate`, except for the
-    stamps of its truth, which are those of `score_times`.
+    For the first `cell.truths` runs it is the log of `icreckon.simulation.simulate.simulate`, except for
+    the stamps of its truth, which are those of `score_times`.
     """
     scenario, robot = cell.scenario, cell.robot
     motion = true_motion(driven(scenario), msgpack.encode(robot), run_index % cell.truths)

@@ -38,7 +38,7 @@ class RunScores(NamedTuple):
     """Statistics of some runs of a filter.
 
     Attributes:
-        values: (count, n) in the order of `simulation.study.statistics.statistics`.
+        values: (count, n) in the order of `icreckon.simulation.study.statistics.statistics`.
         reasons: (count,) reason of each failed run; empty for the others.
     """
 

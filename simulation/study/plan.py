@@ -1,6 +1,6 @@
 """Configuration of a study as plain data: scenario, filters, and sweep.
 
-`simulation.study.cells` makes its cells, `simulation.running.run_study` runs it;
+`icreckon.simulation.study.cells` makes its cells, `icreckon.simulation.running.run_study` runs it;
 docs/reference/study-file.md lists every key.
 """
 
@@ -103,7 +103,7 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     Attributes:
         variant: name of the filter variant.
         label: label of the filter; the variant's name by default.
-        settings: keys of `estimator.robot.settings.Settings`.
+        settings: keys of `icreckon.estimator.robot.settings.Settings`.
         robot: changes of the robot file for this filter alone.
     """
 
@@ -151,7 +151,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         baseline: label of the filter with which the others are compared, run by run; the first by
             default.
         horizons: lengths of the segments over which drift is scored [s].
-        engine: engine of the runs, see `simulation.running.engines`.
+        engine: engine of the runs, see `icreckon.simulation.running.engines`.
 
     Raises:
         SimulationError: a wrong type, an unknown name, or a number out of range.

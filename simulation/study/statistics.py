@@ -1,7 +1,7 @@
 """Statistics of a run: one number each, NaN if the run does not have it.
 
-An engine returns them in this order, see `simulation.running.engines`; definitions are those of
-`estimator.log.scores`.
+An engine returns them in this order, see `icreckon.simulation.running.engines`; definitions are those of
+`icreckon.estimator.log.scores`.
 """
 
 from __future__ import annotations

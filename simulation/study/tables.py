@@ -22,7 +22,7 @@ def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
 
     Args:
         runs: all statistics.
-        cells: `simulation.study.results.cell_summaries` of the runs.
+        cells: `icreckon.simulation.study.results.cell_summaries` of the runs.
     """
     plan, kinds = runs.plan, runs.statistics
     filters, count = len(plan.labels), len(kinds)

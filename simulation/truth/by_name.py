@@ -32,7 +32,7 @@ def make_truth(
     Args:
         name: one of `TRUTHS`.
         spread: relative spread of the true robot about its file.
-        slip_noise: factor on the slip residual `simulation.truth.true_motion.TRUE_SLIP` [-].
+        slip_noise: factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-].
         track_lag: time constant of the tracks behind their commands [s].
         terrain: shape of the ground; level is None, too.
         patches: terrain along the way.

@@ -1,8 +1,8 @@
 """Friction truth: a planar rigid body on two tracks, integrated in time.
 
 The tracks follow their commands with a first-order lag. Friction and rolling resistance at the contact
-points (`estimator.motion.contact`) move the body, with the robot's inertia and the scenario's terrain
-and payload. Its steady motion is that of `estimator.motion.steady_state`.
+points (`icreckon.estimator.motion.contact`) move the body, with the robot's inertia and the scenario's
+terrain and payload. Its steady motion is that of `icreckon.estimator.motion.steady_state`.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class FrictionTruth:
             times `LENGTH_SHARE` for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the
             centre of mass.
         track_lag: time constant of the tracks behind their commands [s].
-        slip_noise: factor on the slip residual `simulation.truth.true_motion.TRUE_SLIP` [-].
+        slip_noise: factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-].
         terrain: shape of the ground; None for level ground.
         patches: ground that differs along the way.
         payloads: loads along the way.

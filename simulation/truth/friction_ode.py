@@ -180,7 +180,7 @@ def integrate(
     Args:
         vehicle: constants of the vehicle.
         surface: height field of the ground.
-        patches: (k, width) terrain, see `simulation.truth.terrain_kernel`.
+        patches: (k, width) terrain, see `icreckon.simulation.truth.terrain_kernel`.
         tracks: track speeds.
         tolerance: error allowed per step.
         motion: pose, slip and first state given, for the first grid point; else overwritten, except the

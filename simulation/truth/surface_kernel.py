@@ -1,7 +1,7 @@
 """Height field of the ground, and the way of a vehicle on it, compiled.
 
-The ground is z = h(x, y) in odom; `simulation.truth.terrain.Terrain` describes its shape. With its
-gradient (p_x, p_y) the normal is n = (-p_x, -p_y, 1) / sqrt(1 + p²). The vehicle's z axis is n. Its x
+The ground is z = h(x, y) in odom; `icreckon.simulation.truth.terrain.Terrain` describes its shape. With
+its gradient (p_x, p_y) the normal is n = (-p_x, -p_y, 1) / sqrt(1 + p²). The vehicle's z axis is n. Its x
 axis lies in the tangent plane above the heading yaw, e_x = (cos yaw, sin yaw, s) / sqrt(1 + s²), where s
 and t are the slopes ahead and to the left:
 
@@ -89,7 +89,7 @@ def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> 
 
     Args:
         surface: the height field.
-        patches: (k, width), see `simulation.truth.terrain_kernel`.
+        patches: (k, width), see `icreckon.simulation.truth.terrain_kernel`.
         time: time since the start of the run [s].
         x: of the origin in odom [m].
         y: of the origin in odom [m].
@@ -131,7 +131,7 @@ def ride(
 
     Args:
         surface: the height field.
-        patches: (k, width), see `simulation.truth.terrain_kernel`.
+        patches: (k, width), see `icreckon.simulation.truth.terrain_kernel`.
         time: from, and to, since the start of the run [s].
         pose: x, y [m], heading [rad] before.
         by: forward, left [m], turn about the normal [rad].
@@ -176,7 +176,7 @@ def ride_along(
 
     Args:
         surface: the height field.
-        patches: (k, width), see `simulation.truth.terrain_kernel`.
+        patches: (k, width), see `icreckon.simulation.truth.terrain_kernel`.
         step: time between grid points [s].
         displacements: (n - 1, 3) forward, left [m], turn about the normal [rad] of each step.
         poses: (n, 3) x, y [m], heading [rad]; the first is given.

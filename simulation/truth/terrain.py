@@ -212,7 +212,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def patch_rows(patches: tuple[Patch, ...]) -> Floats:
-    """Convert patches to the rows (k, WIDTH) of `simulation.truth.terrain_kernel`."""
+    """Rows (k, WIDTH) of patches for `icreckon.simulation.truth.terrain_kernel`."""
     nothing = float("nan")
     rows = []
     for patch in patches:

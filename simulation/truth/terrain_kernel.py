@@ -1,4 +1,4 @@
-"""Lookup of the ground under the tracks, compiled; see `simulation.truth.terrain`.
+"""Ground under the tracks, compiled; see `icreckon.simulation.truth.terrain`.
 
 A patch is a row: x from, x to, y from, y to [m], time from, to [s], width of its soft edge [m], length
 of its soft beginning and end [s], coefficient of friction across and along [-], rolling resistance [-],

@@ -1,8 +1,8 @@
 """True motion, and the interface of truth models that make it from commands.
 
 All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
-`simulation.truth.friction` (friction, the default) and `simulation.truth.kinematic`;
-`simulation.truth.by_name` has them by name.
+`icreckon.simulation.truth.friction` (friction, the default) and `icreckon.simulation.truth.kinematic`;
+`icreckon.simulation.truth.by_name` has them by name.
 """
 
 from __future__ import annotations

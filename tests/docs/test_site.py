@@ -8,12 +8,15 @@ import sys
 from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 
 from readme import ROOT
 
 DOCS = ROOT / "docs"
+PAGES = DOCS / "reference" / "api"
+NAMES = run_path(str(DOCS / "hooks" / "names.py"))
 LOADED = re.compile(
     r"<(?:script|img|iframe|source|link)\b[^>]*?\s(?:src|href)=[\"']?(?:https?:)?//[^>]*>"
     r"|(?:url\(|@import )[\"']?(?:https?:)?//[^)]*",
@@ -23,11 +26,17 @@ LOADED = re.compile(
 
 def test_every_public_name_is_on_one_page_of_the_reference() -> None:
     stub = (ROOT / "icreckon" / "__init__.pyi").read_text(encoding="utf-8")
-    public = re.findall(r"^from (\S+) import (\S+) as", stub, flags=re.MULTILINE)
+    public = re.findall(r"^from \S+ import \S+ as (\w+)", stub, flags=re.MULTILINE)
     listed: Counter[str] = Counter()
-    for page in (DOCS / "reference" / "api").glob("*.md"):
-        listed.update(re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE))
-    assert listed == Counter(f"{module}.{name}" for module, name in public)
+    for page in PAGES.glob("*.md"):
+        listed.update(NAMES["ROW"].findall(page.read_text(encoding="utf-8")))
+    assert listed == Counter(public)
+
+
+def test_the_tables_of_names_hold_the_first_lines_of_the_docstrings() -> None:
+    for page in PAGES.glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        assert NAMES["up_to_date"](text) == text, "run `python docs/hooks/names.py`"
 
 
 def test_what_is_loaded_from_outside_is_found() -> None:

@@ -33,7 +33,7 @@ def write_calibration_figure(path: Path, results: Results) -> None:
 
     Args:
         path: the file.
-        results: output of `replay.calibration.results.summarise_calibration`.
+        results: output of `icreckon.replay.calibration.results.summarise_calibration`.
     """
     with mpl.rc_context(STYLE), any_letters():
         figure = Figure(figsize=(15, 9), layout="constrained")
@@ -50,14 +50,21 @@ def write_calibration_figure(path: Path, results: Results) -> None:
 
 def calibration_pictures(results: Results) -> list[Picture]:
     """Draw the parts of the figure one by one, the models first."""
-    errors = "Error of each segment as the tracks alone predict it, before and after."
+    errors = (
+        "Each dot is a segment of the logs: where it ends by the truth less where it ends by the tracks, "
+        "ahead (along) and to the left (across), and its turning by the gyro less that by the tracks. "
+        "Grey: by the robot file as it was; blue: calibrated; RMS: root mean square."
+    )
     turning = (
-        "Turning in each segment, by the gyro less by the tracks, before (grey) and after (blue)."
+        "Turning of each segment by the gyro less that by the tracks, over how far it turned. A slope is "
+        "a wrong effective track, an offset a bias, a curve what the model lacks. Grey: by the robot "
+        "file as it was; blue: calibrated."
     )
     parts: list[tuple[str, str, tuple[float, float], Callable[[Figure], None]]] = [
         (
             "models",
-            "Held-out drift of each model, with its 95 % interval; blue: the model that is supported.",
+            "Position error by the tracks alone, in % of the way, on parts of the logs that were left "
+            "out of the fit, with 95 % intervals. Blue: the model that the logs support.",
             SIZE,
             lambda figure: _draw_scores(figure.add_subplot(), results),
         ),
@@ -75,7 +82,8 @@ def calibration_pictures(results: Results) -> list[Picture]:
         ),
         (
             "certainty",
-            "Change of each estimate from the robot file, in its standard errors; grey: within chance.",
+            "Each dot is a parameter: the value found less that of the robot file, over its standard "
+            "error. Grey, up to 1.96: chance explains it. Beyond 4 the axis is logarithmic.",
             (SIZE[0], 1.3 * SIZE[1]),
             lambda figure: _draw_certainty(figure.add_subplot(), results),
         ),
@@ -127,6 +135,7 @@ def _draw_errors_by_turning(axes: Axes, results: Results) -> None:
         axes.plot(turned, UNITS[2] * np.array(series[key])[:, 2], ".", ms=4, color=colour)
     axes.set_xlabel("turned in a segment, by the gyro [deg]")
     axes.set_ylabel("by gyro minus by tracks [deg]")
+    axes.set_title("slope: effective track; offset: bias; curve: what the model lacks", fontsize=10)
 
 
 def _draw_scores(axes: Axes, results: Results) -> None:
@@ -146,7 +155,8 @@ def _draw_scores(axes: Axes, results: Results) -> None:
     )
     axes.set_yticks(places, names)
     axes.invert_yaxis()
-    axes.set_xlabel("held-out drift by the tracks alone [% of distance], 95 %")
+    axes.set_xlabel("error by the tracks alone [% of distance], with 95 % interval")
+    axes.set_title("on parts of the logs that were left out of the fit", fontsize=10)
 
 
 def _draw_certainty(axes: Axes, results: Results) -> None:
@@ -168,4 +178,5 @@ def _draw_certainty(axes: Axes, results: Results) -> None:
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_xlim(-1.5 * max(largest, TICKS[1]), 1.5 * max(largest, TICKS[1]))
-    axes.set_xlabel("found minus robot file, in standard errors")
+    axes.set_xlabel("found minus robot file, in standard errors (logarithmic beyond 4)")
+    axes.set_title("grey: chance explains it", fontsize=10)

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.results import Results
-from icreckon.report.calibration.figure import calibration_pictures
 from icreckon.report.calibration.tables import (
     footnotes,
     log_table,
     model_table,
     parameter_table,
 )
-from icreckon.report.pages import render
+from icreckon.report.drawing import unless_missing
+from icreckon.report.pages import Picture, render
 
 ORIGIN = ("versions", "inputs", "format")
 
@@ -23,7 +23,7 @@ def write_calibration_page(path: Path, results: Results) -> Path:
 
     Args:
         path: the file, which must not exist.
-        results: output of `replay.calibration.results.summarise_calibration`, of JSON's types.
+        results: output of `icreckon.replay.calibration.results.summarise_calibration`, of JSON's types.
 
     Raises:
         ReplayError: the file exists, or cannot be written.
@@ -43,10 +43,19 @@ def calibration_page(results: Results) -> str:
         title=f"{results['robot']['name']}, calibrated",
         subtitle=f"icreckon calibrate · {count} · {distance:.0f} m",
         headline=results["verdict"],
-        pictures=calibration_pictures(results),
+        pictures=_pictures(results),
         tables=[model_table(results), parameter_table(results), log_table(results)],
         notes=footnotes(results),
         configuration=results["configuration"],
         robot=results["robot"],
         origin={key: results[key] for key in ORIGIN},
     )
+
+
+def _pictures(results: Results) -> list[Picture]:
+    pictures: list[Picture] = []
+    with unless_missing():
+        from icreckon.report.calibration.figure import calibration_pictures
+
+        pictures += calibration_pictures(results)
+    return pictures

@@ -29,7 +29,7 @@ def write_paper_page(path: Path, results: Results, folder: Path) -> Path:
     Args:
         path: the file, which must not exist.
         results: results of `icreckon paper`, of JSON's types.
-        folder: folder with the figures of these results.
+        folder: folder with the figures of these results, if there are any.
 
     Raises:
         ReplayError: the file exists, or cannot be written.
@@ -37,6 +37,7 @@ def write_paper_page(path: Path, results: Results, folder: Path) -> Path:
     pictures = [
         Picture(name, caption, (folder / f"{name}.png").read_bytes(), name in WIDE)
         for name, caption in CAPTIONS.items()
+        if (folder / f"{name}.png").exists()
     ]
     with written_beside(path, overwrite=False) as new:
         new.write_text(paper_page(results, pictures), encoding="utf-8")

@@ -39,7 +39,7 @@ def write_figure(path: Path, results: Results) -> None:
 
     Args:
         path: the file.
-        results: output of `replay.comparison.results.summarise`.
+        results: output of `icreckon.replay.comparison.results.summarise`.
     """
     results = _lifted(results)
     style: Any = {"font.size": 11, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}

@@ -11,7 +11,7 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.results import Results, write_results
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS
-from icreckon.report.replay.figures import write_figure
+from icreckon.report.drawing import unless_missing
 from icreckon.report.replay.many_page import write_many_page
 from icreckon.report.replay.page import write_page
 
@@ -34,7 +34,7 @@ def write_report(
         comparison: the runs.
         results: output of `summarise` for them.
         robot: the robot.
-        formats: names from `replay.export.formats.FORMATS`.
+        formats: names from `icreckon.replay.export.formats.FORMATS`.
 
     Raises:
         ReplayError: there is no such folder.
@@ -56,4 +56,7 @@ def write_views(folder: Path, results: Results) -> None:
     """Write results, figure and page, which do not need the runs."""
     write_results(folder / RESULTS_FILE, results)
     write_page(folder / PAGE_FILE, results)
-    write_figure(folder / FIGURE_FILE, results)
+    with unless_missing():
+        from icreckon.report.replay.figures import write_figure
+
+        write_figure(folder / FIGURE_FILE, results)

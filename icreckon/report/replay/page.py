@@ -68,7 +68,7 @@ def write_page(path: Path, results: Results, *, overwrite: bool = False) -> Path
 
     Args:
         path: the file.
-        results: output of `replay.comparison.results.summarise`, or content of results.json.
+        results: output of `icreckon.replay.comparison.results.summarise`, or content of results.json.
         overwrite: whether an existing file may be replaced.
 
     Raises:

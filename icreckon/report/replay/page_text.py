@@ -7,6 +7,7 @@ from typing import Any
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.checking.check import OF_ROBOT_FILE
+from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
 
 
@@ -17,7 +18,30 @@ def page_title(results: Results) -> str:
 
 
 def headline(results: Results) -> str:
-    """Verdict in one or two sentences."""
+    """Verdict in one or two sentences, and the bias of the gyro if it was not known."""
+    return " ".join(filter(None, (_verdict(results), bias_text(results))))
+
+
+def bias_text(results: Results) -> str:
+    """Bias of the gyro that `gyro` could not learn, and its cost."""
+    bias = results.get("gyro_bias")
+    if bias is None:
+        return ""
+    shown, sigma = f"{bias['shown_rad_s']:.4f}", f"{bias['shown_sigma_rad_s']:.4f}"
+    text = (
+        f"{GYRO} kept the gyro bias of the robot file, {results['robot']['imu']['gyro_bias']:g} rad/s: "
+        "neither standstill nor fixes showed it another. The truth shows "
+        f"{shown} (± {sigma}), and {KNOWN_BIAS} is {GYRO} with that."
+    )
+    found = results["verdict"]
+    if found is not None:
+        key = f"drift_percent_{found['horizon']}_mean"
+        with_it, without = (number(results["variants"][name][key]) for name in (KNOWN_BIAS, GYRO))
+        text += f" It drifts {with_it} %, {GYRO} {without} %: the rest is the bias."
+    return f"{text} Set gyro_bias = {shown} in [imu], and all variants begin with it."
+
+
+def _verdict(results: Results) -> str:
     if not results["truth"]:
         return _apart(results)
     found = results["verdict"]

@@ -42,7 +42,7 @@ def study_figures(results: Results) -> list[Picture]:
     """Draw all figures of a study.
 
     Args:
-        results: output of `simulation.study.results.study_results`.
+        results: output of `icreckon.simulation.study.results.study_results`.
     """
     figures = []
     drift = results["drift"]

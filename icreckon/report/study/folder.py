@@ -6,7 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
 
-from icreckon.report.study.figures import study_figures
+from icreckon.report.drawing import unless_missing
+from icreckon.report.pages import Picture
 from icreckon.report.study.page import study_page
 from icreckon.simulation.running import run_study as computed
 from icreckon.simulation.running.runner import Report
@@ -31,7 +32,7 @@ def run_study(
 ) -> Results:
     """Run or continue a study, and write its tables, figures and page to a folder.
 
-    Arguments, results and errors are those of `simulation.running.run_study.run_study`.
+    Arguments, results and errors are those of `icreckon.simulation.running.run_study.run_study`.
     """
     results = computed.run_study(
         study,
@@ -54,6 +55,10 @@ def write_study_page(folder: Path, results: Results) -> None:
     Raises:
         SimulationError: the folder cannot be written.
     """
-    figures = study_figures(results)
+    figures: list[Picture] = []
+    with unless_missing():
+        from icreckon.report.study.figures import study_figures
+
+        figures = study_figures(results)
     files = {f"{figure.name}.png": figure.png for figure in figures}
     write_files(folder, {**files, PAGE: study_page(results, figures).encode()})

@@ -23,7 +23,7 @@ def study_page(results: Results, figures: Sequence[Picture]) -> str:
     """Render the page as HTML.
 
     Args:
-        results: output of `simulation.study.results.study_results`.
+        results: output of `icreckon.simulation.study.results.study_results`.
         figures: figures of these results.
     """
     return render(

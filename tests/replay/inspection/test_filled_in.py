@@ -65,6 +65,15 @@ def test_the_command_keeps_it(tmp_path: Path):
     assert done.returncode == 0
     assert "kept from the file before: vehicle.mass" in done.stderr
     assert tomllib.loads(path.read_text(encoding="utf-8"))["vehicle"]["mass"] == 31.5
+    shown = tomllib.loads(text)["vehicle"]["track_gauge"]
+    assert tomllib.loads(text)["indices"]["eta0"] == 1.0
+    narrower = text.replace(f"track_gauge = {shown}", "track_gauge = 0.42")
+    path.write_text(narrower, encoding="utf-8")
+    done = icreckon(*command, "--overwrite", cwd=tmp_path)
+    assert "vehicle.track_gauge" in done.stderr
+    found = tomllib.loads(path.read_text(encoding="utf-8"))
+    assert found["vehicle"]["track_gauge"] == 0.42
+    assert found["indices"]["eta0"] == pytest.approx(shown / 0.42, rel=0.01)
     broken = text + "= 3"
     path.write_text(broken, encoding="utf-8")
     assert "what was filled in cannot be read" in fails(*command, "--overwrite", cwd=tmp_path)

@@ -18,6 +18,7 @@ from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.checking.robot_check import check_robot, is_of_another
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
@@ -174,7 +175,8 @@ def test_a_made_table(tmp_path: Path) -> None:
     assert columns.imu.angular_velocity == ("gyro_x", "gyro_y", "gyro_z")
     assert columns.truth.yaw == "icp_truth_yaw"
     np.testing.assert_allclose(np.abs(robot.imu.rotation_rpy_deg), (180.0, 5.0, 0.0), atol=1.0)
-    assert "Effective radius by the truth: 0.2" in found.proposed_robot_file
+    (radius,) = re.findall(r"^sprocket_radius = (\S+)", found.proposed_robot_file, re.MULTILINE)
+    assert float(radius) == pytest.approx(RADIUS, rel=0.01)
     again = read_log(path, robot)
     assert len(again.tracks.stamps) == len(again.imu.stamps) == 6000
     assert again.truth is not None
@@ -245,13 +247,14 @@ def test_a_sample_log_whose_odometry_turns_too_much(data_dir: Path) -> None:
     assert any("standstills: 1, 10 s in all" in said for said in found.findings)
     # The maker's controller goes by 0.55 m times 1.875, which is right for this ground.
     (ratio,) = re.findall(
-        r"Effective track by the gyro: (\S+) times the gauge of its controller",
+        r"^eta0 = .*effective track by the gyro: (\S+) times the gauge of its controller",
         found.proposed_robot_file,
+        re.MULTILINE,
     )
     assert float(ratio) == pytest.approx(1.0, abs=0.05)
 
 
-# What no log can tell: sprocket radius (0 where the log needs none), gauge; or the robot that ships.
+# What a log does not tell: sprocket radius (0 where the log needs none), gauge; or the robot that ships.
 NOT_IN_THE_LOG: dict[str, tuple[float, float] | str] = {
     "husky_deflated_part1": "husky-deflated",
     "husky_test1.bag": (0.0, 0.55),
@@ -262,6 +265,9 @@ NOT_IN_THE_LOG: dict[str, tuple[float, float] | str] = {
     "warthog_grass_2024_8_8_15h56s39": (0.288, 1.08),
     "warthog_grass_2024_8_8_16h11s19": (0.286, 1.08),
 }
+
+# Logs whose track speeds are repeated until the next.
+HELD = {name for name in NOT_IN_THE_LOG if name.startswith(("warthog", "husky_deflated"))}
 
 # One bag of ROS 1, and one of ROS 2 with a robot file of its own; the others are for `-m thorough`.
 FEW = ("jackal_test2.bag", "husky_deflated_part1")
@@ -285,12 +291,18 @@ def test_a_proposed_robot_file_needs_no_more_than_what_no_log_can_tell(
     radius, gauge = known
     path = sample_log(data_dir, name)
     text = inspected(path).proposed_robot_file
-    assert text.count("= nan") == (3 if radius else 2)
+    # A truth shows the radius, and with it the gyro the effective track: only the mass is left.
+    assert text.count("= nan") == (1 if radius else 2)
     text = text.replace("mass = nan", f"mass = {mass}").replace("gauge = nan", f"gauge = {gauge}")
     file = tmp_path / "robot.toml"
-    file.write_text(text.replace("radius = nan", f"radius = {radius}"), encoding="utf-8")
+    file.write_text(text, encoding="utf-8")
     robot = load_robot(file)
     log = read_log(path, robot)
+    assert np.abs(log.tracks.speeds).max() < robot.vehicle.max_track_speed
+    assert (robot.log["tracks"].get("held") == "auto") == (name in HELD)
+    if radius:
+        assert robot.vehicle.sprocket_radius == pytest.approx(radius, rel=0.04)
+        assert not is_of_another(check_robot(log, robot))
     comparison = compare(log, robot, ["constant-online"])
     found = comparison.runs["constant-online"]
     assert len(found.stamps) > 0.9 * len(log.tracks.stamps)

@@ -1,0 +1,104 @@
+"""A fair rival: wheels and gyro with the bias that they had no chance to learn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import sample_log
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import changed_robot, load_robot
+from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.comparison.known_bias import KNOWN_BIAS
+from icreckon.replay.comparison.results import summarise
+from icreckon.replay.reading.read_log import read_log
+from icreckon.report.replay.page_text import headline
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import run_scenario
+
+ROBOT = load_robot("auriga-alpha")
+BIAS = 0.015
+VARIANTS = ["gyro", "constant-online"]
+
+
+@pytest.fixture(scope="module")
+def drive() -> tuple[Log, float]:
+    """Log that begins at standstill, and the bias of its gyro [rad/s]."""
+    scenario = Scenario(duration=124.0, seed=3, fix_rate=0.0, truth="kinematic")
+    made = run_scenario(scenario, ROBOT)
+    imu = made.log.imu
+    assert imu is not None
+    read = imu.angular_velocity + np.array([0.0, 0.0, BIAS])
+    bias = BIAS + float(np.mean(made.gyro_bias[:, 2]))
+    return replace(made.log, imu=replace(imu, angular_velocity=read)), bias
+
+
+@pytest.fixture(scope="module")
+def moving(drive: tuple[Log, float]) -> Log:
+    """The log without the standstill at its start."""
+    return drive[0].part(4.0, drive[0].duration)
+
+
+@pytest.fixture(scope="module")
+def found(moving: Log) -> Comparison:
+    return compare(moving, ROBOT, VARIANTS)
+
+
+def test_gyro_runs_with_the_bias_that_it_had_no_chance_to_learn(
+    found: Comparison, drive: tuple[Log, float]
+) -> None:
+    assert list(found.runs) == ["gyro", KNOWN_BIAS, "constant-online"]
+    bias = found.known_bias
+    assert bias is not None
+    assert bias.used == pytest.approx(ROBOT.imu.gyro_bias, abs=1e-4)
+    assert bias.shown == pytest.approx(drive[1], abs=4.0 * bias.sigma)
+    assert 0.0 < bias.sigma < 0.05 * BIAS
+
+
+def test_the_headline_compares_with_that(found: Comparison) -> None:
+    results = summarise(found, ROBOT, command="replay", configuration={})
+    assert results["baseline_variant"] == results["verdict"]["baseline"] == KNOWN_BIAS
+    drifts = {name: one["drift_percent_30s_mean"] for name, one in results["variants"].items()}
+    assert drifts[KNOWN_BIAS] < 0.5 * drifts["gyro"]
+    said = headline(results)
+    assert found.known_bias is not None
+    assert f"Set gyro_bias = {found.known_bias.shown:.4f} in [imu]" in said
+    assert KNOWN_BIAS in said.partition("gyro kept")[0]
+
+
+def test_a_robot_file_with_that_bias_needs_no_other_rival(found: Comparison, moving: Log) -> None:
+    assert found.known_bias is not None
+    again = compare(moving, found.known_bias.robot(ROBOT), VARIANTS)
+    assert again.known_bias is None
+    assert list(again.runs) == VARIANTS
+
+
+def test_a_gyro_that_stood_still_has_learnt_its_bias(drive: tuple[Log, float]) -> None:
+    found = compare(drive[0], ROBOT, VARIANTS)
+    assert found.known_bias is None
+    assert list(found.runs) == VARIANTS
+    results = summarise(found, ROBOT, command="replay", configuration={})
+    assert results["gyro_bias"] is None
+    assert "gyro bias" not in headline(results)
+
+
+def test_nothing_is_added_where_nothing_is_compared(moving: Log) -> None:
+    assert list(compare(moving, ROBOT, "gyro").runs) == ["gyro"]
+    assert list(compare(replace(moving, truth=None), ROBOT, VARIANTS).runs) == VARIANTS
+
+
+def test_the_husky_wins_nothing_by_a_bias(data_dir: Path) -> None:
+    """Its log has no standstill; with the bias wheels and gyro are as good as the best."""
+    robot = changed_robot(load_robot("husky-deflated"), {"imu.gyro_bias": 0.0})
+    log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot).part(0.0, 200.0)
+    found = compare(log, robot, VARIANTS)
+    assert found.known_bias is not None
+    # The README beside the logs.
+    assert found.known_bias.shown == pytest.approx(-0.0156, abs=0.002)
+    results = summarise(found, robot, command="replay", configuration={})
+    drifts = {name: one["drift_percent_30s_mean"] for name, one in results["variants"].items()}
+    assert drifts["gyro"] > 2.0 * drifts[KNOWN_BIAS]
+    assert results["variants"]["constant-online"]["drift_ratio_30s"] > 0.8
