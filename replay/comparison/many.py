@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,6 +36,7 @@ from icreckon.replay.comparison.drift_table import (
     verdict,
 )
 from icreckon.replay.comparison.fixes import LogPart, scored_intervals
+from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -215,8 +216,9 @@ def summarise_many(
         reasons = "; ".join(f"{one.case.log}: {one.reason}" for one in failed)
         raise ReplayError(f"no log has a result: {reasons}")
     robots = list(dict.fromkeys(one.case.robot for one in scored))
+    fair = _with_known_bias(scored)
     names = [
-        name for one in scored for name in one.results["variants"] if not name.endswith(SMOOTHED)
+        name for one in fair for name in one.results["variants"] if not name.endswith(SMOOTHED)
     ]
     baseline = baseline_of(list(dict.fromkeys(names)))
     found: Results = {
@@ -234,13 +236,31 @@ def summarise_many(
         ],
         "notes": list(_consecutive(scored)),
         "pooled": {
-            robot: _pooled([one for one in scored if one.case.robot == robot], baseline)
+            robot: _pooled([one for one in fair if one.case.robot == robot], baseline)
             for robot in robots
         },
         "ratios": _ratios(scored, robots),
     }
     cleaned: Results = json_types(found)
     return cleaned
+
+
+def _with_known_bias(scored: Sequence[CaseScores]) -> list[CaseScores]:
+    """Scores in which `gyro` stands for the run of known bias in logs that need none."""
+    if not any(KNOWN_BIAS in one.results["variants"] for one in scored):
+        return list(scored)
+    found = []
+    for one in scored:
+        variants = one.results["variants"]
+        if GYRO in variants and KNOWN_BIAS not in variants:
+            results = one.results | {"variants": {KNOWN_BIAS: variants[GYRO]} | variants}
+            drifts = {
+                label: ({KNOWN_BIAS: of[GYRO]} if GYRO in of else {}) | of
+                for label, of in one.drifts.items()
+            }
+            one = replace(one, results=results, drifts=drifts)
+        found.append(one)
+    return found
 
 
 def _of_log(one: CaseScores) -> Results:

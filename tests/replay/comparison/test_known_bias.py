@@ -13,6 +13,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import changed_robot, load_robot
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
+from icreckon.replay.comparison.many import compare_many
 from icreckon.replay.comparison.results import summarise
 from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.page_text import headline
@@ -102,3 +103,17 @@ def test_the_husky_wins_nothing_by_a_bias(data_dir: Path) -> None:
     drifts = {name: one["drift_percent_30s_mean"] for name, one in results["variants"].items()}
     assert drifts["gyro"] > 2.0 * drifts[KNOWN_BIAS]
     assert results["variants"]["constant-online"]["drift_ratio_30s"] > 0.8
+
+
+def test_several_logs_are_compared_with_a_gyro_whose_bias_is_known_in_each(
+    drive: tuple[Log, float], moving: Log
+) -> None:
+    found = compare_many([moving, replace(drive[0], name="from rest")], ROBOT, VARIANTS)
+    assert found["baseline_variant"] == KNOWN_BIAS
+    pooled = found["pooled"][ROBOT.name]["variants"]
+    # The log that begins at rest shows gyro its bias.
+    assert [one["label"] for one in found["logs"] if KNOWN_BIAS in one["variants"]] == [moving.name]
+    assert pooled[KNOWN_BIAS]["logs"] == pooled["gyro"]["logs"] == 2
+    fair, raw = (pooled[name]["drift_percent_30s_mean"] for name in (KNOWN_BIAS, "gyro"))
+    assert fair < 0.5 * raw
+    assert pooled["constant-online"]["drift_ratio_30s_95"] is not None
