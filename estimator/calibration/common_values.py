@@ -88,7 +88,9 @@ def common_bias(robot: Robot, main: Fit) -> CommonBias:
         return CommonBias(mean, error, mean, float(np.sqrt(between + error**2)))
     off = biases - imu.gyro_bias
     about = (np.sum(off**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
-    sigma = min(float(np.sqrt(about)), imu.gyro_bias_sigma)
+    sigma = float(np.sqrt(about))
+    # One log does not show how much logs differ.
+    sigma = min(sigma, imu.gyro_bias_sigma) if count == 1 else sigma
     return CommonBias(mean, error, imu.gyro_bias, sigma)
 
 
