@@ -5,6 +5,7 @@ import os
 import shlex
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -381,3 +382,10 @@ def test_a_narrow_terminal_gets_the_verdict_and_fewer_columns(tmp_path: Path, mo
     wide = icreckon(*command, "--wide", cwd=tmp_path).stdout
     assert "RMSE" in wide
     assert "--wide" not in wide
+
+
+def test_the_module_is_the_command() -> None:
+    found = subprocess.run(
+        [sys.executable, "-m", "icreckon", "--version"], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip() == f"icreckon {version('icreckon')}"
