@@ -85,7 +85,7 @@ def test_each_variant_is_scored_with_its_own_lever_arm(data_dir: Path) -> None:
     log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot)
     comparison = compare(log, robot, ["constant-fixed", "gyro"])
     truths = truths_of(comparison)
-    fixed, gyro = (truths[name].lever_arm for name in comparison.runs)
+    fixed, gyro = (truths[name].lever_arm for name in ("constant-fixed", "gyro"))
     assert fixed[1] - gyro[1] == pytest.approx(-0.1, abs=0.03)
     run = comparison.runs["constant-fixed"].trajectory.pose_series
     own, other = (
