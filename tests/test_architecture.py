@@ -77,8 +77,8 @@ def imported(source: Path) -> Iterator[str]:
 
 
 def place_of(module: str) -> tuple[str, str]:
-    """Package and room of a module."""
-    parts = module.split(".")[1:]
+    """Package and room of a module; `__main__` is the command, so part of `cli`."""
+    parts = module.replace("__main__", "cli").split(".")[1:]
     package = parts.pop(0) if parts and parts[0] in LAYERS else "icreckon"
     room = parts[0] if parts and parts[0] in FLOORS[package] else ""
     return package, room

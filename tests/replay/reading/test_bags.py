@@ -286,7 +286,7 @@ def test_what_is_no_bag(tmp_path: Path, robot: Robot) -> None:
         (text, "not a bag"),
         (old, "version 2.0"),
         (folder, "not a bag"),
-        (ros1_folder, "give one of the .bag files"),
+        (ros1_folder, "give its .bag files"),
         (hollow, "empty"),
     ):
         with pytest.raises(ReplayError, match=part) as caught:
