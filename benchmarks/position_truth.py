@@ -22,9 +22,8 @@ from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.drift_table import drift_scores, drifts_of, paired_drifts
-from icreckon.replay.comparison.fixes import scored_intervals
-from icreckon.replay.comparison.scores import truths_of
+from icreckon.replay.comparison.drift_table import drift_scores, paired_drifts
+from icreckon.replay.comparison.results import comparison_drifts
 from icreckon.replay.reading.read_log import read_log
 
 VARIANT = "constant-online"
@@ -48,7 +47,7 @@ def without_headings(log: Log) -> Log:
 def drift_row(log: Log, robot: Robot) -> list[str]:
     """Drift after 10, 30 and 60 s, and lag of the truth."""
     found = compare(log, robot, [VARIANT])
-    drifts = paired_drifts(drifts_of(found.runs, truths_of(found), scored_intervals(found.log)))
+    drifts = paired_drifts(comparison_drifts(found))
     scores = drift_scores(drifts, VARIANT, VARIANT)
     alignment = found.alignment
     lag = "-"

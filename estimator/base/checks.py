@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple, cast, get_args, get_origin, get_t
 import msgspec
 import numpy as np
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import SettingError, nearest_hint
 
 
@@ -209,3 +210,16 @@ def three_numbers(
     if max(abs(x), abs(y), abs(yaw)) > LARGEST:
         raise SettingError(f"{name} must be {wanted}, none beyond {LARGEST:g}, found {value!r}")
     return x, y, yaw
+
+
+def clipped_correlations(covariance: Floats) -> Floats:
+    """Correlations of a covariance matrix that is not checked yet, finite whatever it holds.
+
+    They are clipped at 2: still too large for any covariance.
+
+    Args:
+        covariance: a finite matrix with positive variances.
+    """
+    sigmas = np.sqrt(covariance.diagonal())
+    with np.errstate(over="ignore"):
+        return np.clip(covariance / sigmas / sigmas[:, None], -2.0, 2.0)

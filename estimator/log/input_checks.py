@@ -13,6 +13,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.checks import clipped_correlations
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -425,13 +426,9 @@ def _objection_to_covariance(covariance: Matrix3) -> str | None:
     matrix = np.array(covariance)
     if not np.isfinite(matrix).all():
         return NOT_FINITE
-    variances = matrix.diagonal()
-    if variances.min() <= 0.0:
+    if matrix.diagonal().min() <= 0.0:
         return "variance not positive"
-    sigmas = np.sqrt(variances)
-    # Clipped above 1, so that what is no correlation stays one that no covariance has, and finite.
-    with np.errstate(over="ignore"):
-        correlation = np.clip(matrix / sigmas / sigmas[:, None], -2.0, 2.0)
+    correlation = clipped_correlations(matrix)
     if np.abs(correlation - correlation.T).max() > ASYMMETRY:
         return "covariance not symmetric"
     least = np.linalg.eigvalsh(0.5 * correlation + 0.5 * correlation.T)[0]

@@ -12,6 +12,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.checks import clipped_correlations
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS
 from icreckon.estimator.filter.ekf import IcrEkf
@@ -95,9 +96,8 @@ def require_covariance(P: Floats) -> None:
     exact = variances == 0.0
     if np.abs(P[exact]).max(initial=0.0) > LARGEST_OF_EXACT:
         raise ValueError("a state without variance has a covariance with others")
-    sigmas = np.sqrt(variances[~exact])
-    correlations = P[np.ix_(~exact, ~exact)] / sigmas / sigmas[:, None]
+    correlations = clipped_correlations(P[np.ix_(~exact, ~exact)])
     if np.abs(correlations - correlations.T).max(initial=0.0) > ASYMMETRY:
         raise ValueError("the covariance is not symmetric")
-    if len(sigmas) and np.linalg.eigvalsh(correlations)[0] < LEAST_EIGENVALUE:
+    if len(correlations) and np.linalg.eigvalsh(correlations)[0] < LEAST_EIGENVALUE:
         raise ValueError("the covariance is not positive semidefinite")

@@ -35,6 +35,8 @@ CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
 # Options of numba that change the machine code.
 OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK")
+# Packages with compiled code.
+PACKAGES = ("estimator", "simulation")
 # Digits of a digest in names of symbols, files and folders.
 DIGITS = 16
 
@@ -127,6 +129,12 @@ def cache_folder() -> Path:
         case _:
             base = Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache")
     return base / "icreckon" / "kernels"
+
+
+def kernel_files() -> list[Path]:
+    """Compiled functions of this version of the code and of the compiler."""
+    folders = {cache_folder() / environment_digest(package) for package in PACKAGES}
+    return [path for folder in folders for path in folder.glob("*.kernel") if path.is_file()]
 
 
 def _home() -> Path:

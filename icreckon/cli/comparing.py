@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import typer
+from rich.console import RenderableType
 from rich.table import Table
 
 from icreckon.cli.console import FAILED, messages, progress, results, worker_count
@@ -18,7 +20,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
 from icreckon.replay.comparison.many import Case, CaseScores, case_scores
-from icreckon.replay.comparison.results import Results, summarise
+from icreckon.replay.comparison.results import Results, comparison_drifts, summarise
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.report.replay.folder import RESULTS_FILE, write_views
@@ -66,10 +68,17 @@ def compare_and_write(
             workers=worker_count(workers),
             progress=report_progress,
         )
+    drifts = comparison_drifts(comparison)
     summary = summarise(
-        comparison, robot, command=command, configuration=configuration, seed=seed, inputs=inputs
+        comparison,
+        robot,
+        command=command,
+        configuration=configuration,
+        seed=seed,
+        inputs=inputs,
+        drifts=drifts,
     )
-    scored = None if case is None else case_scores(case, comparison, summary)
+    scored = None if case is None else case_scores(case, comparison, summary, drifts)
     write_exports(folder, comparison, robot, formats)
     # Free the runs: for a long log they take most of the memory.
     del comparison
@@ -100,15 +109,27 @@ def compare_and_report(
         Messages on variants without a result, for `exit_if_failed`.
     """
     summary, _ = compare_and_write(log, robot, folder, **options)
+    show(folder, partial(results_table, summary), as_json=as_json, wide=wide)
+    return failures(summary)
+
+
+def show(folder: Path, table: Callable[..., RenderableType], *, as_json: bool, wide: bool) -> None:
+    """Print results.json of a folder, or the table of it that fits the terminal.
+
+    Args:
+        folder: folder of the results.
+        table: makes the table; its argument `narrow` leaves columns out.
+        as_json: whether to print results.json.
+        wide: whether to show all columns.
+    """
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
-    else:
-        console = results()
-        narrow = console.width < WIDE_FROM and not wide
-        console.print(results_table(summary, narrow=narrow))
-        if narrow:
-            console.print("--wide shows all columns.")
-    return failures(summary)
+        return
+    console = results()
+    narrow = console.width < WIDE_FROM and not wide
+    console.print(table(narrow=narrow))
+    if narrow:
+        console.print("--wide shows all columns.")
 
 
 def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:

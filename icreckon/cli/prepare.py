@@ -14,7 +14,11 @@ from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.tracing.kernel_cache import cache_folder, keeps_kernels
+from icreckon.estimator.tracing.kernel_cache import (
+    cache_folder,
+    keeps_kernels,
+    kernel_files,
+)
 from icreckon.simulation.running import batch_engine
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -52,7 +56,7 @@ def run_prepare(*, workers: int | None) -> None:
             kind, *names = submitted[done]
             messages().print(f"compiled for {kind}: {', '.join(names)}", markup=False)
             report(number / len(tasks))
-    files = [path for path in cache_folder().rglob("*.kernel") if path.is_file()]
+    files = kernel_files()
     size = sum(path.stat().st_size for path in files)
     messages().print(
         f"ready: {len(files)} compiled functions, {size / 1e6:.0f} MB in {cache_folder()}",

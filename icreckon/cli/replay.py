@@ -6,19 +6,20 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import typer
 
 from icreckon.cli.comparing import (
     compare_and_report,
     compare_and_write,
     exit_if_failed,
+    show,
     the_robot,
 )
-from icreckon.cli.console import messages, progress, results, results_folder
+from icreckon.cli.console import messages, progress, results_folder
 from icreckon.cli.stopping import Stop
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.log import Log
@@ -47,7 +48,6 @@ from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
 from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import many_failures
-from icreckon.report.replay.tables import WIDE_FROM
 
 
 @dataclass(frozen=True)
@@ -161,14 +161,7 @@ def run_replay(
         else:
             summary = _many(_labelled(drives, logs, robots), folder, configuration)
             failed = many_failures(summary)
-            if as_json:
-                typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
-            else:
-                console = results()
-                narrow = console.width < WIDE_FROM and not wide
-                console.print(many_tables(summary, narrow=narrow))
-                if narrow:
-                    console.print("--wide shows all columns.")
+            show(folder, partial(many_tables, summary), as_json=as_json, wide=wide)
     exit_if_failed(failed)
 
 

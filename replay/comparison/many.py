@@ -29,22 +29,21 @@ from icreckon.replay.comparison.drift_table import (
     Drifts,
     baseline_of,
     drift_scores,
-    drifts_of,
     horizon_labels,
     listed,
     paired_drifts,
     verdict,
 )
-from icreckon.replay.comparison.fixes import LogPart, scored_intervals
+from icreckon.replay.comparison.fixes import LogPart
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
+    comparison_drifts,
     json_types,
     summarise,
     versions,
 )
-from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.reading.read_log import read_log
 
 # Longest time between the end of a log and the start of another that may be one recording [s].
@@ -65,7 +64,7 @@ class CaseScores:
     Attributes:
         case: labels of both.
         results: output of `summarise`, without the series.
-        drifts: drift of all variants, see `drifts_of`; empty without a truth.
+        drifts: drift of all variants, see `comparison_drifts`; empty without a truth.
         lag: lag of the truth that was removed [s].
     """
 
@@ -139,8 +138,11 @@ def compare_many(
                 )
                 if on_comparison is not None:
                     on_comparison(case, comparison)
-                summary = summarise(comparison, robot, command="compare_many", configuration={})
-                scored.append(case_scores(case, comparison, summary))
+                drifts = comparison_drifts(comparison)
+                summary = summarise(
+                    comparison, robot, command="compare_many", configuration={}, drifts=drifts
+                )
+                scored.append(case_scores(case, comparison, summary, drifts))
             except Exception as problem:
                 failed.append(failed_case(case, problem))
     return summarise_many(scored, failed, command="compare_many", configuration={})
@@ -171,12 +173,8 @@ def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     return found
 
 
-def case_scores(case: Case, comparison: Comparison, summary: Results) -> CaseScores:
+def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Drifts) -> CaseScores:
     """Keep the scores of a comparison that the summary of several logs needs."""
-    drifts: Drifts = {}
-    if comparison.log.truth is not None:
-        scored = scored_intervals(comparison.log)
-        drifts = drifts_of(comparison.runs, truths_of(comparison), scored)
     alignment = comparison.alignment
     lag = 0.0 if alignment is None or alignment.lag is None else alignment.lag
     kept = {key: value for key, value in summary.items() if key != "series"}

@@ -27,6 +27,7 @@ from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import (
+    Drifts,
     baseline_of,
     drift_scores,
     drifts_of,
@@ -60,6 +61,7 @@ def summarise(
     configuration: dict[str, Any],
     seed: int | None = None,
     inputs: dict[str, Path] | None = None,
+    drifts: Drifts | None = None,
 ) -> Results:
     """Summarise scores, series and provenance of a comparison for `write_results`.
 
@@ -70,6 +72,7 @@ def summarise(
         configuration: options of the command.
         seed: seed of a simulated log.
         inputs: bags that were read, by their displayed names, for their hashes.
+        drifts: output of `comparison_drifts`, if it is at hand.
     """
     log = comparison.log
     scored = scored_intervals(log)
@@ -78,11 +81,11 @@ def summarise(
     variants, found = {}, None
     if log.truth is not None:
         truths = truths_of(comparison)
-        drifts = paired_drifts(drifts_of(comparison.runs, truths, scored))
-        found = verdict(drifts, baseline)
+        paired = paired_drifts(comparison_drifts(comparison) if drifts is None else drifts)
+        found = verdict(paired, baseline)
         for name, one in comparison.runs.items():
             variants[name] = scores(one, truths[name], scored)
-            variants[name] |= drift_scores(drifts, name, baseline)
+            variants[name] |= drift_scores(paired, name, baseline)
     else:
         for name, one in comparison.runs.items():
             variants[name] = differences(one, comparison.runs[reference])
@@ -119,6 +122,13 @@ def summarise(
     }
     cleaned: Results = json_types(results)
     return cleaned
+
+
+def comparison_drifts(comparison: Comparison) -> Drifts:
+    """Drift of all runs of a comparison; empty without a truth."""
+    if comparison.log.truth is None:
+        return {}
+    return drifts_of(comparison.runs, truths_of(comparison), scored_intervals(comparison.log))
 
 
 def write_results(path: Path, results: Results) -> None:

@@ -224,6 +224,13 @@ NONSENSE = {
     "a negative variance": (set_entry(0, 0, -1e-9), "variances must be from 0 to 1e.40"),
     "a huge variance": (set_entry(0, 0, 1e300), "variances must be from 0 to 1e.40"),
     "too much correlation": (set_entry(3, 5, 1e3), "is not positive semidefinite"),
+    "a correlation beyond all numbers": (
+        lambda content: [
+            set_entry(row, column, value)(content)
+            for row, column, value in ((3, 3, 1e-300), (5, 5, 1e-300), (3, 5, 1e40))
+        ],
+        "is not positive semidefinite",
+    ),
     "an exact state that correlates": (set_entry(0, 0, 0.0), "a state without variance"),
     "no symmetry": (
         now(lambda c: c["covariance"][3].__setitem__(4, 1e-3)),
