@@ -8,7 +8,7 @@ const Charts = (() => {
   const FAR_BEYOND = 3;
   // Least drag that is a range and no click [px].
   const LEAST_DRAG = 6;
-  const { make, text, html } = Svg;
+  const { make, html } = Svg;
   const charts = [];
   const values = html("div", document.body, undefined, { class: "values", hidden: "" });
 
@@ -84,12 +84,7 @@ const Charts = (() => {
 
   // --- drawing -------------------------------------------------------------------------------------
 
-  function inner(chart) {
-    return {
-      width: chart.width - MARGIN.left - MARGIN.right,
-      height: chart.height - MARGIN.top - MARGIN.bottom,
-    };
-  }
+  const inner = (chart) => Svg.inner(chart, MARGIN);
 
   function draw(chart) {
     const { svg, spec } = chart;
@@ -97,32 +92,13 @@ const Charts = (() => {
     chart.figure.hidden = ![...(spec.lines || []), ...(spec.points || [])].some(State.visible);
     const view = chart.view = home(chart);
     const { width, height } = inner(chart);
-    svg.replaceChildren();
-    svg.setAttribute("viewBox", `0 0 ${chart.width} ${chart.height}`);
-    svg.setAttribute("height", chart.height);
     const kx = width / (view.x[1] - view.x[0]), ky = height / (view.y[1] - view.y[0]);
     const px = (x) => MARGIN.left + (x - view.x[0]) * kx;
     const py = (y) => MARGIN.top + height - (y - view.y[0]) * ky;
     Object.assign(chart, { px, py });
-    const clip = `clip-${chart.number}`;
-    const hole = make("clipPath", { id: clip }, make("defs", {}, svg));
-    make("rect", { x: MARGIN.left, y: MARGIN.top, width, height }, hole);
-    for (const [value, told] of Svg.ticks(view.x, width / 75)) {
-      make("line", { class: "grid", x1: px(value), x2: px(value), y1: MARGIN.top,
-        y2: MARGIN.top + height }, svg);
-      text(told, { x: px(value), y: MARGIN.top + height + 15, "text-anchor": "middle" }, svg);
-    }
-    for (const [value, told] of Svg.ticks(view.y, height / 38)) {
-      make("line", { class: "grid", x1: MARGIN.left, x2: MARGIN.left + width, y1: py(value),
-        y2: py(value) }, svg);
-      text(told, { x: MARGIN.left - 5, y: py(value) + 4, "text-anchor": "end" }, svg);
-    }
-    text(State.axis(), { x: MARGIN.left + width / 2, y: chart.height - 4, "text-anchor": "middle" },
-      svg);
-    const middle = MARGIN.top + height / 2;
-    text(spec.y_label, { x: 12, y: middle, "text-anchor": "middle",
-      transform: `rotate(-90 12 ${middle})` }, svg);
-    const inside = make("g", { "clip-path": `url(#${clip})` }, svg);
+    const labels = { x: State.axis(), y: spec.y_label }, clip = `clip-${chart.number}`;
+    const clipped = Svg.axes(chart, MARGIN, { px, py, labels, spacing: 38, clip });
+    const inside = clipped();
     for (const span of (spec.spans || []).map((one) => one.map(State.place))) {
       make("rect", { class: "span", x: px(span[0]), width: Math.max(0, (span[1] - span[0]) * kx),
         y: MARGIN.top, height }, inside);
@@ -140,7 +116,7 @@ const Charts = (() => {
     }
     for (const dots of (spec.points || []).filter(State.visible)) drawDots(chart, dots, inside);
     make("rect", { class: "frame", x: MARGIN.left, y: MARGIN.top, width, height }, svg);
-    chart.marks = make("g", { "clip-path": `url(#${clip})` }, svg);
+    chart.marks = clipped();
     mark(chart);
   }
 

@@ -20,10 +20,7 @@ const PathMap = (() => {
   const names = () => Object.keys(drive.variants).filter((name) => State.shown.get(name));
   const withTruth = () => drive.truth && State.shown.get(TRUTH);
 
-  function inner() {
-    return { width: map.width - MARGIN.left - MARGIN.right,
-      height: map.height - MARGIN.top - MARGIN.bottom };
-  }
+  const inner = () => Svg.inner(map, MARGIN);
 
   // View of all that is shown, with the same scale on both axes.
   function home() {
@@ -42,32 +39,15 @@ const PathMap = (() => {
     const { svg } = map;
     if (!map.touched || !map.view) map.view = home();
     const { view } = map, { width, height } = inner();
-    svg.replaceChildren();
-    svg.setAttribute("viewBox", `0 0 ${map.width} ${map.height}`);
-    svg.setAttribute("height", map.height);
     const k = map.scale = width / (view.x[1] - view.x[0]);
     const px = map.px = (x) => MARGIN.left + (x - view.x[0]) * k;
     const py = map.py = (y) => MARGIN.top + height - (y - view.y[0]) * k;
-    const hole = make("clipPath", { id: "clip-map" }, make("defs", {}, svg));
-    make("rect", { x: MARGIN.left, y: MARGIN.top, width, height }, hole);
-    for (const [value, told] of Svg.ticks(view.x, width / 75)) {
-      make("line", { class: "grid", x1: px(value), x2: px(value), y1: MARGIN.top,
-        y2: MARGIN.top + height }, svg);
-      text(told, { x: px(value), y: MARGIN.top + height + 15, "text-anchor": "middle" }, svg);
-    }
-    for (const [value, told] of Svg.ticks(view.y, height / 50)) {
-      make("line", { class: "grid", x1: MARGIN.left, x2: MARGIN.left + width, y1: py(value),
-        y2: py(value) }, svg);
-      text(told, { x: MARGIN.left - 5, y: py(value) + 4, "text-anchor": "end" }, svg);
-    }
-    text("x [m]", { x: MARGIN.left + width / 2, y: map.height - 4, "text-anchor": "middle" }, svg);
-    const middle = MARGIN.top + height / 2;
-    text("y [m]", { x: 12, y: middle, "text-anchor": "middle",
-      transform: `rotate(-90 12 ${middle})` }, svg);
-    const inside = make("g", { "clip-path": "url(#clip-map)" }, svg);
+    const labels = { x: "x [m]", y: "y [m]" };
+    const clipped = Svg.axes(map, MARGIN, { px, py, labels, spacing: 50, clip: "clip-map" });
+    const inside = clipped();
     drawPaths(inside);
     make("rect", { class: "frame", x: MARGIN.left, y: MARGIN.top, width, height }, svg);
-    map.marks = make("g", { "clip-path": "url(#clip-map)" }, svg);
+    map.marks = clipped();
     mark();
   }
 

@@ -95,6 +95,40 @@ const Svg = (() => {
     return value.toFixed(digits).replace("-", "−");
   }
 
+  // --- axes ----------------------------------------------------------------------------------------
+
+  // Size of the plot inside the margins of a drawing.
+  function inner(drawing, margin) {
+    return { width: drawing.width - margin.left - margin.right,
+      height: drawing.height - margin.top - margin.bottom };
+  }
+
+  // Empty a drawing, and draw its grid with ticks and labels, about `spacing` apart along y [px].
+  // Returns a function that adds a group which the plot clips.
+  function axes(drawing, margin, { px, py, labels, spacing, clip }) {
+    const { svg, view } = drawing, { width, height } = inner(drawing, margin);
+    svg.replaceChildren();
+    svg.setAttribute("viewBox", `0 0 ${drawing.width} ${drawing.height}`);
+    svg.setAttribute("height", drawing.height);
+    const hole = make("clipPath", { id: clip }, make("defs", {}, svg));
+    make("rect", { x: margin.left, y: margin.top, width, height }, hole);
+    for (const [value, told] of ticks(view.x, width / 75)) {
+      make("line", { class: "grid", x1: px(value), x2: px(value), y1: margin.top,
+        y2: margin.top + height }, svg);
+      text(told, { x: px(value), y: margin.top + height + 15, "text-anchor": "middle" }, svg);
+    }
+    for (const [value, told] of ticks(view.y, height / spacing)) {
+      make("line", { class: "grid", x1: margin.left, x2: margin.left + width, y1: py(value),
+        y2: py(value) }, svg);
+      text(told, { x: margin.left - 5, y: py(value) + 4, "text-anchor": "end" }, svg);
+    }
+    text(labels.x, { x: margin.left + width / 2, y: drawing.height - 4, "text-anchor": "middle" }, svg);
+    const middle = margin.top + height / 2;
+    text(labels.y, { x: 12, y: middle, "text-anchor": "middle",
+      transform: `rotate(-90 12 ${middle})` }, svg);
+    return () => make("g", { "clip-path": `url(#${clip})` }, svg);
+  }
+
   // --- shapes --------------------------------------------------------------------------------------
 
   // Path of a line that is lifted at unknown values and at the rows in `breaks`.
@@ -120,5 +154,6 @@ const Svg = (() => {
     return `#${mixed.join("")}`;
   }
 
-  return { make, text, html, swatch, button, extremes, padded, stepOf, ticks, number, linePath, shade };
+  return { make, text, html, swatch, button, extremes, padded, stepOf, ticks, number, inner, axes, linePath,
+    shade };
 })();
