@@ -213,7 +213,7 @@ def three_numbers(
 
 
 def clipped_correlations(covariance: Floats) -> Floats:
-    """Correlations of a covariance matrix that is not checked yet, finite whatever it holds.
+    """Correlations of an unchecked covariance matrix, always finite.
 
     They are clipped at 2: still too large for any covariance.
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
+from icreckon.report.replay.many_picture import drift_picture
 from icreckon.report.replay.many_text import (
     horizon_of,
     left_out,
@@ -54,6 +55,7 @@ def many_page(results: Results) -> str:
         failures=many_failures(results),
         headline=many_headline(results),
         remarks=many_remarks(results),
+        drifts=drift_picture(results),
         ratios=_ratios(results),
         parts=[_part(results, robot) for robot in robots],
         head=_head(results),

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from icreckon.report.replay.many_page import many_page
+from icreckon.report.replay.many_picture import drift_picture
 from icreckon.report.replay.many_text import (
     UNSCORED,
     left_out,
@@ -131,3 +132,52 @@ def test_what_failed_is_named_with_its_robot_file(results: dict[str, Any]) -> No
     assert "gyro is scored in 2 of 3 logs." in page
     assert page.count("<a href=") == 2
     assert "<title>maker and mine on a</title>" in page
+
+
+def test_the_picture_places_the_drifts_of_each_log_along_one_axis(results: dict[str, Any]) -> None:
+    results["logs"] += [one | {"label": "b"} for one in results["logs"]]
+    of_b = results["logs"][2]["variants"] = {"gyro": scores(), "differential": scores()}
+    of_b["gyro"] |= {"drift_percent_30s_mean": 5.0, "drift_percent_30s_95": None}
+    of_b["differential"] |= {"drift_percent_30s_mean": 40.0, "drift_percent_30s_95": [10.0, 99.0]}
+    found = drift_picture(results)
+    assert found is not None
+    assert [text for _, text in found.ticks] == [
+        "1 %",
+        "2 %",
+        "5 %",
+        "10 %",
+        "20 %",
+        "50 %",
+        "100 %",
+    ]
+    assert [row.label for row in found.rows] == [
+        "all logs, maker",
+        "all logs, mine",
+        "a, maker",
+        "a, mine",
+        "b, maker",
+        "b, mine",
+    ]
+    assert [row.is_pooled for row in found.rows] == [True, True, False, False, False, False]
+    assert [one.name for one in found.variants] == ["gyro", "inertia-online", "differential"]
+    gyro, differential = found.rows[4].marks
+    assert (gyro.at, gyro.interval) == (34.95, None)
+    assert gyro.text == "gyro: 5.00 %"
+    assert differential.interval == pytest.approx((50.0, 99.78))
+    assert differential.text == "differential: 40.0 % (95 % interval 10.0 to 99.0)"
+    heights = [mark.y for row in found.rows for mark in row.marks]
+    assert heights == sorted(set(heights))
+    assert heights[-1] < found.height
+    assert many_page(results).count('<g class="mark"') == len(heights)
+
+
+def test_one_log_has_no_row_of_all_logs_in_the_picture(results: dict[str, Any]) -> None:
+    found = drift_picture(results)
+    assert found is not None
+    assert [row.label for row in found.rows] == ["a, maker", "a, mine"]
+
+
+def test_logs_without_a_truth_have_no_picture(results: dict[str, Any]) -> None:
+    for one in (*results["logs"], *results["pooled"].values()):
+        one["variants"] = {"gyro": {}}
+    assert drift_picture(results) is None
