@@ -54,7 +54,7 @@ TERMS = (
         "Drift",
         "Position error at the end of a stretch of dead reckoning, with estimate and truth aligned "
         "at its start, in % of the distance driven.",
-        r"\bdrift\b|^after \d",
+        r"\bdrift\b",
     ),
     Term(
         "ratio",

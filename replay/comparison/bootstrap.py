@@ -8,8 +8,9 @@ blocks, the percentiles are widened like Student's t (Hesterberg, What teachers 
 bootstrap, The American Statistician 69, 2015, "expanded percentile"). Fewer than three blocks give no
 interval.
 
-Of several logs, blocks are drawn from all of them, so that differences between the logs widen the
-interval. A block stays within its log.
+Of several logs, blocks are drawn from all of them, and a block stays within its log. The interval is that
+of the time of these logs. How much logs differ widens it less than drawing whole logs would, of which
+there are too few: it does not cover other logs.
 """
 
 from __future__ import annotations
@@ -156,9 +157,18 @@ def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
         names,
         np.concatenate(rows, axis=1),
         np.concatenate([one.distances for one in logs]),
-        max(one.block for one in logs),
+        _usual_block(logs),
         tuple(len(one.distances) for one in logs),
     )
+
+
+def _usual_block(logs: Sequence[PairedDrift]) -> int:
+    """Median length of a block over all segments: no short odd log changes it."""
+    lengths = np.array([one.block for one in logs])
+    counts = np.array([len(one.distances) for one in logs])
+    order = np.argsort(lengths)
+    before = np.cumsum(counts[order])
+    return int(lengths[order][np.searchsorted(before, 0.5 * before[-1])])
 
 
 def matched_drifts(one: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:

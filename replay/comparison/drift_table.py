@@ -77,6 +77,8 @@ def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) ->
 def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     """Name the filter with the least drift, and those not significantly worse.
 
+    The run of known bias takes its bias from the truth, so it is a baseline, and never the best.
+
     Args:
         drifts: paired drifts by the label of the horizon.
         baseline: name of the baseline.
@@ -90,7 +92,8 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     sure = [label for label in labels if _known(drifts[label])]
     label = (sure or labels)[0]
     paired = drifts[label]
-    names = [name for name in paired.names if not name.endswith(SMOOTHED)]
+    every = [name for name in paired.names if not name.endswith(SMOOTHED)]
+    names = [name for name in every if name != KNOWN_BIAS] or every
     percents = {name: paired.percent(name) for name in names}
     best = min(names, key=lambda name: percents[name].value)
     others = {name: paired.ratio(name, best) for name in names if name != best}

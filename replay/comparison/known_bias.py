@@ -8,13 +8,13 @@ model. The truth shows the bias, and `gyro` runs once more with it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.scores import even_grid, interpolate, interpolate_poses, pieces
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
@@ -33,8 +33,10 @@ LARGEST_HOLE = 0.5
 """Blocks across a longer gap in the truth are left out [s]."""
 FEWEST_BLOCKS = 4
 """Least number of blocks that show a bias."""
-SURE = 3.0
-"""Standard errors by which a bias differs from that in use."""
+CHANCE = 0.0027
+"""Probability, by Student's t, below which chance does not explain a bias other than that in use."""
+LARGEST = 1.0
+"""A robot file has no larger bias [rad/s]: the gyro's unit is wrong, not its bias."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,8 @@ def known_bias(
     Returns:
         The bias; None if `gyro` learnt its own, or had one that the truth does not contradict.
     """
+    from scipy.special import stdtrit
+
     inside = np.zeros(len(run.stamps), bool)
     for start, end in within:
         inside |= (run.stamps >= start) & (run.stamps <= end)
@@ -83,18 +87,26 @@ def known_bias(
     if not inside.any() or unlearnt.sum() < LEAST_SHARE * inside.sum():
         return None
     used = float(run.states[unlearnt, s.GYRO_BIAS].mean())
-    found = _by_headings(run, truth, robot.imu.gyro_scale, within)
-    if found is None or abs(found[0] - used) <= SURE * found[1]:
+    found = _by_headings(run, truth, within)
+    if found is None or abs(found.shown) > LARGEST:
         return None
-    return KnownBias(used, *found)
+    sure = stdtrit(found.freedom, 1.0 - 0.5 * CHANCE) * found.sigma
+    return None if abs(found.shown - used) <= sure else KnownBias(used, found.shown, found.sigma)
 
 
-def _by_headings(
-    run: Run, truth: Truth, scale: float, within: list[tuple[int, int]]
-) -> tuple[float, float] | None:
-    """Bias and its standard error [rad/s] by the headings; None for a short log.
+class _Shown(NamedTuple):
+    """Bias by the headings, its standard error [rad/s], and degrees of freedom."""
 
-    A wrong scale turns with the robot, a wrong bias with time: both are fitted.
+    shown: float
+    sigma: float
+    freedom: int
+
+
+def _by_headings(run: Run, truth: Truth, within: list[tuple[int, int]]) -> _Shown | None:
+    """Find the bias by the headings; None for a short log.
+
+    A wrong scale turns with the robot, a wrong bias with time: both are fitted. The bias is that of the
+    rate after the robot file's scale is corrected, as in the filter and in the file.
     """
     poses = truth.poses
     step = round(BLOCK / NANOSECOND)
@@ -121,9 +133,11 @@ def _by_headings(
     before_it, after_it = (
         interpolate(run.stamps, sums[:, None], at)[:, 0] for at in (begins, ends)
     )
-    apart = scale * wrap_angle(turned - true) + after_it - before_it
+    # Poses are unwrapped: a large bias turns by more than half a turn in a block.
+    apart = turned - true + after_it - before_it
     design = np.column_stack([np.full(len(begins), BLOCK), turned])
     value, *_ = np.linalg.lstsq(design, apart, rcond=None)
     misfit = apart - design @ value
-    variance = misfit @ misfit / (len(begins) - 2) * np.linalg.pinv(design.T @ design)[0, 0]
-    return float(value[0]), float(np.sqrt(variance))
+    freedom = len(begins) - 2
+    variance = misfit @ misfit / freedom * np.linalg.pinv(design.T @ design)[0, 0]
+    return _Shown(float(value[0]), float(np.sqrt(variance)), freedom)

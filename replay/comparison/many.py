@@ -95,7 +95,7 @@ def compare_many(
 ) -> Results:
     """Run filter variants over several logs, and score them together.
 
-    Runs are scored and dropped, log by log; `on_comparison` gets them before. A log that fails is listed
+    Runs are scored, given to `on_comparison`, and dropped, log by log. A log that fails is listed
     under "failed", and the others continue.
 
     Args:
@@ -136,8 +136,6 @@ def compare_many(
                     engine=engine,
                     workers=workers,
                 )
-                if on_comparison is not None:
-                    on_comparison(case, comparison)
                 drifts = comparison_drifts(comparison)
                 summary = summarise(
                     comparison, robot, command="compare_many", configuration={}, drifts=drifts
@@ -145,6 +143,9 @@ def compare_many(
                 scored.append(case_scores(case, comparison, summary, drifts))
             except Exception as problem:
                 failed.append(failed_case(case, problem))
+                continue
+            if on_comparison is not None:
+                on_comparison(case, comparison)
     return summarise_many(scored, failed, command="compare_many", configuration={})
 
 
@@ -263,7 +264,7 @@ def _with_known_bias(scored: Sequence[CaseScores]) -> list[CaseScores]:
 
 def _of_log(one: CaseScores) -> Results:
     results = one.results
-    shown = ("log", "truth", "verdict", "failed", "reference_variant", "variants")
+    shown = ("log", "truth", "verdict", "gyro_bias", "failed", "reference_variant", "variants")
     return {"label": one.case.log, "robot": one.case.robot} | {key: results[key] for key in shown}
 
 
@@ -275,10 +276,12 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
         spans[one.case.log] = (log["start_ns"], log["start_ns"] + log["duration_s"] / NANOSECOND)
     ordered = sorted(spans.items(), key=lambda item: item[1])
     for (before, (_, end)), (after, (start, _)) in pairwise(ordered):
-        if abs(start - end) * NANOSECOND < NEXT_PART:
+        later = (start - end) * NANOSECOND
+        if abs(later) < NEXT_PART:
+            place = f"{abs(later):.1f} s {'before' if later < 0.0 else 'after'} the end of {before}"
             yield (
-                f"{after} begins {(start - end) * NANOSECOND:.1f} s after the end of {before}: "
-                "--one-log reads them as one, if they are parts of one recording"
+                f"{after} begins {place}: --one-log reads them as one, if they are parts of one "
+                "recording"
             )
 
 
@@ -287,7 +290,10 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
 
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
     """Scores of a robot over all logs with a truth, and the verdict."""
-    of_logs = [paired_drifts(one.drifts) for one in scored if one.drifts]
+    # A log without a stretch of dead reckoning has nothing to pool.
+    pairs = [(one, paired_drifts(one.drifts)) for one in scored]
+    pairs = [(one, of) for one, of in pairs if any(len(pair.distances) for pair in of.values())]
+    of_logs = [of for _, of in pairs]
     names = dict.fromkeys(name for one in scored for name in one.results["variants"])
     variants: dict[str, Results] = {}
     for name in names:
@@ -308,13 +314,23 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
         filters = [name for name in kept if not name.endswith(SMOOTHED)]
         if filters:
             found = verdict(joined, baseline if baseline in kept else baseline_of(filters))
+        if found is not None:
+            found |= _logs_with_less(of_logs, found)
     return {
         "logs": len(of_logs),
-        "distance_m": sum(one.results["truth"]["distance_m"] for one in scored if one.drifts),
-        "duration_s": sum(one.results["log"]["duration_s"] for one in scored if one.drifts),
+        "distance_m": sum(one.results["truth"]["distance_m"] for one, _ in pairs),
+        "duration_s": sum(one.results["log"]["duration_s"] for one, _ in pairs),
         "verdict": found,
         "variants": variants,
     }
+
+
+def _logs_with_less(of_logs: Sequence[Mapping[str, PairedDrift]], found: Results) -> Results:
+    """Number of logs in which the best drifts less than the baseline, and of all scored ones."""
+    scored = [of[found["horizon"]] for of in of_logs]
+    ratios = [one.ratio(found["best"], found["baseline"]).value for one in scored]
+    known = [ratio for ratio in ratios if math.isfinite(ratio)]
+    return {"logs_with_less": sum(ratio < 1.0 for ratio in known), "logs_scored": len(known)}
 
 
 def _joined(
@@ -348,7 +364,7 @@ def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
             for log in dict.fromkeys(case.log for case in of)
             if Case(log, robots[0]) in of and Case(log, robot) in of
         ]
-        names = list(both[0][1].results["variants"]) if both else []
+        names = dict.fromkeys(name for _, other in both for name in other.results["variants"])
         variants = {name: ratio for name in names if (ratio := _ratio(both, name))}
         found[robot] = {"to": robots[0], "variants": variants}
     return found

@@ -11,14 +11,13 @@ from icreckon.report.replay.many_picture import drift_picture
 from icreckon.report.replay.many_text import (
     horizon_of,
     left_out,
-    lowest,
     many_failures,
     many_headline,
     many_remarks,
     pooled_over,
 )
 from icreckon.report.replay.page import drift_tables
-from icreckon.report.replay.page_text import horizon_text, number
+from icreckon.report.replay.page_text import horizon_text, lowest, number
 
 HORIZONS = ("10s", "30s", "60s")
 

@@ -12,12 +12,12 @@ from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.many_text import (
     horizon_of,
     left_out,
-    lowest,
     many_failures,
     many_headline,
     many_remarks,
     pooled_over,
 )
+from icreckon.report.replay.page_text import lowest
 
 LABELS = ("10s", "30s")
 

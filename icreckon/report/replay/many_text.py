@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import (
     failures,
-    filtered,
     horizon_text,
     interval_text,
     number,
@@ -39,7 +37,15 @@ def many_remarks(results: Results) -> list[str]:
     if any(found["verdict"] for found in pooled.values()):
         lines.append(
             "Of all logs together: summed errors over summed distances. Intervals are over blocks of "
-            "time of all logs. The best was picked on the logs that it is scored on."
+            "time of these logs. They do not cover other logs, days, grounds or robots, and the best was "
+            "picked on the logs that it is scored on."
+        )
+    helped = [one["label"] for one in results["logs"] if one["gyro_bias"]]
+    if helped:
+        lines.append(
+            f"{KNOWN_BIAS} is {GYRO} with the gyro bias that the truth shows, in {', '.join(helped)}: "
+            "neither standstill nor fixes showed it there. In the other logs it is the same as "
+            f"{GYRO}."
         )
     return lines + list(results["notes"])
 
@@ -102,16 +108,6 @@ def pooled_over(found: Results) -> str:
     """Logs, time and distance that scores of a robot file are from."""
     logs = f"{found['logs']} logs" if found["logs"] != 1 else "1 log"
     return f"{logs}, {number(found['duration_s'])} s, {number(found['distance_m'])} m"
-
-
-def lowest(variants: dict[str, Any], key: str) -> str | None:
-    """Filter with the lowest value of a score."""
-    known = {
-        name: one[key]
-        for name, one in filtered({"variants": variants}).items()
-        if one.get(key) is not None
-    }
-    return min(known, key=lambda name: float(known[name])) if known else None
 
 
 def left_out(found: Results) -> list[str]:

@@ -19,6 +19,7 @@ from icreckon.report.replay.page_text import (
     has_yaw_errors,
     headline,
     horizon_text,
+    lowest,
     notes,
     number,
     page_title,
@@ -154,7 +155,7 @@ def drift_tables(results: Results) -> list[Table]:
         (f"Ratio to {baseline}, over the same segments", "drift_ratio_{}"),
     ):
         rows = []
-        best = _lowest(results, [key.format(label) for label in labels])
+        best = {place: lowest(variants, place) for place in (key.format(label) for label in labels)}
         for name, one in variants.items():
             cells = []
             for label in labels:
@@ -178,17 +179,6 @@ def _filled(results: Results, key: str) -> list[str]:
         if any(one.get(key.format(label)) is not None for one in results["variants"].values())
     ]
     return filled or list(results["horizons"])
-
-
-def _lowest(results: Results, keys: Sequence[str]) -> dict[str, str]:
-    best = {}
-    for key in keys:
-        known = {
-            name: one[key] for name, one in filtered(results).items() if one.get(key) is not None
-        }
-        if known:
-            best[key] = min(known, key=lambda name: float(known[name]))
-    return best
 
 
 def _score_table(results: Results, columns: Sequence[tuple[str, str, float]]) -> Table:

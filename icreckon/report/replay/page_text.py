@@ -27,11 +27,15 @@ def bias_text(results: Results) -> str:
     bias = results.get("gyro_bias")
     if bias is None:
         return ""
-    shown, sigma = f"{bias['shown_rad_s']:.4f}", f"{bias['shown_sigma_rad_s']:.4f}"
+    error = bias["shown_sigma_rad_s"]
+    # Two digits of the error.
+    digits = min(6, max(4, 1 - math.floor(math.log10(error)))) if error > 0.0 else 6
+    used, shown, sigma = (
+        f"{value:.{digits}f}" for value in (bias["used_rad_s"], bias["shown_rad_s"], error)
+    )
     text = (
-        f"{GYRO} kept the gyro bias of the robot file, {results['robot']['imu']['gyro_bias']:g} rad/s: "
-        "neither standstill nor fixes showed it another. The truth shows "
-        f"{shown} (± {sigma}), and {KNOWN_BIAS} is {GYRO} with that."
+        f"Where neither standstill nor fixes showed it another, {GYRO} used a gyro bias of {used} rad/s. "
+        f"The truth shows {shown} (± {sigma}), and {KNOWN_BIAS} is {GYRO} with that."
     )
     found = results["verdict"]
     if found is not None:
@@ -63,6 +67,11 @@ def verdict_text(found: Results, logs: int = 1) -> str:
     if best == baseline:
         return f"{best} drifts least: {drifts}. {_next_best(found, short)}"
     ratio, interval = number(found["ratio"]), found["ratio_95"]
+    if found["ratio"] > 1.0:
+        return (
+            f"Nothing drifts less than {baseline}, whose gyro bias is from the truth. Of the others, "
+            f"{best} drifts least: {drifts}, {ratio} times that{interval_text(interval)}."
+        )
     if interval is None:
         return (
             f"{best} drifts least: {drifts}, {ratio} times what {baseline} drifts. {short} too "
@@ -75,7 +84,12 @@ def verdict_text(found: Results, logs: int = 1) -> str:
             "chance."
         )
     times = f"{ratio} times what {baseline} drifts{interval_text(interval)}"
-    return f"{best} drifts least: {drifts}. That is {times}."
+    share = (
+        ""
+        if logs == 1
+        else f", and less in {found['logs_with_less']} of {found['logs_scored']} logs"
+    )
+    return f"{best} drifts least: {drifts}. That is {times}{share}."
 
 
 def _next_best(found: Results, short: str) -> str:
@@ -226,6 +240,16 @@ def provenance(results: Results) -> str:
 def filtered(results: Results) -> dict[str, Any]:
     """Filtered variants, without smoothed ones."""
     return {name: one for name, one in results["variants"].items() if not name.endswith(SMOOTHED)}
+
+
+def lowest(variants: dict[str, Any], key: str) -> str | None:
+    """Filter with the lowest value of a score, of those that need no truth."""
+    known = {
+        name: one[key]
+        for name, one in filtered({"variants": variants}).items()
+        if one.get(key) is not None and name != KNOWN_BIAS
+    }
+    return min(known, key=lambda name: float(known[name])) if known else None
 
 
 def horizon_text(label: str) -> str:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.page_text import failures, has_yaw_errors, headline, lag_text
+from icreckon.report.replay.page_text import (
+    failures,
+    filtered,
+    has_yaw_errors,
+    headline,
+    lag_text,
+    lowest,
+)
 
 # Heading, key, digits.
 SCORE_COLUMNS = (
@@ -73,7 +78,9 @@ def results_table(results: Results, *, narrow: bool = False) -> Group:
     table.add_column("variant", no_wrap=True)
     for heading, _, _ in columns:
         table.add_column(heading, justify="right")
-    best = _best(results["variants"], [key for _, key, _ in columns]) if truth else {}
+    # NEES has an ideal, and no lowest that is best.
+    compared = [key for _, key, _ in columns if truth and not key.startswith("nees")]
+    best = {key: lowest(results["variants"], key) for key in compared}
     for name, scores in results["variants"].items():
         cells = [
             _cell(scores.get(key), key, digits, is_best=best.get(key) == name)
@@ -113,28 +120,12 @@ def _footnotes(results: Results) -> list[str]:
             )
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"]]
-    filtered = _filtered(results["variants"])
-    rejected = {name: one["rejected"] for name, one in filtered.items()}
+    rejected = {name: one["rejected"] for name, one in filtered(results).items()}
     for name, reasons in rejected.items():
         counts = ", ".join(f"{count} x {what}" for what, count in reasons.items())
         if counts:
             lines.append(f"Rejected by {name}: {counts}")
     return lines
-
-
-def _filtered(variants: dict[str, Any]) -> dict[str, Any]:
-    """Filtered variants, without smoothed ones."""
-    return {name: one for name, one in variants.items() if not name.endswith(SMOOTHED)}
-
-
-def _best(variants: dict[str, Any], keys: list[str]) -> dict[str, str]:
-    """Filter with the lowest value of each score, except NEES."""
-    best, filtered = {}, _filtered(variants)
-    for key in keys:
-        known = {name: one[key] for name, one in filtered.items() if one.get(key) is not None}
-        if known and not key.startswith("nees"):
-            best[key] = min(known, key=lambda name: float(known[name]))
-    return best
 
 
 def _cell(value: float | None, key: str, digits: int, *, is_best: bool) -> Text:

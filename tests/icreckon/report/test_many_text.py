@@ -31,6 +31,8 @@ def verdict(best: str, percent: float) -> dict[str, Any]:
         "ratios_to_best": {"gyro": 2.0},
         "ratios_to_best_95": {"gyro": [1.7, 2.5]},
         "not_shown_worse": [],
+        "logs_with_less": 2,
+        "logs_scored": 3,
     }
 
 
@@ -56,7 +58,11 @@ def results() -> dict[str, Any]:
     for label in HORIZONS:
         ratio |= {f"ratio_{label}": 0.5, f"ratio_{label}_95": [0.4, 0.6], f"segments_{label}": 200}
     log = {"label": "a", "log": {"duration_s": 200.0}, "truth": {"distance_m": 80.0}}
-    log |= {"failed": {}, "variants": {"gyro": scores(), "inertia-online": scores()}}
+    log |= {
+        "failed": {},
+        "gyro_bias": None,
+        "variants": {"gyro": scores(), "inertia-online": scores()},
+    }
     return {
         "command": "replay",
         "configuration": {},
@@ -112,10 +118,17 @@ def test_one_robot_file_has_the_verdict_over_all_logs(results: dict[str, Any]) -
     del results["pooled"]["maker"]
     results["ratios"] = {}
     assert many_headline(results).startswith("inertia-online drifts least: 1.50 % of the distance")
+    assert many_headline(results).endswith("(0.40 to 0.60), and less in 2 of 3 logs.")
     results["pooled"]["mine"]["verdict"]["ratio_95"] = [0.8, 1.2]
     assert "on these 3 logs" in many_headline(results)
     results["pooled"]["mine"] |= {"verdict": None, "logs": 0}
     assert many_headline(results) == UNSCORED
+
+
+def test_a_bias_that_is_taken_from_the_truth_is_explained(results: dict[str, Any]) -> None:
+    results["logs"][1]["gyro_bias"] = {"used_rad_s": 0.0}
+    (line,) = [one for one in many_remarks(results) if "gyro-known-bias" in one]
+    assert "the gyro bias that the truth shows, in a: neither standstill nor fixes" in line
 
 
 def test_what_failed_is_named_with_its_robot_file(results: dict[str, Any]) -> None:

@@ -39,7 +39,6 @@ def page(results: dict[str, Any]) -> str:
         ("pose NEES, ideal 3", "nees"),
         ("mean NIS per degree of freedom, ideal 1", "nis"),
         ("yaw drift, deg/m", "yaw-drift"),
-        ("after 30 s", "drift"),
         ("RMSE v_x, mm/s", "rmse"),
         ("own σ at end, m", "sigma"),
         ("end x, m", None),
