@@ -88,6 +88,9 @@ Formats = Annotated[
     ),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]
+PrepareWorkers = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Processes (default: as cores, 4 at most).")
+]
 
 
 def _print_version(wanted: bool) -> None:
@@ -485,7 +488,7 @@ def paper(
 
 
 @app.command()
-def prepare(workers: Workers = None) -> None:
+def prepare(workers: PrepareWorkers = None) -> None:
     """Compile all filters ahead, for an image or before a robot's first drive.
 
     What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or

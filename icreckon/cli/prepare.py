@@ -28,7 +28,7 @@ from icreckon.simulation.study.plan import load_study, study_names
 # Kernels depend on the motion model and on what is uncertain, not on the robot.
 ROBOT = "auriga-alpha"
 SECONDS = 5.0
-# Each process takes up to half a gigabyte.
+# Each process takes up to half a gigabyte: unasked, no more than these.
 MOST_WORKERS = 4
 
 
@@ -47,7 +47,7 @@ def run_prepare(*, workers: int | None) -> None:
     tasks = [("streaming", *models[model]) for model in reversed(models)]
     tasks += [("long logs", name) for name in reversed(VARIANTS)]
     tasks += [("study", name) for name in study_names()]
-    count = min(worker_count(workers), MOST_WORKERS, len(tasks))
+    count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
     messages().print(f"compiling with {count} processes", markup=False)
     with progress("compiling") as report, worker_processes(count) as pool:
         submitted = {pool.submit(_compile, *task): task for task in tasks}

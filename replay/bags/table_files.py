@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from io import RawIOBase
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ CSV_SUFFIXES = (".csv", ".tsv", ".txt")
 PACKED_CSV_SUFFIXES = (".csv.gz", ".csv.bz2")
 DELIMITERS = "\t;,"
 FIRST_BYTES = 1 << 20
-"""Bytes of a CSV file in which its first line must end."""
+"""Bytes of a CSV file in which its first line must end, and that show its decimal point."""
+FRACTION = re.compile(r"[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?")
+"""Number with a fraction; in many countries 0,25."""
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 MOST_COLUMNS = 10_000
 CELL = 8
@@ -66,18 +69,26 @@ def _read_csv(path: Path) -> Any:
         begin = stream.read(FIRST_BYTES)
     if begin.startswith(UTF_16_MARKS):
         raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` mends that")
-    first, second = [*begin.decode("utf-8", "replace").splitlines(), "", ""][:2]
+    lines = [*begin.decode("utf-8", "replace").splitlines(), ""]
+    first, rows = lines[0], lines[1:]
     delimiter = max(DELIMITERS, key=first.count)
     _check_columns(first.count(delimiter) + 1)
     options = csv.ParseOptions(delimiter=delimiter)
-    # As in many countries: 0,25;0,5
-    decimal = "," if delimiter != "," and "," in second and "." not in second else "."
-    numbers = csv.ConvertOptions(decimal_point=decimal)
+    numbers = csv.ConvertOptions(decimal_point=_decimal_point(rows, delimiter))
     if not packed:
         return csv.read_csv(path, parse_options=options, convert_options=numbers)
     with input_stream(path, compression="detect") as stream:
         limited = _Limited(stream)
         return csv.read_csv(limited, parse_options=options, convert_options=numbers)
+
+
+def _decimal_point(rows: list[str], delimiter: str) -> str:
+    """Point or comma, as in most numbers of these rows."""
+    if delimiter == ",":
+        return "."
+    cells = [cell.strip().strip('"') for row in rows for cell in row.split(delimiter)]
+    marks = [found[1] for cell in cells if (found := FRACTION.fullmatch(cell))]
+    return "," if 2 * marks.count(",") > len(marks) else "."
 
 
 class _Limited(RawIOBase):

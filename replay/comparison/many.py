@@ -326,7 +326,7 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
 
 
 def _logs_with_less(of_logs: Sequence[Mapping[str, PairedDrift]], found: Results) -> Results:
-    """Number of logs in which the best drifts less than the baseline, and of all scored ones."""
+    """Count the logs in which the best drifts less than the baseline, and all."""
     scored = [of[found["horizon"]] for of in of_logs]
     ratios = [one.ratio(found["best"], found["baseline"]).value for one in scored]
     known = [ratio for ratio in ratios if math.isfinite(ratio)]

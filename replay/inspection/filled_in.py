@@ -12,6 +12,10 @@ from icreckon.replay.base.errors import ReplayError
 
 TABLE = re.compile(r"\[([^\[\]]+)\]\s*(?:#.*)?$")
 KEY = re.compile(r"(\w+) = ([^#]*?)(\s*)#(.*fill in.*)$")
+# A gauge that stands in for the one that only a person can measure.
+UNTOUCHED_GAUGE = re.compile(
+    r"^track_gauge = ([\d.e+-]+) *# .*the effective track \(\1\).*$", re.MULTILINE
+)
 
 
 def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
@@ -29,7 +33,7 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
     """
     try:
         former_text = path.read_text(encoding="utf-8")
-        former = tomllib.loads(former_text)
+        former = _filled_in(former_text)
     except (ValueError, OSError) as problem:
         raise ReplayError(
             f"{path}: what was filled in cannot be read: {problem}; mend or move the file"
@@ -56,11 +60,16 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
 def filled_in_gauge(path: Path) -> float | None:
     """Track gauge of an earlier proposal [m]; None if there is none that can be read."""
     try:
-        former = tomllib.loads(path.read_text(encoding="utf-8"))
+        former = _filled_in(path.read_text(encoding="utf-8"))
     except (ValueError, OSError):
         return None
     found = _value(former, "vehicle", "track_gauge")
     return None if found is None or float(found) <= 0.0 else float(found)
+
+
+def _filled_in(text: str) -> dict[str, Any]:
+    """Content of an earlier proposal, without a gauge that nobody has filled in."""
+    return tomllib.loads(UNTOUCHED_GAUGE.sub("", text))
 
 
 def _value(former: dict[str, Any], table: str, key: str) -> str | None:

@@ -156,8 +156,8 @@ def _gauge(mapping: TopicMap, estimates: WheelEstimates) -> list[str]:
             f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)",
         ]
     return [
-        f"track_gauge = {track:.3g}    # m, the effective track: fill in that between the centrelines of "
-        "tracks or wheels"
+        f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
+        "between the centrelines of tracks or wheels"
     ]
 
 

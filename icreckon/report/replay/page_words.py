@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Titles of the charts of learnt parameters; docs/model.md defines them.
+# Titles of the charts of learnt parameters; docs/explanation/model.md defines them.
 PARAMETER_TITLES = {
     "H": "Track-speed ratio of turning on the spot, H",
     "zeta0": "Sliding index without force, ζ₀",

@@ -208,12 +208,12 @@ const Charts = (() => {
       const band = (chart.spec.bands || []).find((one) => one.series === item.series);
       const line = html("div", values);
       Svg.swatch(line, State.look(item));
-      let told = `${item.label || item.series}: ${Svg.number(value)}`;
+      let label = `${item.label || item.series}: ${Svg.number(value)}`;
       const sigma = band && row >= 0 ? column(band.sigma)[row] : null;
       if (sigma !== null && sigma !== undefined) {
-        told += ` (${band.times}σ ${Svg.number(band.times * band.scale * sigma)})`;
+        label += ` (${band.times}σ ${Svg.number(band.times * band.scale * sigma)})`;
       }
-      html("span", line, told);
+      html("span", line, label);
     }
     values.hidden = false;
     const box = values.getBoundingClientRect();

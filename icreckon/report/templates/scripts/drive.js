@@ -193,9 +193,9 @@ const Drive = (() => {
     const lost = State.at(`${choice.driver}/lost_rad_s`, State.cursor);
     if (lost !== null) rows.push(["slip in turning", `${Svg.number(lost)} rad/s`]);
     view.words.replaceChildren();
-    for (const [name, told] of rows) {
+    for (const [name, label] of rows) {
       html("dt", view.words, name);
-      html("dd", view.words, told);
+      html("dd", view.words, label);
     }
   }
 
@@ -234,7 +234,7 @@ const Drive = (() => {
 
   function chooser(label, entries, chosen, act, parent) {
     const box = html("label", parent, label + " "), select = html("select", box);
-    entries.forEach(([key, told]) => html("option", select, told, { value: key }));
+    entries.forEach(([key, label]) => html("option", select, label, { value: key }));
     select.value = chosen;
     select.addEventListener("change", () => act(select.value));
     return select;

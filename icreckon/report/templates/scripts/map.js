@@ -136,9 +136,9 @@ const PathMap = (() => {
         width: (width - 40) / SHADES + 0.5, fill: Svg.shade(scaleOf(colouring), (number + 0.5) / SHADES) },
       svg);
     }
-    for (const [value, told] of Svg.ticks(range, width / 80)) {
+    for (const [value, label] of Svg.ticks(range, width / 80)) {
       make("line", { class: "frame", x1: place(value), x2: place(value), y1: 14, y2: 18 }, svg);
-      text(told, { x: place(value), y: 31, "text-anchor": "middle" }, svg);
+      text(label, { x: place(value), y: 31, "text-anchor": "middle" }, svg);
     }
   }
 

@@ -79,10 +79,10 @@ const Svg = (() => {
     }
     const digits = Math.min(20, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
     const far = Math.max(Math.abs(low), Math.abs(high));
-    const told = (value) => (far < 1e-3 || far >= 1e6)
+    const label = (value) => (far < 1e-3 || far >= 1e6)
       ? (value === 0 ? "0" : value.toExponential(1).replace("e-", "e−").replace("e+", "e"))
       : value.toFixed(digits);
-    return found.map((value) => [value, told(Math.abs(value) < step * 1e-9 ? 0 : value)
+    return found.map((value) => [value, label(Math.abs(value) < step * 1e-9 ? 0 : value)
       .replace(/^-/, "−")]);
   }
 
@@ -112,15 +112,15 @@ const Svg = (() => {
     svg.setAttribute("height", drawing.height);
     const hole = make("clipPath", { id: clip }, make("defs", {}, svg));
     make("rect", { x: margin.left, y: margin.top, width, height }, hole);
-    for (const [value, told] of ticks(view.x, width / 75)) {
+    for (const [value, label] of ticks(view.x, width / 75)) {
       make("line", { class: "grid", x1: px(value), x2: px(value), y1: margin.top,
         y2: margin.top + height }, svg);
-      text(told, { x: px(value), y: margin.top + height + 15, "text-anchor": "middle" }, svg);
+      text(label, { x: px(value), y: margin.top + height + 15, "text-anchor": "middle" }, svg);
     }
-    for (const [value, told] of ticks(view.y, height / spacing)) {
+    for (const [value, label] of ticks(view.y, height / spacing)) {
       make("line", { class: "grid", x1: margin.left, x2: margin.left + width, y1: py(value),
         y2: py(value) }, svg);
-      text(told, { x: margin.left - 5, y: py(value) + 4, "text-anchor": "end" }, svg);
+      text(label, { x: margin.left - 5, y: py(value) + 4, "text-anchor": "end" }, svg);
     }
     text(labels.x, { x: margin.left + width / 2, y: drawing.height - 4, "text-anchor": "middle" }, svg);
     const middle = margin.top + height / 2;
