@@ -138,7 +138,12 @@ def compare_many(
                 )
                 drifts = comparison_drifts(comparison)
                 summary = summarise(
-                    comparison, robot, command="compare_many", configuration={}, drifts=drifts
+                    comparison,
+                    robot,
+                    command="compare_many",
+                    configuration={},
+                    drifts=drifts,
+                    series=False,
                 )
                 scored.append(case_scores(case, comparison, summary, drifts))
             except Exception as problem:

@@ -62,6 +62,7 @@ def summarise(
     seed: int | None = None,
     inputs: dict[str, Path] | None = None,
     drifts: Drifts | None = None,
+    series: bool = True,
 ) -> Results:
     """Summarise scores, series and provenance of a comparison for `write_results`.
 
@@ -73,6 +74,7 @@ def summarise(
         seed: seed of a simulated log.
         inputs: bags that were read, by their displayed names, for their hashes.
         drifts: output of `comparison_drifts`, if it is at hand.
+        series: whether to include the time series of the plots.
     """
     log = comparison.log
     scored = scored_intervals(log)
@@ -118,7 +120,7 @@ def summarise(
             for name, lost in comparison.failed.items()
         },
         "variants": variants,
-        "series": series_of(comparison, robot),
+        "series": series_of(comparison, robot) if series else {},
     }
     cleaned: Results = json_types(results)
     return cleaned
