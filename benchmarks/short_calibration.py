@@ -29,10 +29,9 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.comparison.bootstrap import paired_drift
 from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.drift_table import paired_drifts
-from icreckon.replay.comparison.fixes import scored_intervals
-from icreckon.replay.comparison.scores import truths_of
+from icreckon.replay.comparison.results import comparison_drifts
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
@@ -97,9 +96,8 @@ def _latency(robot: Robot) -> float:
 
 def drifts(log: Log, robot: Robot) -> tuple[Floats, float]:
     """Summed errors of each variant [m], and the distance [m]."""
-    found = compare(log, robot, VARIANTS)
-    runs = {name: found.runs[name] for name in VARIANTS}
-    paired = paired_drifts(runs, truths_of(found), scored_intervals(found.log))[HORIZON]
+    found = comparison_drifts(compare(log, robot, VARIANTS))[HORIZON]
+    paired = paired_drift({name: found[name] for name in VARIANTS})
     return paired.errors.sum(axis=1), float(paired.distances.sum())
 
 
