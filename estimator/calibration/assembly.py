@@ -10,6 +10,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.common_values import (
+    KEPT,
     common_bias,
     finite,
     mounting_turns,
@@ -40,6 +41,17 @@ CALLED = {
     "friction": "motion by friction",
 }
 PLURAL = ("constant", "inertia")
+COMMON = {
+    "scale": "sprocket_radius",
+    "gyro_scale": "imu.gyro_scale",
+    "track_latency": "track_latency",
+    "mounting_yaw": "imu.yaw",
+    "imu_forward": "imu.forward",
+    "imu_left": "imu.left",
+}
+"""Parameters that all models have, beside the difference of the radii: name in the results by name."""
+TURN, PLACE = "rotation_rpy_deg", "position"
+"""Keys of the IMU's mounting."""
 
 
 def assembled(
@@ -66,13 +78,19 @@ def assembled(
     main = shared[comparison.supported]
     notes = []
     may_be_right = _supported_fits(fits, comparison)
-    new = with_common(robot, main, radii, may_be_right, speeds_by_radius)
+    common = [name for name in COMMON if name in main.problem.names]
+    # What one model takes for a latency another explains by inertia: all that may be right must agree.
+    kept = frozenset[str]().union(*(one.not_contradicted(common) for one in may_be_right))
+    new = with_common(robot, main, radii, may_be_right, speeds_by_radius, kept)
     if not speeds_by_radius and main.is_free("scale"):
         notes.append(
             f"the log's track speeds are speeds already: their scale, {main.value('scale'):.4f}, cannot "
             "go into sprocket_radius; scale_sigma covers it, or correct the unit or the controller"
         )
-    scaled = {"scale": main.value("scale"), "difference": new.tracks.difference}
+    written = main.with_start_of(kept)
+    scaled = {name: written.value(name) for name in {"scale", *kept}}
+    scaled["difference"] = new.tracks.difference
+    stays = {COMMON[name] for name in kept}
     usable = dict(shared)
     if "friction" in fits:
         if _friction_holds(comparison):
@@ -94,8 +112,24 @@ def assembled(
             )
             of = msgspec.structs.replace(robot, vehicle=vehicle)
         usable[name] = _refitted(shared[name], name, of, scaled, again, of is not robot)
-        new = _put(usable[name], new)
+        own = usable[name].not_contradicted(
+            one.name for one in usable[name].problem.model.parameters
+        )
+        start = dict(zip(usable[name].problem.names, usable[name].problem.start, strict=True))
+        filed = {one: float(start[one]) for one in own}
+        new = _put(_refitted(usable[name], name, of, scaled | filed, again, bool(own)), new)
+        stays |= _rows_of(name, own)
     parameters = _parameters(robot, new, fits, usable, main, radii, speeds_by_radius)
+    if not speeds_by_radius:
+        stays -= {"sprocket_radius"}
+    parameters = tuple(
+        replace(
+            one,
+            note=_joined(one.note, KEPT if one.name in stays and one.sigma else ""),
+            is_default=one.before is not None and is_default(robot, one.name),
+        )
+        for one in parameters
+    )
     names, correlations = _correlations(fits.get("inertia", fits["constant"]))
     return Calibration(
         new,
@@ -108,6 +142,52 @@ def assembled(
         _residuals(shared["constant"], main),
         tuple(notes),
     )
+
+
+def _in_file(robot: Robot, name: str) -> float | None:
+    """Value in the robot file, by the name in the results; None for none."""
+    table, key = _home(robot, name)
+    value = None if table is None else getattr(table, key)
+    if isinstance(value, tuple):
+        value = value[("forward", "left", "up").index(name.rpartition(".")[2])]
+    return None if value is None else float(value)
+
+
+def is_default(robot: Robot, name: str) -> bool:
+    """True if the robot file need not state a parameter, by its name in the results."""
+    table, key = _home(robot, name)
+    if table is None or not hasattr(table, key):
+        return False
+    field = next(one for one in msgspec.structs.fields(type(table)) if one.name == key)
+    return not field.required and getattr(table, key) == field.default
+
+
+def _home(robot: Robot, name: str) -> tuple[msgspec.Struct | None, str]:
+    """Table of a robot that has a parameter of the results, and its key there."""
+    table, _, key = name.rpartition(".")
+    if table == "centre_of_mass":
+        return robot.vehicle, table
+    if table == "imu":
+        key = {"roll": TURN, "pitch": TURN, "yaw": TURN, "forward": PLACE, "left": PLACE}.get(
+            key, key
+        )
+    tables = {"": robot.vehicle, "imu": robot.imu, "tracks": robot.tracks, "soil": robot.soil}
+    return (tables | {"indices": robot.indices}).get(table), key
+
+
+def _rows_of(model: str, names: frozenset[str]) -> set[str]:
+    """Names in the results of parameters of a model that stay as in the robot file."""
+    if model == "inertia":
+        return {f"indices.{name}" for name in names}
+    rows = {"constant_icr.y_ICR"} if "zeta0" in names else set()
+    rows |= {"effective_track"} if "eta0" in names else set()
+    if {"epsilon0", "eta0"} <= names:
+        rows |= {"constant_icr.x_ICRl", "constant_icr.x_ICRr"}
+    return rows
+
+
+def _joined(*notes: str) -> str:
+    return "; ".join(filter(None, notes))
 
 
 def with_difference(
@@ -227,7 +307,7 @@ def _parameters(
                     parameter.name,
                     names[parameter.name],
                     parameter.unit,
-                    before=parameter.start,
+                    before=_in_file(robot, names[parameter.name]),
                     sigmas=fits["friction"],
                 )
             )
@@ -237,7 +317,7 @@ def _parameters(
 def _bias(robot: Robot, main: Fit) -> FoundParameter:
     """Initial gyro bias: mean over the logs."""
     bias = common_bias(robot, main)
-    note = "" if bias.written == bias.mean else "within its error of zero: the file has 0"
+    note = "" if bias.written == bias.mean else KEPT
     status: Status = "held" if bias.error is None else "shown"
     before = robot.imu.gyro_bias
     return FoundParameter("imu.gyro_bias", "rad/s", bias.mean, bias.error, status, before, note)
@@ -353,7 +433,7 @@ def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
             parameter.name,
             f"indices.{parameter.name}",
             parameter.unit,
-            before=parameter.start,
+            before=_in_file(robot, f"indices.{parameter.name}"),
             sigmas=free,
         )
         for parameter in free.problem.model.parameters

@@ -16,6 +16,8 @@ from icreckon.estimator.robot.robot_file import Robot
 
 SURE = 1.96
 """Standard errors from zero at which a value is beyond its error."""
+KEPT = "within its error of the file's, which stays"
+"""Note on a value that is not written."""
 LEAST_LATENCY = 2e-3
 """A smaller latency of the track speeds is not written to the robot file [s]."""
 
@@ -29,8 +31,7 @@ def _deviation(main: Fit, others: Sequence[Fit], name: str, known: float) -> flo
 def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     """Difference of the radii for the robot file [-], and why it is not the one found.
 
-    One within its error of zero is not written. What the file has then stays, unless the logs contradict
-    it.
+    What the file has stays, unless the logs contradict it; one within its error of zero is zero then.
     """
     before, value, sigma = (
         robot.tracks.difference,
@@ -39,9 +40,10 @@ def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     )
     if not radii.is_free("difference"):
         return before, ""
+    stays = abs(value - before) <= SURE * sigma
     if abs(value) > SURE * sigma:
-        return float(value), ""
-    kept = before if abs(value - before) <= SURE * sigma else 0.0
+        return (before, KEPT) if stays else (float(value), "")
+    kept = before if stays else 0.0
     return kept, f"within its error of zero: the file has {kept:.4g}"
 
 
@@ -65,9 +67,9 @@ class CommonBias(NamedTuple):
 def common_bias(robot: Robot, main: Fit) -> CommonBias:
     """Initial gyro bias for the robot file, and its standard deviation.
 
-    The mean over the logs is written if it is beyond its error, or if a log has no standstill: a filter
-    has nothing else to take it from then. Its standard deviation is that of the bias of another log,
-    about what is written. The robot file's counts as one more log, since few logs say little of others.
+    The mean over the logs is written if the robot file's is not within its error. Its standard deviation
+    is that of the bias of another log, about what is written. The robot file's counts as one more log,
+    since few logs say little of others.
     """
     recording, imu = main.problem.recording, robot.imu
     scale = main.value("gyro_scale")
@@ -81,16 +83,24 @@ def common_bias(robot: Robot, main: Fit) -> CommonBias:
     spread = float(biases.var(ddof=1)) if count > 1 else 0.0
     # The spread of the estimates has their errors in it.
     error = float(np.sqrt(max(spread / count, np.sum(errors**2) / count**2)))
-    stood = np.bincount(recording.log[~recording.moving], minlength=len(recording.motions))
-    if abs(mean) > SURE * error or not stood[logs].all():
+    if abs(mean - imu.gyro_bias) > SURE * error:
         between = (np.sum((biases - mean) ** 2) + imu.gyro_bias_sigma**2) / count
         return CommonBias(mean, error, mean, float(np.sqrt(between + error**2)))
-    about = (np.sum(biases**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
-    return CommonBias(mean, error, 0.0, float(np.sqrt(about)))
+    off = biases - imu.gyro_bias
+    about = (np.sum(off**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
+    sigma = float(np.sqrt(about))
+    # One log does not show how much logs differ.
+    sigma = min(sigma, imu.gyro_bias_sigma) if count == 1 else sigma
+    return CommonBias(mean, error, imu.gyro_bias, sigma)
 
 
 def with_common(
-    robot: Robot, main: Fit, radii: Fit, supported: Sequence[Fit], speeds_by_radius: bool
+    robot: Robot,
+    main: Fit,
+    radii: Fit,
+    supported: Sequence[Fit],
+    speeds_by_radius: bool,
+    kept: frozenset[str] = frozenset(),
 ) -> Robot:
     """Robot with radius, tracks, gyro and mounting of a fit, each with its sigma.
 
@@ -100,7 +110,10 @@ def with_common(
         radii: fit of the likeliest model, for the difference of the radii.
         supported: fits of all models that may be right.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
+        kept: parameters that stay as in the file, since the logs do not contradict it. Their standard
+            deviations do not grow.
     """
+    main = main.with_start_of(kept)
     vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
     scale, sigma = main.value("scale"), finite(main.sigma("scale"))
     deviation = _deviation(main, supported, "scale", tracks.scale_sigma)
@@ -110,19 +123,31 @@ def with_common(
         scale_sigma = float(np.hypot(sigma, deviation))
     else:
         scale_sigma = float(np.sqrt(sigma**2 + deviation**2 + (scale - 1.0) ** 2))
-    difference_sigma = tracks.difference_sigma
+    if "scale" in kept:
+        scale_sigma = min(scale_sigma, tracks.scale_sigma)
+    difference, difference_sigma = written_difference(robot, radii)[0], tracks.difference_sigma
     if radii.is_free("difference"):
         spread = _deviation(radii, supported, "difference", difference_sigma)
-        difference_sigma = float(np.hypot(radii.sigma("difference"), spread))
+        found = float(np.hypot(radii.sigma("difference"), spread))
+        stays = difference == tracks.difference
+        difference_sigma = min(found, difference_sigma) if stays else found
     tracks = msgspec.structs.replace(
         tracks,
         scale_sigma=scale_sigma,
-        difference=written_difference(robot, radii)[0],
+        difference=difference,
         difference_sigma=difference_sigma,
     )
     bias = common_bias(robot, main)
     rotation, tilted = _mounting(robot, main)
     gyro_scale = _righted_scale(robot, main, tilted)
+    gyro_scale_sigma = float(
+        np.hypot(
+            finite(main.sigma("gyro_scale")),
+            _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma),
+        )
+    )
+    if "gyro_scale" in kept:
+        gyro_scale_sigma = min(gyro_scale_sigma, imu.gyro_scale_sigma)
     x, y, z = imu.position
     if "imu_forward" in main.problem.names and main.is_free("imu_forward"):
         x = x + main.value("imu_forward")
@@ -132,12 +157,7 @@ def with_common(
         rotation_rpy_deg=rotation,
         position=(float(x), float(y), z),
         gyro_scale=float(gyro_scale),
-        gyro_scale_sigma=float(
-            np.hypot(
-                finite(main.sigma("gyro_scale")),
-                _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma),
-            )
-        ),
+        gyro_scale_sigma=gyro_scale_sigma,
         gyro_bias=bias.written,
         gyro_bias_sigma=bias.sigma,
     )
@@ -198,8 +218,11 @@ def _sigma_over_logs(main: Fit, name: str, known: float) -> float:
 
 
 def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
-    """Calibrated roll, pitch, yaw [deg], and the rotation."""
-    roll, pitch, yaw = (float(one[0]) for one in mounting_turns(main))
+    """Roll, pitch, yaw [deg] where the logs contradict the file, and the rotation."""
+    # A turn within its error is none.
+    roll, pitch, yaw = (
+        turn if abs(turn) > SURE * error else 0.0 for turn, error in mounting_turns(main)
+    )
     turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
     angles = np.degrees(
         [

@@ -12,7 +12,8 @@ jackknife estimate of variance, Annals of Statistics 9, 1981). They are inflated
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,8 @@ SETTLED = 0.01
 """The search ends with a step below this share of all standard errors."""
 LOOSE = 10.0
 """Soft bound of unobservable parameters about their start while fitting, in threshold errors."""
+CHANCE = 0.01
+"""Probability below which chance does not explain how far values are off."""
 NEVER = 1e-10
 """Least information, in units of the threshold errors; below it counts as zero."""
 
@@ -82,6 +85,39 @@ class Fit:
     def is_free(self, name: str) -> bool:
         """Return True if a parameter was estimated, not held."""
         return bool(self.free[self.problem.place(name)])
+
+    def not_contradicted(self, names: Iterable[str]) -> frozenset[str]:
+        """Find parameters whose start, the robot file's value, the logs do not contradict.
+
+        Beginning with the one that is the most standard errors off, parameters are left out until chance
+        explains how far the others are off, each by itself and all together (Wald's test at 1 %).
+
+        Args:
+            names: names of parameters; held ones do not count.
+        """
+        from scipy.special import chdtri
+
+        start = self.problem.start
+        at = [place for name in names if self.free[place := self.problem.place(name)]]
+        off = {place: (self.values[place] - start[place]) / self.sigmas[place] for place in at}
+        at.sort(key=lambda place: abs(off[place]))
+        while at:
+            size = np.sqrt(np.diag(self.covariance)[at])
+            alike = self.covariance[np.ix_(at, at)] / np.outer(size, size)
+            apart = np.array([off[place] for place in at])
+            together = apart @ np.linalg.pinv(alike, hermitian=True) @ apart
+            if together <= chdtri(len(at), CHANCE) and apart[-1] ** 2 <= chdtri(1, CHANCE):
+                break
+            at.pop()
+        return frozenset(self.problem.names[place] for place in at)
+
+    def with_start_of(self, names: Iterable[str]) -> Fit:
+        """Copy whose values of some parameters are their starts."""
+        values = self.values.copy()
+        for name in names:
+            place = self.problem.place(name)
+            values[place] = self.problem.start[place]
+        return replace(self, values=values)
 
     def without(self, blocks: NDArray[np.bool_]) -> Floats:
         """Estimates (p,) without some blocks, by one step."""

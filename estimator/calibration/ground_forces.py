@@ -1,9 +1,9 @@
 """Forces that the ground balances along a log, for the fit of index models.
 
 A filter estimates twist and gravity along the ground; the forces lag as in
-`estimator.motion.lagged_index_model`. So the gains are fitted to inertia and gravity together, and a
-slope is not taken for inertia. What gravity has in the robot's own axes over all turns is taken to be an
-offset of the accelerometers: a robot that turns sees a slope from all sides.
+`icreckon.estimator.motion.lagged_index_model`. So the gains are fitted to inertia and gravity together,
+and a slope is not taken for inertia. What gravity has in the robot's own axes over all turns is taken to
+be an offset of the accelerometers: a robot that turns sees a slope from all sides.
 """
 
 from __future__ import annotations

@@ -27,6 +27,9 @@ MODELS = ("differential", "constant", "inertia", "friction")
 """Names, from the simplest to the most complex: a later one must be better to be chosen."""
 TELLING = 0.15
 """Threshold error of an index, or of a length as a share of the gauge [-]."""
+OF_MIDDLE = 0.05
+"""Threshold error of the turning centre's place, as a share of the gauge [-]: it is near the middle, and
+a short log does not separate it from the place of the truth's point."""
 DIFFERENCE_STEP = 1e-2
 SPEED_STEP = 1e-3
 NEWTON_STEPS, TOLERANCE = 25, 1e-10
@@ -333,7 +336,8 @@ def model_of(name: str, robot: Robot) -> Model:
         force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
         length = TELLING * gauge
         eta = TELLING * max(1.0, nine[5])
-        first = (1.0, length, length / force, length, length / force)
+        middle = OF_MIDDLE * gauge
+        first = (1.0, middle, length / force, middle, length / force)
         threshold = (*first, eta, eta / force, eta / force**2, length / TYPICAL_FORCE)
         units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²", "m")
         ranks = (99, 20, 60, 21, 61, 0, 70, 80, 62)

@@ -24,6 +24,7 @@ class FoundParameter:
         status: observability.
         before: value in the robot file, or None if it has none.
         note: remark for the user.
+        is_default: True if `before` is a default, which the robot file need not state.
     """
 
     name: str
@@ -33,6 +34,7 @@ class FoundParameter:
     status: Status
     before: float | None = None
     note: str = ""
+    is_default: bool = False
 
     @property
     def interval(self) -> tuple[float, float] | None:

@@ -46,6 +46,7 @@ def summarise_calibration(
                 "unit": one.unit,
                 "status": one.status,
                 "before": one.before,
+                "before_is_default": one.is_default,
                 "note": one.note,
             }
             for one in found.parameters

@@ -35,12 +35,19 @@ def parameter_table(results: Results) -> Table:
             Cell(_number(one["value"])),
             Cell("" if one["sigma"] is None else f"{one['sigma']:.2g}"),
             Cell(one["unit"]),
-            Cell("" if one["before"] is None else _number(one["before"])),
+            Cell(_in_file(one)),
             Cell(status, "wrap"),
         ]
         rows.append((name, cells))
-    head = ["parameter", "value", "standard\nerror", "unit", "before", "the logs"]
+    head = ["parameter", "value", "standard\nerror", "unit", "robot file", "the logs"]
     return Table(f"parameters of {results['robot']['name']}", head, rows)
+
+
+def _in_file(one: Results) -> str:
+    """Value in the robot file, and whether it is a default."""
+    if one["before"] is None:
+        return ""
+    return _number(one["before"]) + (" (default)" if one["before_is_default"] else "")
 
 
 def _lag(log: Results) -> str:
