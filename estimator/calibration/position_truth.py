@@ -28,10 +28,11 @@ def with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     truth, imu = log.truth, log.imu
     if truth is None or imu is None or len(imu.stamps) < 2 or len(log.tracks.stamps) < 2:
         return log, ()
-    fault = heading_fault(truth) if truth.headings else "are missing"
+    rates = SensorModels(robot).yaw_rates(imu.angular_velocity)
+    fault = heading_fault(truth, (imu.stamps, rates)) if truth.headings else "are missing"
     if fault is None:
         return log, ()
-    path = plain_path(log.tracks, imu, SensorModels(robot).yaw_rates(imu.angular_velocity))
+    path = plain_path(log.tracks, imu, rates)
     lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
     late = 0 if isinstance(lag, NoLag) else round(lag.seconds / NANOSECOND)
     found = headings_by_path(truth.poses, PoseSeries(path.stamps + late, path.poses))
@@ -43,7 +44,7 @@ def with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     remark = (
         f"{log.name}: the headings of the truth {fault}; they were found from the path of tracks and "
         f"gyro, ± {math.degrees(found.sigma):.1f}°. Sideslip looks like a heading then: zeta0, zeta1, "
-        "y_ICR and the gyro's scale are less certain than they say"
+        "y_ICR, and the gyro's scale and bias, are less certain than they say"
     )
     # Twists of such a truth are not used.
     truth = replace(truth, poses=found.poses, twists=None, headings=True)

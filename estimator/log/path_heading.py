@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.scores import interpolate, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 
@@ -24,6 +24,12 @@ SLOW = 0.05
 """Speed below which a true twist has no direction [m/s]."""
 TURNED = 0.5
 """Turning by the true twists at which a heading is to change [rad]."""
+TURN_STEP = 2.0
+"""Time over which turning by headings and by the gyro is compared [s]."""
+LEAST_TURNING = 2.0
+"""Least turning by the gyro that shows something [rad]."""
+MOST_APART = 0.1
+"""Largest share of the gyro's turning, squared, that the headings may be off [-]."""
 SAME = 1e-9
 """Headings that differ by less are the same [rad]."""
 REACH = 5.0
@@ -52,14 +58,18 @@ class PathHeadings(NamedTuple):
     noise: float
 
 
-def heading_fault(truth: Truth) -> str | None:
-    """Check the headings of a truth by the course of its path.
+def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> str | None:
+    """Check the headings of a truth by the course of its path, and by a gyro.
+
+    A robot that turns on the spot has a short path whose course says little: headings that turn as the
+    gyro does are some, too.
 
     Args:
         truth: a truth with headings.
+        gyro: stamps (n,) [ns] and yaw rates (n,) [rad/s] of the robot's gyro.
 
     Returns:
-        The reason not to use them, None if they follow the path.
+        The reason not to use them, None if they follow the path or the gyro.
     """
     poses = truth.poses
     ends = _steps(poses.poses[:, :2])
@@ -82,9 +92,29 @@ def heading_fault(truth: Truth) -> str | None:
         v_x, v_y, _ = interpolate(truth.twists.stamps, truth.twists.twists, middle).T
         if (np.hypot(v_x, v_y) > SLOW).all():
             off, turns = off - np.arctan2(v_y, v_x), 1.0
-    if abs(np.mean(np.exp(1j * turns * off))) < LEAST_AGREEMENT:
-        return f"do not follow its path of {way:.0f} m"
-    return None
+    if abs(np.mean(np.exp(1j * turns * off))) >= LEAST_AGREEMENT:
+        return None
+    if gyro is not None and _turns_like(poses, *gyro):
+        return None
+    return f"do not follow its path of {way:.0f} m"
+
+
+def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
+    """Return True if headings turn as a gyro does."""
+    first, last = max(stamps[0], poses.stamps[0]), min(stamps[-1], poses.stamps[-1])
+    ends = np.arange(first, last, round(TURN_STEP / NANOSECOND))
+    if len(ends) <= FEWEST_STEPS:
+        return False
+    seconds = np.diff(stamps) * NANOSECOND
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]) * seconds)])
+    by_gyro, by_truth = (
+        np.diff(interpolate(known, of[:, None], ends)[:, 0])
+        for known, of in ((stamps, sums), (poses.stamps, np.unwrap(poses.poses[:, 2])))
+    )
+    size = float(by_gyro @ by_gyro)
+    apart = by_truth - by_gyro
+    enough = np.abs(by_gyro).sum() >= LEAST_TURNING
+    return bool(enough and apart @ apart < MOST_APART * size)
 
 
 def _may_turn(truth: Truth) -> bool:

@@ -24,6 +24,7 @@ from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS, find_variant, motion_model
+from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.lost import LostFilter, described, loss_of
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.run import run
@@ -135,7 +136,9 @@ def compare(
         motion_model(robot, find_variant(name))
     if fixes is not None:
         log = with_truth_of_fixes(log)
-    log, alignment = _aligned(_without_false_headings(log), robot, variants, settings, engine)
+    log, alignment = _aligned(
+        _without_false_headings(log, robot), robot, variants, settings, engine
+    )
     if fixes is not None:
         log = with_fixes_within(log, fixes)
     start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -181,11 +184,16 @@ def _with_known_bias(task: _Task, runs: dict[str, Run]) -> tuple[dict[str, Run],
     return found, bias
 
 
-def _without_false_headings(log: Log) -> Log:
+def _without_false_headings(log: Log, robot: Robot) -> Log:
     """Log whose truth shows positions alone if its headings are none."""
-    truth = log.truth
-    fault = heading_fault(truth) if truth is not None and truth.headings else None
-    if truth is None or fault is None:
+    truth, imu = log.truth, log.imu
+    if truth is None or not truth.headings:
+        return log
+    gyro = None
+    if imu is not None and len(imu.stamps) > 1:
+        gyro = imu.stamps, SensorModels(robot).yaw_rates(imu.angular_velocity)
+    fault = heading_fault(truth, gyro)
+    if fault is None:
         return log
     note = f"headings of the truth {fault}: not used"
     return replace(log, truth=truth.positions_alone(), notes=(*log.notes, note))

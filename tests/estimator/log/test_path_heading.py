@@ -54,6 +54,21 @@ def test_random_and_mirrored_headings_are_none() -> None:
         assert "do not follow its path" in str(heading_fault(with_yaw(path, bad)))
 
 
+def test_headings_of_a_robot_that_turns_on_the_spot_are_some() -> None:
+    """Its path is short, and its course is that of its slips."""
+    yaw = 1.2 * np.sin(0.5 * SECONDS) + 0.8 * SECONDS
+    places = np.cumsum(0.01 * np.exp(-0.3j * SECONDS))
+    path = PoseSeries(STAMPS, np.column_stack([places.real, places.imag, yaw]))
+    rates = np.gradient(yaw, SECONDS)
+    assert "do not follow its path" in str(heading_fault(with_yaw(path, yaw)))
+    # The gyro has a bias, and the truth is late.
+    late = STAMPS - 200_000_000
+    assert heading_fault(with_yaw(path, yaw), (late, rates + 0.02)) is None
+    rng = np.random.default_rng(4)
+    for bad in (-yaw, rng.uniform(-3.0, 3.0, len(STAMPS)), 2.0 * yaw):
+        assert heading_fault(with_yaw(path, bad), (STAMPS, rates)) is not None
+
+
 def test_a_truth_with_twists_is_held_to_these() -> None:
     path = drive()
     # Sideways all the time: strange, but what the twist says.
