@@ -57,7 +57,7 @@ def test_random_and_mirrored_headings_are_none() -> None:
 def test_headings_of_a_robot_that_turns_on_the_spot_are_some() -> None:
     """Its path is short, and its course is that of its slips."""
     yaw = 1.2 * np.sin(0.5 * SECONDS) + 0.8 * SECONDS
-    places = np.cumsum(0.01 * np.exp(-0.3j * SECONDS))
+    places = np.cumsum(0.015 * np.exp(4j * np.sin(0.17 * SECONDS)))
     path = PoseSeries(STAMPS, np.column_stack([places.real, places.imag, yaw]))
     rates = np.gradient(yaw, SECONDS)
     assert "do not follow its path" in str(heading_fault(with_yaw(path, yaw)))
