@@ -84,7 +84,7 @@ def calibrate(
     report = progress or (lambda _: None)
     _check_truths(logs)
     headed = [with_headings(log, robot) for log in logs]
-    motions = [motion_of(log, robot) for log, _ in headed]
+    motions = [replace(motion_of(log, robot), own_headings=not remarks) for log, remarks in headed]
     recording = record(motions, robot, segment, difference=robot.tracks.difference)
     imu_place_known = any(robot.imu.position)
 

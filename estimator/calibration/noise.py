@@ -103,11 +103,12 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
     parts[1][still] = parts[2][still] = 0.0
     channels.append(_diagonal("slip", at, SLIP, parts))
     at = np.flatnonzero(counted[:, YAW])
-    bands = np.zeros((2, 2, len(at)))
-    bands[0, 0], bands[1, 0] = 2.0, 1.0
-    bands[0, 1, : len(at) - 1] = -1.0 * _linked(recording.follows, at)
-    rows = np.stack([at, np.full(len(at), YAW)], axis=-1)
-    channels.append(Channel("yaw", rows, bands))
+    if len(at):
+        bands = np.zeros((2, 2, len(at)))
+        bands[0, 0], bands[1, 0] = 2.0, 1.0
+        bands[0, 1, : len(at) - 1] = -1.0 * _linked(recording.follows, at)
+        rows = np.stack([at, np.full(len(at), YAW)], axis=-1)
+        channels.append(Channel("yaw", rows, bands))
     at = np.flatnonzero(counted[:, FORCE])
     for first_row, name in ((FORCE, "forward force"), (FORCE + BINS, "left force")):
         if not len(at):

@@ -228,10 +228,16 @@ class Problem:
         return x, y
 
     def counted_rows(self) -> NDArray[np.bool_]:
-        """Mask (n, ROWS) of rows that count; standstill determines only the gyro's bias."""
+        """Mask (n, ROWS) of rows that count.
+
+        Standstill determines only the gyro's bias. Headings from the path of tracks and gyro show nothing
+        of the gyro.
+        """
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
         result[:, SLIP] = True
+        headed = np.array([motion.own_headings for motion in recording.motions])
+        result[:, YAW] &= headed[recording.log]
         there = np.array([motion.pushed is not None for motion in recording.motions])
         result[:, FORCE:] &= there[recording.log][:, None] & self.force
         return result

@@ -73,6 +73,7 @@ class Motion:
         no_lag: reason why none was found; None if it was.
         bias: initial estimate of the gyro's bias [rad/s].
         forces: forces that the ground balances; None before they are estimated.
+        own_headings: False if the truth's headings are from the path of tracks and gyro.
     """
 
     log: Log
@@ -87,6 +88,7 @@ class Motion:
     no_lag: NoLag | None
     bias: float
     forces: GroundForces | None = None
+    own_headings: bool = True
 
 
 @dataclass(frozen=True)
