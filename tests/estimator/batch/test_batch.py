@@ -128,7 +128,13 @@ def test_they_agree_without_accelerometer() -> None:
 
 
 @pytest.mark.parametrize(
-    ("track_rate", "imu_rate"), [(50.0, 50.0), (20.0, 100.0), (100.0, 50.0), (25.0, 60.0)]
+    ("track_rate", "imu_rate"),
+    [
+        (50.0, 50.0),
+        (20.0, 100.0),
+        pytest.param(100.0, 50.0, marks=pytest.mark.thorough),
+        (25.0, 60.0),
+    ],
 )
 def test_they_agree_at_any_rates(track_rate: float, imu_rate: float) -> None:
     scenario = msgspec.structs.replace(BASE, track_rate=track_rate, imu_rate=imu_rate)
@@ -160,7 +166,10 @@ def test_they_agree_on_a_stuck_encoder() -> None:
     assert_same("inertia-online", logs)
 
 
-@pytest.mark.parametrize(("fix_rate", "imu_rate"), [(3.0, 100.0), (7.0, 50.0), (1.5, 37.0)])
+@pytest.mark.parametrize(
+    ("fix_rate", "imu_rate"),
+    [pytest.param(3.0, 100.0, marks=pytest.mark.thorough), (7.0, 50.0), (1.5, 37.0)],
+)
 def test_they_agree_on_fixes_between_imu_samples(fix_rate: float, imu_rate: float) -> None:
     scenario = msgspec.structs.replace(
         BASE,
@@ -243,7 +252,9 @@ def test_a_filter_does_not_depend_on_those_beside_it() -> None:
             assert (np.abs(column - columns[0]) / scale).max() < 1e-7
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
+@pytest.mark.parametrize(
+    "variant", [pytest.param("constant-online", marks=pytest.mark.thorough), "inertia-online"]
+)
 def test_single_precision_says_nearly_the_same(variant: str) -> None:
     """A hundredth of a standard deviation over two minutes, with standstill and drop-outs."""
     encoders = EncoderSpec(dropouts_per_hour=200.0, dropout_reads="last")
@@ -278,7 +289,7 @@ def test_other_precisions_are_refused() -> None:
     ("variant", "considered"),
     [
         ("inertia-online", ("eta0", "accelerometer_bias_y")),
-        ("friction-online", ("x_CM", "gyro_bias")),
+        pytest.param("friction-online", ("x_CM", "gyro_bias"), marks=pytest.mark.thorough),
     ],
 )
 def test_they_agree_with_consider_states(variant: str, considered: tuple[str, ...]) -> None:

@@ -313,11 +313,11 @@ def test_a_log_of_the_shortest_kind() -> None:
 @pytest.mark.parametrize(
     ("name", "robot_name", "part"),
     [
-        ("husky_test1.bag", "husky", None),
+        pytest.param("husky_test1.bag", "husky", None, marks=pytest.mark.thorough),
         ("jackal_test2.bag", "jackal", None),
         ("warthog_grass_2024_8_8_15h56s39", "warthog", "0:40%"),
         ("marmotte_part1", "marmotte", "0:40%"),
-        ("husky_deflated_part1", "husky-deflated", "0:40%"),
+        pytest.param("husky_deflated_part1", "husky-deflated", "0:40%", marks=pytest.mark.thorough),
     ],
 )
 def test_real_logs(data_dir: Path, name: str, robot_name: str, part: str | None) -> None:

@@ -105,6 +105,7 @@ def test_two_radii_are_told_apart_whatever_the_file_says(case: Case, before: flo
     assert found.logs[0].gyro_bias[0] == pytest.approx(case.true["gyro_bias"], abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_equal_radii_are_not_called_different(case: Case) -> None:
     """Within its error of zero nothing is written, and a difference of the file is corrected."""
     log = with_radii(case.log, -case.true["tracks.difference"])
@@ -118,6 +119,7 @@ def test_equal_radii_are_not_called_different(case: Case) -> None:
         assert one.note == f"within its error of zero: the file has {0.0 if small else before:.4g}"
 
 
+@pytest.mark.thorough
 def test_the_difference_does_not_disturb_what_else_is_found(case: Case, found: Calibration) -> None:
     """Another 5 % between the radii leave all else where it was, the verdict too."""
     apart = calibrate([with_radii(case.log, 0.05)], case.robot, models=KINEMATIC)
@@ -214,7 +216,13 @@ def test_the_gyro_bias_is_where_the_filter_starts(case: Case, found: Calibration
     )
 
 
-@pytest.mark.parametrize(("apart", "largest"), [(0.0, 0.0085), (0.02, 0.02)], ids=["same", "apart"])
+@pytest.mark.parametrize(
+    ("apart", "largest"),
+    [
+        pytest.param(0.0, 0.0085, id="same", marks=pytest.mark.thorough),
+        pytest.param(0.02, 0.02, id="apart"),
+    ],
+)
 def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, largest: float) -> None:
     """The mean over the logs; its standard deviation covers a log of either kind."""
     halves = (
@@ -407,6 +415,7 @@ def test_speeds_that_are_no_rates_keep_the_radius(case: Case) -> None:
     assert "sprocket_radius" in found.notes[0]
 
 
+@pytest.mark.thorough
 def test_the_contact_is_found_on_ground_that_rubs() -> None:
     """Friction as the truth, of the robot file's own contact but for its rolling resistance."""
     from icreckon.simulation.scenario import Scenario

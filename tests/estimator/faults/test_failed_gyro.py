@@ -204,7 +204,9 @@ def test_the_uncertainty_covers_a_gyro_that_lies(
     assert found.yaw_sigma < 45.0 or variant == "gyro"
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+@pytest.mark.parametrize(
+    "variant", [pytest.param("constant-online", marks=pytest.mark.thorough), "friction-online"]
+)
 def test_engines_agree_on_a_failed_gyro(variant: str, robot: Robot, healthy: Log) -> None:
     faulty = benchmark.FAULTS["gyro clipped at 0.3 rad/s"].put(healthy)
     middle = faulty.between(faulty.start, faulty.start + 36 * SECOND)

@@ -325,7 +325,9 @@ def test_health_names_the_track_while_it_spins(robot: Robot, drive: Log) -> None
     assert seen == {(None, 0), ("left", 1), (None, 1)}
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+@pytest.mark.parametrize(
+    "variant", [pytest.param("constant-online", marks=pytest.mark.thorough), "friction-online"]
+)
 def test_engines_agree_on_a_free_track(variant: str, robot: Robot, drive: Log) -> None:
     compiled = run(drive, robot, variant)
     plain = run(drive, robot, variant, settings=Settings(engine="plain"))
