@@ -86,12 +86,11 @@ def common_bias(robot: Robot, main: Fit) -> CommonBias:
     if abs(mean - imu.gyro_bias) > SURE * error:
         between = (np.sum((biases - mean) ** 2) + imu.gyro_bias_sigma**2) / count
         return CommonBias(mean, error, mean, float(np.sqrt(between + error**2)))
-    if count == 1:
-        # One log does not show how much logs differ.
-        return CommonBias(mean, error, imu.gyro_bias, imu.gyro_bias_sigma)
     off = biases - imu.gyro_bias
     about = (np.sum(off**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
     sigma = float(np.sqrt(about))
+    # One log does not show how much logs differ; one that agrees with the file confirms it.
+    sigma = min(sigma, imu.gyro_bias_sigma) if count == 1 else sigma
     return CommonBias(mean, error, imu.gyro_bias, sigma)
 
 

@@ -521,4 +521,7 @@ def test_real_logs_give_what_is_known_of_them(
     # The Warthog's gyro has none, the Husky's has, and never stands still.
     bias = -0.0156 if robot_name.startswith("husky") else 0.0
     assert found.robot.imu.gyro_bias == pytest.approx(bias, abs=0.0005)
-    assert found.robot.imu.gyro_bias_sigma >= 0.9 * robot.imu.gyro_bias_sigma or not bias
+    # The file has that bias: it and this log are two that agree.
+    if bias:
+        confirmed = robot.imu.gyro_bias_sigma / np.sqrt(2.0)
+        assert found.robot.imu.gyro_bias_sigma == pytest.approx(confirmed, rel=0.01)
