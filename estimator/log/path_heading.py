@@ -101,15 +101,16 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
 
 def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
     """Return True if headings turn as a gyro does."""
+    from scipy.integrate import cumulative_trapezoid
+
     first, last = max(stamps[0], poses.stamps[0]), min(stamps[-1], poses.stamps[-1])
     ends = np.arange(first, last, round(TURN_STEP / NANOSECOND))
     if len(ends) <= FEWEST_STEPS:
         return False
-    seconds = np.diff(stamps) * NANOSECOND
-    sums = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]) * seconds)])
+    turned = cumulative_trapezoid(rates, (stamps - stamps[0]) * NANOSECOND, initial=0.0)
     by_gyro, by_truth = (
         np.diff(interpolate(known, of[:, None], ends)[:, 0])
-        for known, of in ((stamps, sums), (poses.stamps, np.unwrap(poses.poses[:, 2])))
+        for known, of in ((stamps, turned), (poses.stamps, np.unwrap(poses.poses[:, 2])))
     )
     size = float(by_gyro @ by_gyro)
     apart = by_truth - by_gyro

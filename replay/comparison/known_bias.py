@@ -77,8 +77,6 @@ def known_bias(
     Returns:
         The bias; None if `gyro` learnt its own, or had one that the truth does not contradict.
     """
-    from scipy.special import stdtrit
-
     inside = np.zeros(len(run.stamps), bool)
     for start, end in within:
         inside |= (run.stamps >= start) & (run.stamps <= end)
@@ -88,18 +86,17 @@ def known_bias(
         return None
     used = float(run.states[unlearnt, s.GYRO_BIAS].mean())
     found = _by_headings(run, truth, within)
-    if found is None or abs(found.shown) > LARGEST:
+    if found is None or abs(found.shown) > LARGEST or abs(found.shown - used) <= found.sure:
         return None
-    sure = stdtrit(found.freedom, 1.0 - 0.5 * CHANCE) * found.sigma
-    return None if abs(found.shown - used) <= sure else KnownBias(used, found.shown, found.sigma)
+    return KnownBias(used, found.shown, found.sigma)
 
 
 class _Shown(NamedTuple):
-    """Bias by the headings, its standard error [rad/s], and degrees of freedom."""
+    """Bias by the headings, its standard error, and what chance explains [rad/s]."""
 
     shown: float
     sigma: float
-    freedom: int
+    sure: float
 
 
 def _by_headings(run: Run, truth: Truth, within: list[tuple[int, int]]) -> _Shown | None:
@@ -108,6 +105,9 @@ def _by_headings(run: Run, truth: Truth, within: list[tuple[int, int]]) -> _Show
     A wrong scale turns with the robot, a wrong bias with time: both are fitted. The bias is that of the
     rate after the robot file's scale is corrected, as in the filter and in the file.
     """
+    from scipy.integrate import cumulative_trapezoid
+    from scipy.special import stdtrit
+
     poses = truth.poses
     step = round(BLOCK / NANOSECOND)
     starts = []
@@ -128,8 +128,8 @@ def _by_headings(run: Run, truth: Truth, within: list[tuple[int, int]]) -> _Show
         for one in (run.trajectory.pose_series, poses)
     )
     # The bias that the filter took off, over each block.
-    bias, seconds = run.states[:, s.GYRO_BIAS], np.diff(run.stamps) * NANOSECOND
-    sums = np.concatenate([[0.0], np.cumsum(0.5 * (bias[1:] + bias[:-1]) * seconds)])
+    seconds = (run.stamps - run.stamps[0]) * NANOSECOND
+    sums = cumulative_trapezoid(run.states[:, s.GYRO_BIAS], seconds, initial=0.0)
     before_it, after_it = (
         interpolate(run.stamps, sums[:, None], at)[:, 0] for at in (begins, ends)
     )
@@ -140,4 +140,5 @@ def _by_headings(run: Run, truth: Truth, within: list[tuple[int, int]]) -> _Show
     misfit = apart - design @ value
     freedom = len(begins) - 2
     variance = misfit @ misfit / freedom * np.linalg.pinv(design.T @ design)[0, 0]
-    return _Shown(float(value[0]), float(np.sqrt(variance)), freedom)
+    sigma = float(np.sqrt(variance))
+    return _Shown(float(value[0]), sigma, stdtrit(freedom, 1.0 - 0.5 * CHANCE) * sigma)

@@ -250,16 +250,13 @@ def _constant_table(results: Results) -> Table | None:
     rows: dict[tuple[str, str], list[str]] = {}
     for parameter, of in constant_parameters(results).items():
         for name, (value, sigma) in of.items():
-            label = f"{_digits(value)} ± {_digits(2.0 * sigma)} {unit(parameter)}".removesuffix(
-                " -"
-            )
-            rows.setdefault((parameter, label), []).append(name)
+            text = f"{_digits(value)} ± {_digits(2.0 * sigma)} {unit(parameter)}".removesuffix(" -")
+            rows.setdefault((parameter, text), []).append(name)
     if not rows:
         return None
     title = "Constant, and in no chart: these variants move them by less than a tenth of their σ."
     cells = [
-        (name, [Cell(label), Cell(", ".join(names), "wrap")])
-        for (name, label), names in rows.items()
+        (name, [Cell(text), Cell(", ".join(names), "wrap")]) for (name, text), names in rows.items()
     ]
     return Table(title, ["parameter", "value ± 2σ", "variants"], cells)
 
