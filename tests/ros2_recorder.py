@@ -3,8 +3,8 @@
     python ros2_recorder.py BAG TOPIC:TYPE TOPIC:TYPE ...
 
 Times of recording are those of arrival. A file BAG.ready appears when it listens, and a file BAG.hears
-with the first message: a publisher that announced all its topics before has found this recorder. It ends
-without a shutdown of ROS, which hung once.
+with the first message: a publisher that announced all its topics before has found this recorder. In it is
+the number of messages of the first topic. It ends without a shutdown of ROS, which hung once.
 """
 
 from __future__ import annotations
@@ -37,8 +37,6 @@ def main() -> None:
     node = rclpy.create_node("recorder")
 
     def take(topic: str, raw: bytes) -> None:
-        if not arrived:
-            bag.with_suffix(".hears").touch()
         arrived.append((topic, time.time_ns(), raw))
 
     for topic, kind in wanted:
@@ -48,8 +46,13 @@ def main() -> None:
             message, topic, partial(take, topic), QoSProfile(depth=100_000), raw=True
         )
     bag.with_suffix(".ready").touch()
+    told, next_time = 0, 0.0
     while not stopped.is_set():
         rclpy.spin_once(node, timeout_sec=0.1)
+        if len(arrived) > told and time.monotonic() > next_time:
+            told, next_time = len(arrived), time.monotonic() + 0.1
+            count = sum(topic == wanted[0][0] for topic, _, _ in arrived)
+            bag.with_suffix(".hears").write_text(f"{count}\n", encoding="utf-8")
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {
             topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in wanted

@@ -24,7 +24,7 @@ from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.mapping.track_units import differences
-from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
+from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks, clocks_agree
 from icreckon.replay.reading.conversions import (
     fill_variances,
     headings,
@@ -43,6 +43,8 @@ WITNESSES = 5
 """Messages of each stream of tracks and IMU after which the clocks are chosen."""
 LONGEST_WAIT = 2.0
 """Time after the first message at which the clocks are chosen at the latest [s]."""
+PROMPT = 0.9
+"""Quantile of header stamp minus arrival that stands for a stream: few messages arrive sooner."""
 LEFT_OVER, AHEAD = 2 * NANOSECONDS, NANOSECONDS
 """Time after the clock went back in which messages so far ahead are left over [ns]."""
 TRANSFORM_MEMORY = 2 * NANOSECONDS
@@ -272,25 +274,33 @@ class LiveInputs:
     # --- clocks ----------------------------------------------------------------------------------
 
     def _ready(self, now: int) -> list[Measurement]:
-        if not all(one.purpose in self.clocks for one in self._waiting):
-            if not self._may_choose(now):
-                return []
-            self._choose()
+        if not all(one.purpose in self.clocks for one in self._waiting) and not self._choose(now):
+            return []
         ready = [found for one in self._waiting for found in self._measurements(one)]
         self._waiting.clear()
         return ready
 
-    def _may_choose(self, now: int) -> bool:
+    def _choose(self, now: int) -> bool:
+        """Choose the clocks of the streams that have none, if it is time; earlier choices stay.
+
+        Clocks that disagree are given until `LONGEST_WAIT`: a computer that is busy at the start takes
+        the messages of one topic seconds after those of another.
+        """
         counts = dict.fromkeys(("tracks", "imu") if self.mapping.imu else ("tracks",), 0)
         for one in self._waiting:
             if one.purpose in counts:
                 counts[one.purpose] += 1
         known = all(purpose in self.clocks for purpose in counts)
-        waited = (now - (self._begun or now)) * NANOSECOND
-        return known or min(counts.values()) >= WITNESSES or waited >= LONGEST_WAIT
+        if not known and (now - (self._begun or now)) * NANOSECOND < LONGEST_WAIT:
+            if min(counts.values()) < WITNESSES:
+                return False
+            if not clocks_agree(self._evidence()):
+                return False
+        for purpose, choice in choose_clocks(self._evidence()).items():
+            self.clocks.setdefault(purpose, choice)
+        return True
 
-    def _choose(self) -> None:
-        """Choose the clocks of the streams that have none; earlier choices stay."""
+    def _evidence(self) -> dict[str, Evidence]:
         evidence = {}
         for purpose, stream in self._streams.items():
             rows = [one for one in self._waiting if one.purpose == purpose]
@@ -301,11 +311,10 @@ class LiveInputs:
             evidence[purpose] = Evidence(
                 stream.topic,
                 stream.time,
-                float(np.median(offsets)) * NANOSECOND if len(offsets) == len(rows) else None,
+                None if len(offsets) < len(rows) else _prompt(offsets),
                 len(rows) > 1 and len(headers) == 1,
             )
-        for purpose, choice in choose_clocks(evidence).items():
-            self.clocks.setdefault(purpose, choice)
+        return evidence
 
     # --- measurements ------------------------------------------------------------------------------
 
@@ -381,6 +390,11 @@ def _track_speeds(stamp: int, speeds: Floats, left: int) -> TrackSpeeds:
     if len(wheels) == 2:
         return TrackSpeeds(stamp, of_left, of_right)
     return TrackSpeeds(stamp, of_left, of_right, wheels[:left], wheels[left:])
+
+
+def _prompt(offsets: list[int]) -> float:
+    """Header stamp minus arrival of a message that did not wait long [s]."""
+    return float(np.quantile(offsets, PROMPT, method="lower")) * NANOSECOND
 
 
 def _imu_sample(stamp: int, row: Sequence[float]) -> ImuSample:

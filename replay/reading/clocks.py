@@ -24,7 +24,7 @@ class Evidence(NamedTuple):
     Attributes:
         topic: its topic.
         asked: the robot file's setting.
-        offset: median of header stamp minus time of recording [s]; None without headers.
+        offset: typical header stamp minus time of recording [s]; None without headers.
         constant: whether all of several header stamps are equal.
     """
 
@@ -51,6 +51,16 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
     Args:
         streams: evidence of each stream, by purpose.
     """
+    agree = clocks_agree(streams)
+    return {purpose: _choice(stream, agree) for purpose, stream in streams.items()}
+
+
+def clocks_agree(streams: Mapping[str, Evidence]) -> bool:
+    """Return whether the header clocks of all streams that have one agree.
+
+    Args:
+        streams: evidence of each stream, by purpose.
+    """
     usable = {
         purpose: stream.offset
         for purpose, stream in streams.items()
@@ -60,8 +70,7 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
         stream.asked == "recording" or purpose not in usable for purpose, stream in streams.items()
     )
     offsets = list(usable.values()) + ([0.0] if others else [])
-    agree = not offsets or max(offsets) - min(offsets) <= CLOCKS_APART
-    return {purpose: _choice(stream, agree) for purpose, stream in streams.items()}
+    return not offsets or max(offsets) - min(offsets) <= CLOCKS_APART
 
 
 def _choice(stream: Evidence, agree: bool) -> Choice:

@@ -27,7 +27,7 @@ from bag_messages import (
     vector,
     write_bag,
 )
-from icreckon.estimator.log.measurements import ImuSample, Measurement
+from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import LiveInputs
@@ -318,6 +318,25 @@ def test_clocks_that_disagree_are_replaced_by_the_time_of_arrival(tmp_path: Path
     live, replayed = through(bag, robot), list(read_log(bag, robot).measurements())
     assert min(one.stamp for one in live) >= T0
     same(live, replayed)
+
+
+@pytest.mark.parametrize("offset", [0, -100 * 86_400 * SECOND])
+def test_a_busy_start_does_not_cost_the_header_stamps(offset: int) -> None:
+    """Messages of the IMU wait for 1.5 s at first, then they come five times as fast; any clock."""
+    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    topics = {one.topic: one for one in inputs.subscriptions()}
+    arrivals = [("/js", stamp, message) for stamp, (_, message) in zip(STAMPS, TRACKS, strict=True)]
+    for k, stamp in enumerate(STAMPS):
+        waited = max(0.0, 1.5 - 0.04 * k)
+        arrivals.append(("/imu", stamp + round(waited * SECOND), imu(stamp)))
+    found: list[Measurement] = []
+    for topic, when, message in sorted(arrivals, key=lambda one: one[1]):
+        found += inputs.take(topics[topic], message.__msgtype__, message, when + offset)
+    found += inputs.flush(STAMPS[-1] + 3 * SECOND + offset)
+    assert {choice.clock for choice in inputs.clocks.values()} == {"header"}
+    for kind in (TrackSpeeds, ImuSample):
+        assert sorted(one.stamp for one in found if isinstance(one, kind)) == STAMPS
 
 
 def test_messages_without_stamps_count_by_their_arrival(tmp_path: Path) -> None:
