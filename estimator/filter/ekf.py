@@ -18,7 +18,6 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
@@ -97,12 +96,12 @@ class Observer(Protocol):
         """Projection of the state to its bounds by this change (SIZE,)."""
 
 
-class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
-    """filterpy's EKF with the kinematics of ICRs as its motion model.
+class IcrEkf:
+    """EKF with the kinematics of ICRs as its motion model.
 
     `x` is (SIZE,), `P` (SIZE, SIZE); `icreckon.estimator.base.state` has their layout. If fixes wander
     there are two states more behind these (`add_wander`). `F` and `Q` are those of the newest prediction.
-    Updates are scalar (`update_scalar`); filterpy's own `update` and its `y`, `K` and `S` are not used.
+    Updates are scalar (`update_scalar`).
 
     Args:
         model: the motion model.
@@ -117,7 +116,6 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """
 
     def __init__(self, model: MotionModel) -> None:
-        super().__init__(dim_x=s.SIZE, dim_z=1)
         self.regressors: Floats | None = None
         self.clones: Clones | None = None
         self.observer: Observer | None = None
@@ -125,6 +123,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.fixed_for_imu = imu_fixed(model.taught_by_imu)
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
+        self.F: Floats = np.eye(s.SIZE)
+        self.Q: Floats = np.zeros((s.SIZE, s.SIZE))
         self.model = model
         self._bounds = model.bounds
         self._next_x: Floats = self.x
@@ -291,13 +291,14 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self._next_x[s.POSE] += step
         self._next_x[s.SLIP] *= decay
         self._next_x[s.GRAVITY] = back.dot(self.x[s.GRAVITY])
-        self.predict()
+        self._predict()
         self.P = 0.5 * (self.P + self.P.T)
         return step
 
-    def predict_x(self, u: float = 0) -> None:  # noqa: ARG002 - the signature is filterpy's
-        """Set the state that `predict_motion` computed; called by filterpy's `predict`."""
+    def _predict(self) -> None:
+        """Take the state that `_move` computed, and propagate the covariance by F and Q."""
         self.x = self._next_x
+        self.P = self.F.dot(self.P).dot(self.F.T) + self.Q
 
     def renew_fast_slip(self, covariance: Floats) -> None:
         """Begin a step with a new fast slip, independent of all other states.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
+from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.scores import even_grid, pieces
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries
 
@@ -85,8 +86,7 @@ class Curve:
 
 def turned(stamps: Stamps, rates: Floats) -> Curve:
     """Angle by rates (n,) that change steadily between samples, as a gyro's [rad/s]."""
-    steps = np.diff(stamps) * NANOSECOND * 0.5 * (rates[1:] + rates[:-1])
-    return Curve(stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(stamps)])
+    return Curve(stamps, running_integral(stamps, rates))
 
 
 def turned_by_tracks(tracks: TrackSpeedSeries) -> Curve:
@@ -117,8 +117,7 @@ def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseS
     yaw = turned(imu.stamps, rates).values
     speed = np.interp(imu.stamps, tracks.stamps, tracks.speeds.mean(axis=1))
     velocity = speed[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
-    steps = np.diff(imu.stamps)[:, None] * NANOSECOND * 0.5 * (velocity[1:] + velocity[:-1])
-    places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    places = running_integral(imu.stamps, velocity)
     return PoseSeries(imu.stamps, np.column_stack([places, yaw]))
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.scores import interpolate, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 
@@ -101,13 +102,11 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
 
 def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
     """Return True if headings turn as a gyro does."""
-    from scipy.integrate import cumulative_trapezoid
-
     first, last = max(stamps[0], poses.stamps[0]), min(stamps[-1], poses.stamps[-1])
     ends = np.arange(first, last, round(TURN_STEP / NANOSECOND))
     if len(ends) <= FEWEST_STEPS:
         return False
-    turned = cumulative_trapezoid(rates, (stamps - stamps[0]) * NANOSECOND, initial=0.0)
+    turned = running_integral(stamps, rates)
     by_gyro, by_truth = (
         np.diff(interpolate(known, of[:, None], ends)[:, 0])
         for known, of in ((stamps, turned), (poses.stamps, np.unwrap(poses.poses[:, 2])))

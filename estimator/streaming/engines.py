@@ -18,7 +18,9 @@ class PlainEngine:
 
     def make_ekf(self, model: MotionModel) -> IcrEkf:
         """Make the filter of a motion model, see `StepEngine`."""
-        return IcrEkf(model)
+        from icreckon.estimator.streaming.plain_ekf import PlainEkf
+
+        return PlainEkf(model)
 
     def make_record(self, record: Record) -> Record:
         """Make a record of a filter, see `StepEngine`."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.scores import even_grid, interpolate, interpolate_poses, pieces
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
@@ -105,7 +106,6 @@ def _by_headings(run: Run, truth: Truth, within: list[tuple[int, int]]) -> _Show
     A wrong scale turns with the robot, a wrong bias with time: both are fitted. The bias is that of the
     rate after the robot file's scale is corrected, as in the filter and in the file.
     """
-    from scipy.integrate import cumulative_trapezoid
     from scipy.special import stdtrit
 
     poses = truth.poses
@@ -128,8 +128,7 @@ def _by_headings(run: Run, truth: Truth, within: list[tuple[int, int]]) -> _Show
         for one in (run.trajectory.pose_series, poses)
     )
     # The bias that the filter took off, over each block.
-    seconds = (run.stamps - run.stamps[0]) * NANOSECOND
-    sums = cumulative_trapezoid(run.states[:, s.GYRO_BIAS], seconds, initial=0.0)
+    sums = running_integral(run.stamps, run.states[:, s.GYRO_BIAS])
     before_it, after_it = (
         interpolate(run.stamps, sums[:, None], at)[:, 0] for at in (begins, ends)
     )

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import pieces
 
@@ -145,20 +146,17 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
 
 def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     """Cut the fixes into windows, with the path by odometry."""
-    from scipy.integrate import cumulative_trapezoid
-
     fixes = log.fixes
     if fixes is None or len(stamps) < 2:
         return []
     origin = stamps[0]
     seconds = (stamps - origin) * NANOSECOND
-    yaw = cumulative_trapezoid(vertical, seconds, initial=0.0)
+    yaw = running_integral(stamps, vertical)
     speed = np.interp(stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
     velocity = speed * np.exp(1j * yaw)
-    path = cumulative_trapezoid(velocity, seconds, initial=0.0)
+    path = running_integral(stamps, velocity)
     # Change of the path by a bias of the gyro.
-    bent = velocity * 1j * seconds
-    by_bias = cumulative_trapezoid(bent, seconds, initial=0.0)
+    by_bias = running_integral(stamps, velocity * 1j * seconds)
 
     inside = (fixes.stamps >= max(origin, log.tracks.stamps[0])) & (
         fixes.stamps <= min(stamps[-1], log.tracks.stamps[-1])

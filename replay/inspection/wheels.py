@@ -8,6 +8,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
@@ -91,20 +92,16 @@ def _distance_ratio(
     log: Log, vertical: Floats, stamps: Stamps, places: Floats, window: float, turning: float
 ) -> tuple[float | None, float | None]:
     """Median ratio of chord to track distance over windows [s], and its error."""
-    from scipy.integrate import cumulative_trapezoid
-
     assert log.imu is not None  # noqa: S101 - checked by the caller
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = even_grid(start, end, round(window / NANOSECOND), stamps)
     if len(edges) < FEWEST_WINDOWS + 1:
         return None, None
     mean = log.tracks.speeds.mean(axis=1)
-    seconds = (log.tracks.stamps - log.start) * NANOSECOND
-    distance = np.interp(edges, log.tracks.stamps, cumulative_trapezoid(mean, seconds, initial=0.0))
-    seconds = (log.imu.stamps - log.start) * NANOSECOND
+    tracks, imu = log.tracks.stamps, log.imu.stamps
+    distance = np.interp(edges, tracks, running_integral(tracks, mean))
     turned, yaw = (
-        np.interp(edges, log.imu.stamps, cumulative_trapezoid(rate, seconds, initial=0.0))
-        for rate in (np.abs(vertical), vertical)
+        np.interp(edges, imu, running_integral(imu, rate)) for rate in (np.abs(vertical), vertical)
     )
     at = np.column_stack([np.interp(edges, stamps, column) for column in places.T])
     # Ratio of chord to arc for this turning.
