@@ -10,6 +10,7 @@ import venv
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,6 +69,11 @@ def same_noise_in_any_order(request: pytest.FixtureRequest) -> None:
     if isinstance(rng, np.random.Generator):
         first = request.module.__dict__.setdefault("_first", deepcopy(rng.bit_generator.state))
         rng.bit_generator.state = first
+
+
+def thorough(*values: object) -> Any:
+    """Values of a parametrised test that are tried with `-m thorough` only."""
+    return pytest.param(*values, marks=pytest.mark.thorough)
 
 
 def sample_log(folder: Path, name: str) -> Path:

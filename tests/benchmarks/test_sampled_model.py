@@ -97,6 +97,7 @@ def test_what_cannot_be_driven_is_refused(speeds):
         draw(speeds)
 
 
+@pytest.mark.thorough
 def test_the_filter_is_as_sure_as_it_may_be():
     # The full study is benchmarks/consistency.py; here are a few short runs.
     runs, found = 20, []

@@ -27,6 +27,7 @@ def guide(tmp_path_factory):
     return names, printed
 
 
+@pytest.mark.thorough
 def test_the_pose_graphs_edges_are_right_within_their_information(guide):
     names, _ = guide
     edges, log = names["front_end"].edges, names["log"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import sample_log
+from conftest import sample_log, thorough
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch import replay_rows
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -161,6 +161,7 @@ def assert_same(
     return runs
 
 
+@pytest.mark.thorough
 def test_all_variants_in_one_pass_say_what_each_says_alone() -> None:
     runs = assert_same(drive(), *VARIANTS)
     health = runs["inertia-online"].health
@@ -285,7 +286,7 @@ def test_a_fix_next_to_the_first_track_speeds(late: int) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        Settings(use_accelerometer=False),
+        thorough(Settings(use_accelerometer=False)),
         Settings(hold=0.02),
     ],
     ids=["no accelerometer", "hold"],
@@ -313,11 +314,11 @@ def test_a_log_of_the_shortest_kind() -> None:
 @pytest.mark.parametrize(
     ("name", "robot_name", "part"),
     [
-        pytest.param("husky_test1.bag", "husky", None, marks=pytest.mark.thorough),
-        ("jackal_test2.bag", "jackal", None),
-        ("warthog_grass_2024_8_8_15h56s39", "warthog", "0:40%"),
+        thorough("husky_test1.bag", "husky", None),
+        thorough("jackal_test2.bag", "jackal", None),
+        thorough("warthog_grass_2024_8_8_15h56s39", "warthog", "0:40%"),
         ("marmotte_part1", "marmotte", "0:40%"),
-        pytest.param("husky_deflated_part1", "husky-deflated", "0:40%", marks=pytest.mark.thorough),
+        thorough("husky_deflated_part1", "husky-deflated", "0:40%"),
     ],
 )
 def test_real_logs(data_dir: Path, name: str, robot_name: str, part: str | None) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from calibration import Case, compared, make_case
 
-from conftest import sample_log
+from conftest import sample_log, thorough
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.calibration import Calibration, calibrate
@@ -88,7 +88,7 @@ def with_radii(log: Log, difference: float) -> Log:
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds / radii))
 
 
-@pytest.mark.parametrize("before", [0.0, 0.03])
+@pytest.mark.parametrize("before", [thorough(0.0), 0.03])
 def test_two_radii_are_told_apart_whatever_the_file_says(case: Case, before: float) -> None:
     """A difference of -5 % on top of the robot's own."""
     log = with_radii(case.log, -0.05)
@@ -239,6 +239,7 @@ def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, larg
     assert imu.gyro_bias_sigma > 0.5 * case.robot.imu.gyro_bias_sigma
 
 
+@pytest.mark.thorough
 def test_a_bias_within_its_error_stays_as_in_the_file(case: Case) -> None:
     """No bias in the log, with and without a standstill that shows it."""
     unbiased = with_bias(case.log, -case.true["gyro_bias"])
@@ -342,6 +343,7 @@ def part(log: Log, begin: float, end: float) -> Log:
     )
 
 
+@pytest.mark.thorough
 def test_outliers_of_the_truth_count_for_little(case: Case, found: Calibration) -> None:
     """Jumps of half a metre and 10 degrees, five of them."""
     poses = case.log.truth.poses
@@ -364,6 +366,7 @@ def relative_to(start: np.ndarray, poses: np.ndarray) -> np.ndarray:
     return relative(start, poses)
 
 
+@pytest.mark.thorough
 def test_without_a_known_place_the_origin_stays(case: Case) -> None:
     """A robot file that does not know where its IMU is: the lever arm is relative to its origin."""
     imu = msgspec.structs.replace(case.robot.imu, position=(0.0, 0.0, 0.0))
@@ -403,6 +406,7 @@ def test_straight_lines_show_nothing() -> None:
         calibrate([straight.log], straight.robot)
 
 
+@pytest.mark.thorough
 def test_speeds_that_are_no_rates_keep_the_radius(case: Case) -> None:
     found = calibrate(
         [case.log], case.robot, models=("constant", "inertia"), speeds_by_radius=False
@@ -499,7 +503,7 @@ def test_no_log_is_refused(robot: Robot) -> None:
         # Radius and track as the README beside the logs has them, to 3 %; its lags. Differences of the
         # radii by least squares against the pose's heading.
         ("warthog_grass_2024_8_8_16h11s19", "warthog", 0.286, 1.78, 0.33, 0.018),
-        ("husky_deflated_part1", "husky-deflated", 0.151, 0.97, 0.16, -0.055),
+        thorough("husky_deflated_part1", "husky-deflated", 0.151, 0.97, 0.16, -0.055),
     ],
 )
 def test_real_logs_give_what_is_known_of_them(

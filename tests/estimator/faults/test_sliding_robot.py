@@ -11,6 +11,7 @@ import spinning_track as benchmark
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import thorough
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.sliding_robot import (
@@ -172,7 +173,7 @@ def test_the_uncertainty_covers_both_tracks_spinning(
     assert found.sigma < 2.0 * 1.2 * 3.0
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
 def test_engines_agree_on_a_slide(variant: str, robot: Robot, drive: Log) -> None:
     middle = drive.between(drive.start, drive.start + SPINNING)
     compiled = run(middle, robot, variant)

@@ -6,6 +6,7 @@ import pytest
 from analysis.sampled_model import Fixes, ModelSampler
 from scipy.stats import chi2
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
@@ -46,9 +47,9 @@ def fed(log, variant="inertia-online", robot=ALPHA, **options):
 
 
 CASES = [
-    ("inertia-online", ("eta0",)),
+    thorough("inertia-online", ("eta0",)),
     ("inertia-online", ("accelerometer_bias_y", "epsilon0", "gyro_bias", "track_scale", "eta0")),
-    ("constant-online", ("zeta0", "gyro_scale")),
+    thorough("constant-online", ("zeta0", "gyro_scale")),
     ("friction-online", ("friction", "z_CM", "gyro_bias")),
 ]
 
@@ -132,6 +133,7 @@ def consistency():
     return totals, runs
 
 
+@pytest.mark.thorough
 def test_the_filter_is_as_sure_as_it_may_be(consistency):
     (others, pose, _), runs = consistency
     for total in (pose, others):

@@ -202,6 +202,7 @@ def nees(true, found, covariance):
     return float(error @ np.linalg.solve(covariance, error))
 
 
+@pytest.mark.thorough
 def test_motion_is_as_uncertain_as_it_says(normalised_errors):
     low, high = chi2.interval(0.999, 3 * RUNS)
     for column in range(3):

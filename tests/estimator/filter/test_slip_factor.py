@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import thorough
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.base.state import GYRO_BIAS, YAW
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -188,7 +189,7 @@ def test_changing_ground_raises_it_and_even_ground_does_not(changing: Log, robot
     assert even < 1.2
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
 def test_engines_agree(variant: str, changing: Log, robot: Robot) -> None:
     compiled = run(changing, robot, variant)
     plain = run(changing, robot, variant, settings=Settings(engine="plain"))

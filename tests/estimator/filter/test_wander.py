@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.frames import rotate
@@ -106,7 +107,7 @@ def test_jacobian_of_a_fix_by_pose_and_wander() -> None:
         assert innovation(x) == pytest.approx(np.array([1.0, 2.0]) - there)
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_wander_that_is_forgotten_at_once_is_white_noise(log: Log, engine: str) -> None:
     """An independent check of propagation, cross-covariance and gate: the filter without wander."""
     log = replace(log, others=())
@@ -136,6 +137,7 @@ def test_compiled_is_plain(log: Log, variant: str) -> None:
     assert compiled.health.wander.sigma < WANDER.sigma
 
 
+@pytest.mark.thorough
 def test_consider_states_and_marks_beside_the_wander(log: Log) -> None:
     given = msgspec.structs.replace(settings(), considered=("gyro_scale", "eta0"))
     plain = msgspec.structs.replace(given, engine="plain")
@@ -229,7 +231,7 @@ def test_late_fixes_are_used_as_if_in_time(log: Log) -> None:
     np.testing.assert_array_equal(a.covariance, b.covariance)
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_saved_and_copied_estimators_continue_to_the_last_bit(
     log: Log, tmp_path, engine: str
 ) -> None:
@@ -325,6 +327,7 @@ def nees(given: Settings, sigma: float, runs: int = 8) -> float:
     return float(np.mean(found))
 
 
+@pytest.mark.thorough
 def test_wander_as_it_is_makes_the_filter_as_sure_as_it_may_be() -> None:
     runs = 8
     white, wander = nees(settings(None), 0.3, runs), nees(settings(), 0.3, runs)

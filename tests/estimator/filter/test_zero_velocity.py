@@ -146,6 +146,7 @@ def test_a_robot_that_moves_is_not_believed_to_stand_and_nothing_changes():
     assert estimator.health.rejections() == {"zero velocity: gate": 2}
 
 
+@pytest.mark.thorough
 def test_the_gate_asks_all_three_together():
     moving, told = brought_to_a_stop(after=2.0), []
     moving.feed(TrackSpeeds(moving.stamp + 1, 0.3, 0.6))

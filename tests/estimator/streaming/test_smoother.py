@@ -284,6 +284,7 @@ def nees():
     return np.array(table)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", [0, 1], ids=["filtered", "smoothed"])
 def test_pose_is_as_uncertain_as_it_says(nees, kind):
     low, high = chi2.interval(0.999, 3 * RUNS)

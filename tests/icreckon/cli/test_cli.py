@@ -97,6 +97,7 @@ def test_demo_trajectories_agree_with_the_results(demo: Path) -> None:
         assert apart == pytest.approx(said, abs=0.03)
 
 
+@pytest.mark.thorough
 def test_demo_is_reproducible_and_does_not_overwrite(demo: Path, tmp_path: Path) -> None:
     again = icreckon("demo", "--duration", 60, "--json", "--workers", 1, cwd=tmp_path)
     assert again.returncode == 0, again.stderr

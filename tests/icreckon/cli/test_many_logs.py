@@ -94,6 +94,7 @@ def test_two_robot_files_are_compared_on_the_same_segments(folder: Path) -> None
     assert "Robot files compared" in page
 
 
+@pytest.mark.thorough
 def test_many_logs_with_two_robot_files(folder: Path) -> None:
     words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS)
     done = icreckon("replay", *words, "--out", "all", "--json", cwd=folder)

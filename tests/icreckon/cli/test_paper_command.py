@@ -125,6 +125,7 @@ def test_the_contact_is_the_one_that_ships(report: Path) -> None:
     assert load_paper_contact(report / "contact.toml") == load_paper_contact()
 
 
+@pytest.mark.thorough
 def test_it_is_reproducible_as_json_and_does_not_overwrite(report: Path, tmp_path: Path) -> None:
     done = icreckon("paper", "--json", "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

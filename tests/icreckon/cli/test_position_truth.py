@@ -11,6 +11,7 @@ from pymap3d import enu2geodetic
 
 from bag_messages import T, header, imu, joints, pose_stamped, write_bag
 from command_line import fails, icreckon
+from conftest import thorough
 from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
@@ -154,7 +155,7 @@ def test_replay_scores_positions_and_says_so(log: Log, bag: Path, tmp_path: Path
         assert scores[key] == pytest.approx(headed[key], rel=0.35, abs=0.15)
 
 
-@pytest.mark.parametrize("kind", ["identity", "random"])
+@pytest.mark.parametrize("kind", [thorough("identity"), "random"])
 def test_dead_headings_are_not_scored(log: Log, tmp_path: Path, kind: str) -> None:
     """Many drivers fill the quaternion with the identity, or leave what was in memory."""
     stamps, places = east_north(log)

@@ -13,6 +13,7 @@ import pyarrow.parquet
 import pytest
 
 from command_line import icreckon
+from conftest import thorough
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
@@ -106,7 +107,7 @@ def inspected(words: tuple[str, ...], cwd: Path) -> str:
     return " ".join(done.stdout.split())
 
 
-@pytest.mark.parametrize("yaw", ["true", "0.0"], ids=["headings", "positions"])
+@pytest.mark.parametrize("yaw", [thorough("true"), "0.0"], ids=["headings", "positions"])
 def test_all_commands_find_the_same_lag(log: Log, yaw: str, tmp_path: Path) -> None:
     words = table(late(log, 0.35, yaw), tmp_path / "run.parquet")
     truth = replayed(words, tmp_path)["truth"]
@@ -153,6 +154,7 @@ def test_a_lag_that_does_not_show_is_not_zero(
     assert "no lag, since none was found" in " ".join(done.stdout.split())
 
 
+@pytest.mark.thorough
 def test_a_clock_that_is_seconds_off_costs_no_accuracy(log: Log, tmp_path: Path) -> None:
     drifts = []
     for number, seconds in enumerate((0.35, 3.2)):
@@ -164,7 +166,7 @@ def test_a_clock_that_is_seconds_off_costs_no_accuracy(log: Log, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("yaw", "suffix"), [("0.0", ".csv"), ("1.3", ".parquet"), ("random", ".csv")]
+    ("yaw", "suffix"), [("0.0", ".csv"), thorough("1.3", ".parquet"), ("random", ".csv")]
 )
 def test_a_yaw_that_is_none_is_not_scored(log: Log, yaw: str, suffix: str, tmp_path: Path) -> None:
     words = table(late(log, 0.1, yaw), tmp_path / f"run{suffix}")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.log_bag import write_log
 from icreckon.report.drawing import unless_missing
@@ -42,7 +43,7 @@ def without_matplotlib(*words: str, cwd: Path) -> subprocess.CompletedProcess[st
             ("replay", "drive", "--robot", "auriga-alpha", "--variants", "gyro,constant-online"),
             {"results.json", "page.html", "gyro.tum", "odometry.mcap"},
         ),
-        (
+        thorough(
             ("calibrate", "drive", "--robot", "auriga-alpha", "--models", "constant,inertia"),
             {"results.json", "page.html"},
         ),

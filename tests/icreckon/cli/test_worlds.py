@@ -81,6 +81,7 @@ def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
         assert json.loads((folder / "results.json").read_text(encoding="utf-8"))["variants"]
 
 
+@pytest.mark.thorough
 def test_two_with_one_study_come_to_what_one_does(tmp_path: Path) -> None:
     (tmp_path / "tiny.toml").write_text(STUDY, encoding="utf-8")
     words = ("study", "tiny.toml", "--workers", 1, "--out")

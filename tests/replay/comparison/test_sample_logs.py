@@ -77,6 +77,7 @@ def test_friction_that_is_learnt_still_moves_the_robot(data_dir: Path) -> None:
     assert (states[:, friction] >= 2.0 * states[:, rolling] - 1e-9).all()
 
 
+@pytest.mark.thorough
 def test_each_variant_is_scored_with_its_own_lever_arm(data_dir: Path) -> None:
     robot = load_robot("husky-deflated")
     # ICRs that are off to one side put base_link elsewhere; wheels and gyro know none.

@@ -269,8 +269,8 @@ NOT_IN_THE_LOG: dict[str, tuple[float, float] | str] = {
 # Logs whose track speeds are repeated until the next.
 HELD = {name for name in NOT_IN_THE_LOG if name.startswith(("warthog", "husky_deflated"))}
 
-# One bag of ROS 1, and one of ROS 2 with a robot file of its own; the others are for `-m thorough`.
-FEW = ("jackal_test2.bag", "husky_deflated_part1")
+# The others are for `-m thorough`.
+FEW = ("jackal_test2.bag",)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from broken_input import FAULTS, broken_runs, standstill_drift
 
-from conftest import sample_log
+from conftest import sample_log, thorough
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.run import run
@@ -55,7 +55,7 @@ def test_a_fault_stays_within_three_sigma_and_is_told(outcomes, fault: str) -> N
         assert found.degrees < 0.2
 
 
-@pytest.mark.parametrize("gap", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("gap", [thorough(1.0), 2.0, thorough(4.0)])
 @pytest.mark.parametrize("imu_first", [False, True])
 def test_a_hole_in_all_sensors_is_bridged_honestly(gap: float, imu_first: bool) -> None:
     robot = load_robot("auriga-alpha")

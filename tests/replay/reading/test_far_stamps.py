@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bag_messages import robot_with
+from conftest import thorough
 from icreckon.estimator.log.scores import even_grid
 from icreckon.replay.reading.read_log import read_log
 from small_robot import drive, write_robot
@@ -65,8 +66,8 @@ def limited(folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
     ("form", "kind"),
     [
         (bag, "set after the start"),
-        (table, "last is damaged"),
-        pytest.param(table, "hours apart", marks=pytest.mark.thorough),
+        thorough(table, "last is damaged"),
+        thorough(table, "hours apart"),
     ],
 )
 def test_commands_stay_small(tmp_path: Path, form, kind: str) -> None:

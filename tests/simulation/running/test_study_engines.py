@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from conftest import REPOSITORY
+from conftest import REPOSITORY, thorough
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.robot.settings import Settings
@@ -53,7 +53,7 @@ def plan_of(variants=VARIANTS, **changes: object) -> Plan:
     "changes",
     [
         {},
-        {"fix_rate": 0.0, "outages": ()},
+        thorough({"fix_rate": 0.0, "outages": ()}),
         {"fixes": {"heading_sigma": 0.02, "outlier_share": 0.2}, "fix_rate": 3.0},
         {"encoders": {"resolution": 0.002, "dropouts_per_hour": 300.0}, "trajectory": "aggressive"},
         {"terrain": {"rolling_deg": 5.0, "wavelength": 10.0, "slope_deg": 2.0}},
@@ -149,7 +149,7 @@ def test_measurements_of_other_stamps_are_refused() -> None:
     "rates",
     [
         {"truth_rate": 20.0},
-        {"truth_rate": 37.0, "imu_rate": 37.0},
+        thorough({"truth_rate": 37.0, "imu_rate": 37.0}),
         {"track_rate": 3.0},
         {"imu_rate": 60.0, "fix_rate": 0.7},
     ],

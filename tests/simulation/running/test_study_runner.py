@@ -124,6 +124,7 @@ def test_any_number_of_threads_comes_to_the_same(tmp_path, undisturbed, workers)
     assert contents(tmp_path / "b") == undisturbed
 
 
+@pytest.mark.thorough
 def test_the_filter_comes_to_the_same_in_one_or_two_threads_and_in_processes(tmp_path):
     for workers in (1, 2):
         with ThreadPoolExecutor(workers) as threads:
