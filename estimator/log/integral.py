@@ -11,7 +11,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 
 
 def running_integral(stamps: Stamps, values: NDArray[Any]) -> NDArray[Any]:
-    """Integrate samples that change steadily in between, from the first to each of them.
+    """Integrate samples, which change steadily in between, up to each of them.
 
     scipy's `cumulative_trapezoid` is the same, and takes 0.7 s to load.
 

@@ -281,10 +281,10 @@ class LiveInputs:
         return ready
 
     def _choose(self, now: int) -> bool:
-        """Choose the clocks of the streams that have none, if it is time; earlier choices stay.
+        """Choose the clocks of streams that have none, if it is time.
 
-        Clocks that disagree are given until `LONGEST_WAIT`: a computer that is busy at the start takes
-        the messages of one topic seconds after those of another.
+        Earlier choices stay. Clocks that disagree are given until `LONGEST_WAIT`: a computer that is
+        busy at the start takes the messages of one topic seconds after those of another.
         """
         counts = dict.fromkeys(("tracks", "imu") if self.mapping.imu else ("tracks",), 0)
         for one in self._waiting:
