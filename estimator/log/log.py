@@ -58,6 +58,8 @@ class Log:
         notes: remarks of a reader for the user.
         others: measurements without a series (body velocities, pose fixes, zero velocities, headings
             without a position), in the order of their stamps; they are not written to files.
+        origin: latitude, longitude [deg] and altitude [m] (WGS 84) of x = y = 0, if x is east and y north
+            of a place on the globe; None otherwise.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Log:
     dropped: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     others: tuple[Measurement, ...] = ()
+    origin: tuple[float, float, float] | None = None
 
     @classmethod
     def from_measurements(

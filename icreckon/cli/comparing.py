@@ -22,7 +22,7 @@ from icreckon.replay.comparison.fixes import LogPart
 from icreckon.replay.comparison.many import Case, CaseScores, case_scores
 from icreckon.replay.comparison.results import Results, comparison_drifts, summarise
 from icreckon.replay.export.folder import write_exports
-from icreckon.replay.export.formats import DEFAULT_FORMATS
+from icreckon.replay.export.formats import DEFAULT_FORMATS, check_formats
 from icreckon.report.replay.folder import RESULTS_FILE, write_views
 from icreckon.report.replay.page_text import failures
 from icreckon.report.replay.tables import WIDE_FROM, results_table
@@ -54,6 +54,7 @@ def compare_and_write(
     Returns:
         The results, and of a labelled case the scores for `summarise_many`.
     """
+    check_formats(formats, log)
     warn_unless_kept()
     title = f"filtering {log.duration:.0f} s of {log.name}"
     with progress(title, log.duration) as report_progress:

@@ -84,7 +84,7 @@ Formats = Annotated[
     str | None,
     typer.Option(
         help="Formats of the trajectories, separated by commas: tum, kitti, csv, parquet, mcap, "
-        "ros1, or none (default: tum,mcap)."
+        "ros1, geojson, or none (default: tum,mcap)."
     ),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]

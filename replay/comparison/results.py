@@ -108,6 +108,7 @@ def summarise(
             "dropped": log.dropped,
             "notes": [*log.notes, *_holes(log), *_doubts(comparison), *_findings(comparison)],
             "start_ns": log.start,
+            "origin": log.origin,
         },
         "truth": _truth_summary(comparison, scored),
         "reference_variant": None if log.truth is not None else reference,

@@ -9,16 +9,14 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.export.formats import DEFAULT_FORMATS
+from icreckon.replay.export.geojson import write_geojson
 from icreckon.replay.export.replay_bag import write_replay_bag
 from icreckon.replay.export.tables import write_poses, write_run
 from icreckon.replay.export.trajectories import write_kitti, write_tum
 
 ODOMETRY_FILE = "odometry.mcap"
-
-
 ROS1_FILE = "odometry.bag"
-
-
+GEOJSON_FILE = "paths.geojson"
 TRUTH = "ground_truth"
 
 
@@ -35,6 +33,8 @@ def write_exports(
         write_replay_bag(folder / ODOMETRY_FILE, "mcap", comparison, robot)
     if "ros1" in formats:
         write_replay_bag(folder / ROS1_FILE, "ros1", comparison, robot)
+    if "geojson" in formats:
+        write_geojson(folder / GEOJSON_FILE, comparison)
 
 
 def _write_trajectories(folder: Path, comparison: Comparison, formats: Sequence[str]) -> None:

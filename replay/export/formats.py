@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.log.log import Log
 from icreckon.replay.base.errors import ReplayError
 
 # Content of each format, for help and messages.
@@ -13,6 +16,7 @@ FORMATS = {
     "parquet": "time series",
     "mcap": "messages, for Foxglove, PlotJuggler and ROS 2",
     "ros1": "the same messages as a ROS 1 bag",
+    "geojson": "paths on the globe, for maps",
 }
 DEFAULT_FORMATS = ("tum", "mcap")
 
@@ -36,3 +40,16 @@ def parse_formats(text: str | None) -> tuple[str, ...]:
         if word not in FORMATS:
             raise ReplayError(f"--formats {word!r}{nearest_hint(word, list(FORMATS))}")
     return tuple(name for name in FORMATS if name in words)
+
+
+def check_formats(formats: Sequence[str], log: Log) -> None:
+    """Check that a log can be written in some formats, before any work.
+
+    Raises:
+        ReplayError: it has no place on the globe, which a format needs.
+    """
+    if "geojson" in formats and log.origin is None:
+        raise ReplayError(
+            f"--formats geojson needs places on the globe, and log {log.name!r} has none: its fixes, or "
+            "its truth if it has one, must be NavSatFix messages or columns of latitude and longitude"
+        )

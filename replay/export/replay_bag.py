@@ -13,14 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import yaw_to_quaternion
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.bags.bulk_encoding import Numbers, Packing
-from icreckon.replay.bags.message_types import MARKER, MARKERS, ODOMETRY, PATH, POSE, TF, TRANSFORM
+from icreckon.replay.bags.message_types import (
+    MARKER,
+    MARKERS,
+    NAVSATFIX,
+    ODOMETRY,
+    PATH,
+    POSE,
+    TF,
+    TRANSFORM,
+)
 from icreckon.replay.bags.messages import (
     BASE_LINK,
     ICR_MARKERS,
@@ -36,14 +45,18 @@ from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.export.attitude import Attitude, attitude_of
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages
+from icreckon.replay.export.sampling import thinned
 from icreckon.replay.export.tables import icr_series
+from icreckon.replay.mapping.geodesy import Origin, degrees
 
 TRUTH = "ground_truth"
 FIXES_TOPIC, TF_TOPIC = "/fixes", "/tf"
 # Highest rate of transforms [Hz]; odometry and truth keep all of their samples.
 TF_RATE = 20.0
 POSE_RATE = 20.0
-MARKER_RATE = 5.0
+MARKER_RATE = PLACE_RATE = 5.0
+# `position_covariance_type` of NavSatFix.
+COVARIANCE_KNOWN = 3
 # Most poses of a path, which is one message.
 PATH_POSES = 1000
 # Variances of roll and pitch in a row-major 6x6 covariance.
@@ -57,8 +70,9 @@ def write_replay_bag(
 
     It holds, with `-` in names of variants written as `_`: `/<variant>/odom` (nav_msgs/Odometry),
     `/<variant>/pose` (geometry_msgs/PoseStamped, for viewers that draw no odometry),
-    `/<variant>/path` (nav_msgs/Path), `/<variant>/icrs` (visualization_msgs/MarkerArray), `/tf`, `/fixes`
-    that were used, `/ground_truth/pose` and `/ground_truth/path`, and `/diagnostics`
+    `/<variant>/path` (nav_msgs/Path), `/<variant>/icrs` (visualization_msgs/MarkerArray),
+    `/<variant>/fix` (sensor_msgs/NavSatFix) if the log has an origin on the globe, `/tf`, `/fixes` that
+    were used, `/ground_truth/pose` and `/ground_truth/path`, and `/diagnostics`
     (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
 
     Args:
@@ -87,6 +101,8 @@ def write_replay_bag(
             _transforms(poses, attitude.quaternions, frame),
             _icrs(f"/{topic}/icrs", one.stamps, one.indices, robot, frame, colour_of(name)),
         ]
+        if log.origin is not None:
+            outboxes.append(_places(f"/{topic}/fix", one.trajectory, log.origin, frame))
         if name == base:
             outboxes.append(_transforms(poses, attitude.quaternions, BASE_LINK))
     if log.truth is not None:
@@ -300,9 +316,28 @@ def _with_tilt(covariances: Floats, variances: Floats) -> Callable[[slice], Floa
     return give
 
 
-def thinned(stamps: Stamps, rate: float) -> Any:
-    """Select rows (m,) of stamps [ns], at most `rate` a second; even stamps stay even."""
-    if not len(stamps):
-        return np.zeros(0, int)
-    slot = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)
-    return np.flatnonzero(np.diff(slot, prepend=-1))
+def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
+    """sensor_msgs/NavSatFix, at the altitude of the origin; covariances east, north and up."""
+    rows = thinned(trajectory.stamps, PLACE_RATE)
+    stamps = trajectory.stamps[rows]
+    latitude, longitude = degrees(trajectory.poses[rows, :2], origin).T
+    covariances = np.tile(np.diag(np.full(3, UNUSED_VARIANCE)), (len(rows), 1, 1))
+    covariances[:, :2, :2] = trajectory.pose_covariances[rows][:, :2, :2]
+
+    def packing(messages: Messages) -> Packing:
+        pattern = messages.blank(
+            NAVSATFIX,
+            header=messages.header(0, frame),
+            altitude=origin[2],
+            position_covariance=np.zeros(9),
+            position_covariance_type=COVARIANCE_KNOWN,
+        )
+        numbers: dict[str, Numbers] = {
+            "header.stamp": stamps,
+            "latitude": latitude,
+            "longitude": longitude,
+            "position_covariance": covariances.reshape(-1, 9),
+        }
+        return Packing(NAVSATFIX, pattern, stamps, numbers)
+
+    return Outbox(topic, NAVSATFIX, stamps, packing=packing)

@@ -1,4 +1,4 @@
-"""Geodesy: latitude and longitude to metres east and north of an origin."""
+"""Geodesy: latitude and longitude to metres east and north of an origin, and back."""
 
 from __future__ import annotations
 
@@ -49,3 +49,17 @@ def east_north(places: Floats, origin: Origin) -> Floats:
     altitude = np.where(np.isfinite(places[:, 2]), places[:, 2], origin[2])
     east, north, _ = geodetic2enu(places[:, 0], places[:, 1], altitude, *origin)
     return np.column_stack([east, north])
+
+
+def degrees(places: Floats, origin: Origin) -> Floats:
+    """Convert places (n, 2) [m] east and north of an origin to (n, 2) latitude, longitude [deg].
+
+    Args:
+        places: the places, as of `east_north`, at the altitude of the origin.
+        origin: point at which the plane is tangent to the ellipsoid.
+    """
+    from pymap3d import enu2geodetic
+
+    up = np.zeros(len(places))
+    latitude, longitude, _ = enu2geodetic(places[:, 0], places[:, 1], up, *origin)
+    return np.column_stack([latitude, longitude])

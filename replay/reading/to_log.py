@@ -109,8 +109,15 @@ class _Assembly:
             dropped=self.dropped,
             notes=tuple(self.notes),
             others=headings,
+            origin=self._origin_of(truth, streams.get("truth")),
         )
         return without_holding(log, self._held(streams.get("tracks")))
+
+    def _origin_of(self, truth: Truth | None, stream: Stream | None) -> Origin | None:
+        """Origin of the frame that runs start in: the truth's, if there is one."""
+        if truth is None or stream is None or stream.msgtype == NAVSATFIX:
+            return self._origin
+        return None
 
     def _held(self, stream: Stream | None) -> Held:
         """Treatment of repeated track speeds; those of counters are left alone."""

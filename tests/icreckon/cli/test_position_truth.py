@@ -108,12 +108,29 @@ def test_navsatfix_is_read_as_positions_alone(log: Log, bag: Path, tmp_path: Pat
     assert first.truth is not None
     np.testing.assert_allclose(first.truth.poses.poses[0, :2], 0.0, atol=1e-6)
     assert any("positions of the truth are in metres" in note for note in first.notes)
+    assert read.origin == (52.0, 13.0, 40.0)
+    assert first.origin == pytest.approx((52.0, 13.0, 40.0), abs=0.01)
+
+
+def on_a_map(path: Path, log: Log) -> None:
+    """The path and the truth are where the receiver was, but for its antenna and the drift."""
+    features = json.loads(path.read_text("utf-8"))["features"]
+    lines = {one["properties"]["name"]: one["geometry"]["coordinates"] for one in features}
+    east, north = east_north(log)[1][0]
+    latitude, longitude, _ = enu2geodetic(east, north, 0.0, *ORIGIN)
+    for name in (VARIANT, "ground_truth"):
+        off = (np.array(lines[name][0]) - [longitude, latitude]) * [68_600.0, 111_300.0]
+        assert np.hypot(*off) < 0.6
+    apart = np.array(lines[VARIANT][-1]) - np.array(lines["ground_truth"][-1])
+    assert np.hypot(*apart * [68_600.0, 111_300.0]) < 5.0
 
 
 def test_replay_scores_positions_and_says_so(log: Log, bag: Path, tmp_path: Path) -> None:
     words = ("--robot", robot_file(tmp_path, NAVSAT), "--variants", VARIANT)
-    done = icreckon("replay", bag, *words, "--out", tmp_path / "out", cwd=tmp_path)
+    words = (*words, "--formats", "geojson", "--out", tmp_path / "out")
+    done = icreckon("replay", bag, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    on_a_map(tmp_path / "out" / "paths.geojson", log)
     assert "the truth has no headings: scored are positions" in " ".join(done.stdout.split())
     assert "NEES position" in done.stdout
     assert "RMSE" not in done.stdout

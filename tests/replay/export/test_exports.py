@@ -32,7 +32,8 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.export.attitude import attitude_of, planar_attitude
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
-from icreckon.replay.export.replay_bag import _odometry, _poses, thinned, write_replay_bag
+from icreckon.replay.export.replay_bag import _odometry, _poses, write_replay_bag
+from icreckon.replay.export.sampling import thinned
 from icreckon.replay.export.tables import icr_series, run_columns, write_poses, write_run
 from icreckon.replay.export.trajectories import write_kitti, write_tum
 from icreckon.simulation.scenario import Scenario

@@ -116,6 +116,7 @@ def test_gps(tmp_path: Path) -> None:
         "fixes: no covariance, and no position_sigma given": 1,
     }
     assert "[52.00000000, 13.00000000, 100.00]" in log.notes[0]
+    assert log.origin == (52.0, 13.0, 100.0) == log.part(1.0, 2.0).origin
 
 
 def test_gps_about_a_given_origin(tmp_path: Path) -> None:
@@ -125,6 +126,7 @@ def test_gps_about_a_given_origin(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.fixes.poses[0, :2], [0.0, 111.267], atol=0.01)
     assert log.fixes.variances[0, 0] == 4.0
     assert log.notes == ()
+    assert log.origin == (51.999, 13.0, 0.0)
 
 
 def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> None:

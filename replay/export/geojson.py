@@ -1,0 +1,84 @@
+"""Paths on the globe as GeoJSON (RFC 7946), for QGIS, Google Earth and maps on the web."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import written_beside
+from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.export.formats import check_formats
+from icreckon.replay.export.sampling import thinned
+from icreckon.replay.mapping.geodesy import Origin, degrees
+
+# Highest rate of the points of a path [Hz].
+RATE = 5.0
+# Decimals of degrees: a millimetre.
+DECIMALS = 8
+
+
+def write_geojson(path: Path, comparison: Comparison, *, overwrite: bool = False) -> Path:
+    """Write the paths of all runs, the truth and the fixes that were used.
+
+    Each path is a LineString with the properties `name`, `start_ns`, `end_ns`, and `stroke` (its colour);
+    fixes are a MultiPoint. Coordinates are longitude and latitude [deg], WGS 84.
+
+    Args:
+        path: the file.
+        comparison: the runs, over a log with an origin on the globe.
+        overwrite: whether an existing file may be replaced.
+
+    Returns:
+        The path.
+
+    Raises:
+        ReplayError: the log has no origin, the file exists, or it cannot be written.
+    """
+    log = comparison.log
+    check_formats(("geojson",), log)
+    origin = log.origin
+    assert origin is not None  # noqa: S101 - checked above
+    features = [
+        _line(name, one.trajectory.pose_series, origin, colour_of(name))
+        for name, one in comparison.runs.items()
+    ]
+    if log.truth is not None:
+        features.append(_line("ground_truth", log.truth.poses, origin, TRUTH_COLOUR))
+    if log.fixes is not None and len(log.fixes.stamps):
+        points = _coordinates(log.fixes.poses[:, :2], origin)
+        features.append(
+            _feature("MultiPoint", points, name="fixes", **{"marker-color": FIX_COLOUR})
+        )
+    text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+    with written_beside(path, overwrite=overwrite) as new:
+        try:
+            new.write_text(text + "\n", encoding="utf-8")
+        except OSError as problem:
+            raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
+    return path
+
+
+def _line(name: str, series: PoseSeries, origin: Origin, colour: str) -> dict[str, Any]:
+    rows = thinned(series.stamps, RATE)
+    points = _coordinates(series.poses[rows, :2], origin)
+    if len(points) == 1:
+        points *= 2  # a LineString has two positions or more
+    times = {"start_ns": int(series.stamps[0]), "end_ns": int(series.stamps[-1])}
+    return _feature("LineString", points, name=name, **times, stroke=colour)
+
+
+def _coordinates(places: Floats, origin: Origin) -> list[list[float]]:
+    found: list[list[float]] = np.round(degrees(places, origin)[:, ::-1], DECIMALS).tolist()
+    return found
+
+
+def _feature(kind: str, points: list[list[float]], **properties: Any) -> dict[str, Any]:
+    geometry = {"type": kind, "coordinates": points}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}

@@ -1,0 +1,106 @@
+"""Paths on the globe: GeoJSON and NavSatFix, where the log has an origin."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.export.formats import check_formats
+from icreckon.replay.export.geojson import write_geojson
+from icreckon.replay.export.replay_bag import write_replay_bag
+from icreckon.replay.mapping.geodesy import degrees, east_north
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+ORIGIN = (52.0, 13.0, 40.0)
+
+
+@pytest.fixture(scope="module")
+def local() -> Comparison:
+    scenario = Scenario(duration=10.0, seed=4, trajectory="slalom")
+    robot = load_robot("auriga-alpha")
+    return compare(simulate(scenario, robot), robot, ["gyro", "constant-online"])
+
+
+@pytest.fixture(scope="module")
+def on_globe(local: Comparison) -> Comparison:
+    return replace(local, log=replace(local.log, origin=ORIGIN))
+
+
+@pytest.mark.parametrize("latitude", [-77.0, 0.0, 52.0])
+def test_places_go_to_the_globe_and_back(latitude: float) -> None:
+    origin = (latitude, 179.9999, 300.0)
+    places = np.random.default_rng(1).uniform(-2000.0, 2000.0, (50, 2))
+    there = np.column_stack([degrees(places, origin), np.full(50, 300.0)])
+    # The plane is tangent to the ellipsoid: 2.8 km away it is 0.6 m above it.
+    np.testing.assert_allclose(east_north(there, origin), places, atol=1e-3)
+
+
+def test_each_path_is_a_line_in_its_colour(on_globe: Comparison, tmp_path: Path) -> None:
+    path = write_geojson(tmp_path / "paths.geojson", on_globe)
+    found = json.loads(path.read_text("utf-8"))
+    assert found["type"] == "FeatureCollection"
+    features = {one["properties"]["name"]: one for one in found["features"]}
+    assert list(features) == ["gyro", "constant-online", "ground_truth", "fixes"]
+    assert len({one["properties"].get("stroke") for one in features.values()}) == 4
+    assert on_globe.log.fixes is not None
+    assert on_globe.log.truth is not None
+    for name, run in on_globe.runs.items():
+        line = features[name]
+        assert line["geometry"]["type"] == "LineString"
+        longitude, latitude = np.array(line["geometry"]["coordinates"]).T
+        altitude = np.full(len(latitude), ORIGIN[2])
+        places = east_north(np.column_stack([latitude, longitude, altitude]), ORIGIN)
+        # Five points a second of a drive of ten seconds.
+        assert len(places) == pytest.approx(50, abs=1)
+        np.testing.assert_allclose(places[0], run.trajectory.poses[0, :2], atol=2e-3)
+        every = np.linalg.norm(places[:, None] - run.trajectory.poses[None, :, :2], axis=2)
+        assert every.min(axis=1).max() < 2e-3
+        assert line["properties"]["start_ns"] == run.stamps[0]
+    points = features["fixes"]["geometry"]
+    assert points["type"] == "MultiPoint"
+    assert len(points["coordinates"]) == len(on_globe.log.fixes.stamps)
+    with pytest.raises(ReplayError, match="--overwrite"):
+        write_geojson(path, on_globe)
+
+
+def test_a_bag_has_the_paths_as_fixes_of_a_receiver(on_globe: Comparison, tmp_path: Path) -> None:
+    bag = write_replay_bag(tmp_path / "o.mcap", "mcap", on_globe, load_robot("auriga-alpha"))
+    with bag.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = [
+            message for *_, message in reader.iter_decoded_messages(topics=["/constant_online/fix"])
+        ]
+    trajectory = on_globe.runs["constant-online"].trajectory
+    assert len(found) == pytest.approx(50, abs=1)
+    for message in (found[0], found[-1]):
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        row = int(np.searchsorted(trajectory.stamps, stamp))
+        assert trajectory.stamps[row] == stamp
+        there = np.array([[message.latitude, message.longitude, message.altitude]])
+        np.testing.assert_allclose(
+            east_north(there, ORIGIN)[0], trajectory.poses[row, :2], atol=1e-4
+        )
+        covariance = np.reshape(message.position_covariance, (3, 3))
+        np.testing.assert_array_equal(covariance[:2, :2], trajectory.pose_covariances[row, :2, :2])
+        assert covariance[2, 2] == 1e6
+        assert message.position_covariance_type == 3
+        assert message.header.frame_id == "constant_online/base_link"
+
+
+def test_without_an_origin_there_is_one_clear_error(local: Comparison, tmp_path: Path) -> None:
+    check_formats(("tum", "mcap"), local.log)
+    with pytest.raises(ReplayError, match=r"geojson needs places on the globe.*NavSatFix"):
+        check_formats(("tum", "geojson"), local.log)
+    with pytest.raises(ReplayError, match="has none"):
+        write_geojson(tmp_path / "paths.geojson", local)
+    assert not list(tmp_path.iterdir())
