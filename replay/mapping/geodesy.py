@@ -52,10 +52,10 @@ def east_north(places: Floats, origin: Origin) -> Floats:
 
 
 def degrees(places: Floats, origin: Origin) -> Floats:
-    """Convert places (n, 2) [m] east and north of an origin to (n, 2) latitude, longitude [deg].
+    """Convert metres east and north of an origin to (n, 2) latitude, longitude [deg].
 
     Args:
-        places: the places, as of `east_north`, at the altitude of the origin.
+        places: (n, 2) east and north [m], as of `east_north`, at the altitude of the origin.
         origin: point at which the plane is tangent to the ellipsoid.
     """
     from pymap3d import enu2geodetic
