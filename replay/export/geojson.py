@@ -1,4 +1,4 @@
-"""Paths on the globe as GeoJSON (RFC 7946), for QGIS, Google Earth and maps on the web."""
+"""Paths on the globe as GeoJSON (RFC 7946), for QGIS and maps on the web."""
 
 from __future__ import annotations
 

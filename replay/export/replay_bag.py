@@ -317,7 +317,7 @@ def _with_tilt(covariances: Floats, variances: Floats) -> Callable[[slice], Floa
 
 
 def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
-    """sensor_msgs/NavSatFix, at the altitude of the origin; covariances east, north and up."""
+    """sensor_msgs/NavSatFix at the altitude of the origin."""
     rows = thinned(trajectory.stamps, PLACE_RATE)
     stamps = trajectory.stamps[rows]
     latitude, longitude = degrees(trajectory.poses[rows, :2], origin).T

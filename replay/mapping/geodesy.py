@@ -52,11 +52,14 @@ def east_north(places: Floats, origin: Origin) -> Floats:
 
 
 def degrees(places: Floats, origin: Origin) -> Floats:
-    """Convert metres east and north of an origin to (n, 2) latitude, longitude [deg].
+    """Convert metres east and north of an origin to latitude and longitude [deg].
 
     Args:
         places: (n, 2) east and north [m], as of `east_north`, at the altitude of the origin.
         origin: point at which the plane is tangent to the ellipsoid.
+
+    Returns:
+        (n, 2) latitude, longitude.
     """
     from pymap3d import enu2geodetic
 
