@@ -88,8 +88,9 @@ class _Drive:
         if not problems:
             return log
         hint = "icreckon check says what each of these costs, and what to set"
-        notes = (*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in problems), hint)
-        return replace(log, notes=notes)
+        return replace(
+            log, notes=(*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in (*problems, hint)))
+        )
 
     def all_options(self) -> dict[str, Any]:
         """Arguments of `compare_and_write`, without log, robot and folder."""

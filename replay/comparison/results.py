@@ -176,6 +176,10 @@ def _doubts(comparison: Comparison) -> list[str]:
     ]
 
 
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
 def _findings(comparison: Comparison) -> list[str]:
     """Report what the filters found of the sensors, up to the end of the log."""
     healths = {
@@ -201,12 +205,12 @@ def _findings(comparison: Comparison) -> list[str]:
     gyro = next(iter(healths.values())).gyro if healths else None
     if gyro is not None and gyro.times:
         notes.append(
-            f"the gyro failed {gyro.times} times (it jumped, repeated itself or was beyond its range) "
+            f"the gyro failed {_times(gyro.times)} (it jumped, repeated itself or was beyond its range) "
             "and was not used meanwhile"
         )
     carries = max((one.slip.carries for one in healths.values()), default=0)
     if carries:
-        notes.append(f"shaken {carries} times with the tracks at rest: was the robot carried?")
+        notes.append(f"shaken {_times(carries)} with the tracks at rest: was the robot carried?")
     return notes
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import tomllib
@@ -11,7 +12,7 @@ from typing import Any
 from icreckon.replay.base.errors import ReplayError
 
 TABLE = re.compile(r"\[([^\[\]]+)\]\s*(?:#.*)?$")
-KEY = re.compile(r"(\w+) = ([^#]*?)(\s*)#(.*fill in.*)$")
+KEY = re.compile(r"(\w+) = ([^#]*?)(\s*)#(.*(?:fill in|check it).*)$")
 # A gauge that stands in for the one that only a person can measure.
 UNTOUCHED_GAUGE = re.compile(
     r"^track_gauge = ([\d.e+-]+) *# .*the effective track \(\1\).*$", re.MULTILINE
@@ -73,12 +74,14 @@ def _filled_in(text: str) -> dict[str, Any]:
 
 
 def _value(former: dict[str, Any], table: str, key: str) -> str | None:
-    """Value of a key as TOML, None if it is no number that was filled in."""
+    """Value of a key as TOML, None if it is no number or text that was filled in."""
     found: Any = former
     for name in [*table.split("."), key]:
         if not isinstance(found, dict) or name not in found:
             return None
         found = found[name]
+    if isinstance(found, str):
+        return json.dumps(found, ensure_ascii=False)
     numbers = found if isinstance(found, list) else [found]
     if not all(isinstance(one, int | float) and math.isfinite(one) for one in numbers):
         return None

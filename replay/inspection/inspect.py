@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
@@ -33,7 +34,9 @@ from icreckon.replay.inspection.latency import objection, track_latency, truth_l
 from icreckon.replay.inspection.robot_file import has_tracks, in_rates, robot_file_text
 from icreckon.replay.inspection.topic_survey import Survey, TopicReport, survey_bag
 from icreckon.replay.inspection.wheels import (
+    FAST_TURNING,
     WheelEstimates,
+    fast_turning,
     heading_offset,
     standstills,
     unit_suspicions,
@@ -111,6 +114,11 @@ def inspect(
         gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
         clocks = choose_clocks(evidence_of(gathered.streams))
         log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+        if (in_degrees := _in_degrees(mapping, log)) is not None:
+            mapping, note = in_degrees
+            notes.append(note)
+            gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
+            log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
     except ReplayError as problem:
         if not tables or mapping.columns is not None:
             notes.append(f"the proposed topics cannot be read: {problem}")
@@ -160,6 +168,19 @@ def inspect(
             held=_held(log),
         ),
     )
+
+
+def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
+    """Mapping with the gyro's columns in deg/s, and a note, if no robot turns so fast in rad/s."""
+    columns = mapping.columns
+    if columns is None or columns.imu is None or log.imu is None:
+        return None
+    fast = fast_turning(log.imu)
+    if not FAST_TURNING < fast < math.degrees(FAST_TURNING):
+        return None
+    changed = replace(columns, imu=replace(columns.imu, rate_unit="deg/s"))
+    note = f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s"
+    return replace(mapping, columns=changed), note
 
 
 def _held(log: Log | None) -> str:

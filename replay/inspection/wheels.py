@@ -12,6 +12,7 @@ from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
+from icreckon.estimator.log.series import ImuSeries
 from icreckon.replay.inspection.imu_mounting import ABSURD, STILL_MARGIN, Mounting, standstill
 
 GRAVITY = 9.81
@@ -160,7 +161,7 @@ def unit_suspicions(
             guess = unit_of_gravity(force)
             found.append(f"mean specific force is {force:.3g}, not {GRAVITY} m/s²{guess}")
     if log.imu is not None:
-        fast = float(np.percentile(np.abs(log.imu.angular_velocity), 99))
+        fast = fast_turning(log.imu)
         if fast > FAST_TURNING:
             found.append(
                 f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
@@ -179,6 +180,11 @@ def unit_suspicions(
             f"by the {estimates.way_source}"
         )
     return found
+
+
+def fast_turning(imu: ImuSeries) -> float:
+    """Rate that the gyro exceeds for 1 % of the time [rad/s]."""
+    return float(np.percentile(np.abs(imu.angular_velocity), 99))
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:

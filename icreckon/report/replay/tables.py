@@ -8,8 +8,10 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import (
+    doubts,
     failures,
     filtered,
     has_yaw_errors,
@@ -90,8 +92,19 @@ def results_table(results: Results, *, narrow: bool = False) -> Group:
     for name in results["failed"]:
         error = Text("ERROR", style="bold red")
         table.add_row(name, *(error for _ in columns))
+    doubtful = [f"- {one}" for one in doubts(results)]
+    if doubtful:
+        doubtful = [
+            "The robot file does not fit this log, and all figures are with it:",
+            *doubtful,
+            "",
+        ]
     return Group(
-        Text(headline(results)), Text(), table, *(Text(line) for line in _footnotes(results))
+        *(Text(line, style="bold yellow") for line in doubtful),
+        Text(headline(results)),
+        Text(),
+        table,
+        *(Text(line) for line in _footnotes(results)),
     )
 
 
@@ -119,7 +132,7 @@ def _footnotes(results: Results) -> list[str]:
                 f"a lever arm of {x:.2f} m forward and {y:.2f} m left (scores: each variant's own)."
             )
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
-    lines += [f"Note: {note}" for note in log["notes"]]
+    lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(OF_ROBOT_FILE)]
     rejected = {name: one["rejected"] for name, one in filtered(results).items()}
     for name, reasons in rejected.items():
         counts = ", ".join(f"{count} x {what}" for what, count in reasons.items())

@@ -17,6 +17,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
+from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.comparison.results import summarise
@@ -83,6 +84,15 @@ def test_by_default_all_variants_are_compared(robot: Robot) -> None:
     printed = console.file.getvalue()
     assert all(f" {name} " in printed for name in ALL_VARIANTS)
     assert "…" not in printed
+    assert not printed.startswith("The robot file")
+    problem = "left and right are swapped"
+    results["log"]["notes"].append(f"{OF_ROBOT_FILE}{problem}")
+    console = Console(width=120, file=io.StringIO())
+    console.print(results_table(results))
+    first, second = console.file.getvalue().splitlines()[:2]
+    assert first == "The robot file does not fit this log, and all figures are with it:"
+    assert second == f"- {problem}"
+    assert console.file.getvalue().count(problem) == 1
     assert set(COLOURS) == set(ALL_VARIANTS)
     assert len(set(COLOURS.values())) == len(COLOURS)
 

@@ -3,11 +3,13 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from command_line import fails, icreckon
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
+from icreckon.replay.inspection.inspect import inspect
 
 PROPOSED = """\
 # Proposed by inspecting drive: check every line.
@@ -43,6 +45,15 @@ def test_what_was_filled_in_is_kept(tmp_path: Path):
     assert found["soil"] == {"friction": 0.7}
     again, taken = with_filled_in(text, path)
     assert tomllib.loads(again)["vehicle"]["mass"] == 30
+
+
+def test_a_unit_that_a_person_changed_is_kept(tmp_path: Path):
+    path = tmp_path / "robot.toml"
+    proposed = PROPOSED + '[log.columns.imu]\nrate_unit = "rad/s"    # check it\n'
+    path.write_text(proposed.replace("rad/s", "deg/s"), encoding="utf-8")
+    text, taken = with_filled_in(proposed, path)
+    assert taken == ["log.columns.imu.rate_unit"]
+    assert tomllib.loads(text)["log"]["columns"]["imu"] == {"rate_unit": "deg/s"}
 
 
 def test_a_gauge_that_stands_in_is_not_taken_for_a_persons(tmp_path: Path):
@@ -101,3 +112,25 @@ def test_the_command_keeps_it(tmp_path: Path):
     path.write_text(broken, encoding="utf-8")
     assert "what was filled in cannot be read" in fails(*command, "--overwrite", cwd=tmp_path)
     assert path.read_text(encoding="utf-8") == broken
+
+
+@pytest.mark.parametrize("unit", ["rad/s", "deg/s"])
+def test_a_gyro_of_a_table_in_degrees_is_seen_by_its_size(tmp_path: Path, unit: str):
+    """Track, ICRs and bias of the proposal are then those of the robot."""
+    seconds = np.arange(0.0, 60.0, 0.02)
+    rate = 0.6 * np.sin(0.4 * seconds)
+    left, right = (0.5 + side * 0.5 * rate * 0.9 for side in (-1.0, 1.0))
+    gyro = np.degrees(rate) if unit == "deg/s" else rate
+    none = np.zeros_like(seconds)
+    columns = [1.7e9 + seconds, left, right, none, none, gyro, none, none, none + 9.81]
+    table = tmp_path / "own.csv"
+    np.savetxt(
+        table, np.column_stack(columns), delimiter=",", fmt="%.9f", comments="",
+        header="time,left_speed_m_s,right_speed_m_s,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z",
+    )  # fmt: skip
+    found = inspect(table)
+    proposed = tomllib.loads(found.proposed_robot_file)
+    assert proposed["log"]["columns"]["imu"]["rate_unit"] == unit
+    assert proposed["vehicle"]["track_gauge"] == pytest.approx(0.9, rel=0.02)
+    told = [note for note in found.notes if "taken for deg/s" in note]
+    assert len(told) == (unit == "deg/s")
