@@ -514,4 +514,10 @@ def _verdict(comparison: ModelComparison) -> str:
             f"{CALLED[name]} {'are' if name in PLURAL else 'is'} {word} "
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
         )
-    return f"{verdict}; {', '.join(parts)}." if parts else f"{verdict}."
+    if not parts:
+        return f"{verdict}."
+    undecided = any(" not clearly better " in part for part in parts)
+    more = (
+        " What is not clearly better is not refuted: this log does not tell." if undecided else ""
+    )
+    return f"{verdict}; {', '.join(parts)}.{more}"

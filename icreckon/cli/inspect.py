@@ -88,6 +88,8 @@ def _show(found: Inspection, *, with_file: bool) -> None:
         cells = _numbers(topic)
         table.add_row(*names, *(cells[place] for place in numbers))
     console.print(table)
+    if narrow:
+        console.print(f"A terminal of {WIDE_FROM} columns has room for gaps and header-recorded.")
     for finding in found.findings:
         console.print(Text(f"Found: {finding}"))
     for what, count in found.dropped.items():

@@ -121,8 +121,9 @@ def _draw_errors(axes: list[Axes], results: Results) -> None:
             size = np.sqrt(np.mean(values**2))
             one.plot(seconds, values, ".", ms=4, color=colour, label=f"{label}, RMS {size:.2g}")
         one.set_ylabel(name)
-        one.legend(loc="upper right", fontsize=8)
-    axes[0].set_title("error of each segment by the tracks", fontsize=10)
+        # Above the axes: there are dots everywhere in them.
+        one.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False)
+    axes[0].set_title("error of each segment by the tracks", fontsize=10, loc="left")
     for one in axes[:-1]:
         one.tick_params(labelbottom=False)
     axes[-1].set_xlabel("time, one log behind the other [s]")
