@@ -77,7 +77,9 @@ def test_without_a_robot(folder: Path):
 def test_a_replay_notes_it(folder: Path):
     words = ("--variants", "gyro", "--formats", "none")
     done = icreckon("replay", "drive", "--robot", "wrong.toml", *words, "--out", "w", cwd=folder)
-    assert "does not fit this log, and all figures are with it:\n- the truth moves 0.4" in done.stdout
+    assert (
+        "does not fit this log, and all figures are with it:\n- the truth moves 0.4" in done.stdout
+    )
     assert "icreckon check says what each of these costs" in done.stdout
     notes = json.loads((folder / "w" / "results.json").read_text())["log"]["notes"]
     assert any("is the radius a diameter?" in note for note in notes)

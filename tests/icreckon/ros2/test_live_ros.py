@@ -44,11 +44,11 @@ INPUT_TYPES = {
     "/imu/data_raw": "sensor_msgs/msg/Imu",
     "/fix/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
-SECONDS, RATE = 20.0, 2.0
+SECONDS, RATE = 10.0, 1.0
 DEEP = 10_000
 """Length of the queues of inputs that holds a whole drive: a busy machine loses nothing of it."""
-REORDER = 5.0
-"""A node that gets little time takes messages of one topic later than those of another [s]."""
+REORDER = SECONDS
+"""The whole drive: a busy node takes the messages of one topic long after those of another [s]."""
 LONGEST = 120.0
 """Longest time to wait for a process [s]."""
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
@@ -249,7 +249,7 @@ def test_equals_the_replay_of_the_bag(live: Any, bag: Path, tmp_path: Path) -> N
     robot = load_robot(ROBOT)
     alone = run(replace(read_log(bag, robot), fixes=None), robot, VARIANT)
     odometry = {stamp_of(one.header): one for one in messages["/odom"]}
-    assert len(alone.stamps) > 900
+    assert len(alone.stamps) > 450
     for k, stamp in enumerate(alone.stamps.tolist()):
         one, trajectory = odometry[stamp], alone.trajectory
         pose = pose_of(one.pose.pose.position, one.pose.pose.orientation)
@@ -281,7 +281,7 @@ def compare_with_replay(messages: dict[str, list[Any]], bag: Path, folder: Path)
                 replayed = np.array([float(row[name]) for name in ("x_m", "y_m", "yaw_rad")])
                 same_pose(pose_of(live_pose.position, live_pose.orientation), replayed)
                 compared += 1
-    assert compared > 900
+    assert compared > 450
 
 
 def test_equals_the_replay_of_its_own_recording(live: Any, tmp_path: Path) -> None:
@@ -311,7 +311,7 @@ def test_transforms_make_one_tree(live: Any) -> None:
             whole = compose(links["map", "odom"], base)
             same_pose(whole, pose_of(there.position, there.orientation))
             joined += 1
-    assert joined == len(in_map) > 1900
+    assert joined == len(in_map) > 900
 
 
 def test_diagnostics_and_markers(live: Any) -> None:
@@ -351,7 +351,7 @@ def test_starts_warm_and_again_after_a_kill(
         assert record.stop() == 0, record.text()
     odometry = recorded(tmp_path / "out")["/odom"]
     assert odometry[0].pose.pose.position.x == pytest.approx(0.0, abs=0.01)
-    assert len(odometry) > 500
+    assert len(odometry) > 100
     last = {
         one.name: {pair.key: pair.value for pair in one.values}
         for one in recorded(tmp_path / "out")["/diagnostics"][-1].status
