@@ -171,7 +171,7 @@ def inspect(
 
 
 def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
-    """Mapping with the gyro's columns in deg/s, and a note, if no robot turns so fast in rad/s."""
+    """Mapping with the gyro in deg/s, and a note, if it is too fast for rad/s."""
     columns = mapping.columns
     if columns is None or columns.imu is None or log.imu is None:
         return None
