@@ -296,9 +296,7 @@ def _storage_files(folder: Path) -> list[Path]:
 def _why_no_bag(folder: Path) -> str:
     if any(folder.glob("*.bag")):
         return "a folder of ROS 1 bags; give its .bag files (replay: with --one-log if they are one log)"
-    return (
-        "the folder holds no .mcap, .db3 or .bag file; give tables (.csv, .parquet) by their names"
-    )
+    return "not a bag: the folder holds no .mcap, .db3 or .bag file (tables: name the files)"
 
 
 def _check_is_bag(file: Path) -> None:
