@@ -219,6 +219,18 @@ def test_nothing_heavy_is_loaded_early(statement: str) -> None:
     assert not loaded & HEAVY
 
 
+def test_a_compiled_filter_runs_without_what_takes_seconds_to_load() -> None:
+    script = (
+        "import sys, icreckon, icreckon.cli.replay\n"
+        "icreckon.PoseEstimator(icreckon.load_robot('auriga-alpha'), 'inertia-online')\n"
+        "print(*{'filterpy', 'scipy.stats', 'scipy.integrate'} & {*sys.modules})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert done.stdout.split() == []
+
+
 def test_the_repository_names_no_absolute_path_of_a_machine() -> None:
     tracked = subprocess.run(
         ["git", "ls-files"], capture_output=True, text=True, check=True, cwd=ROOT

@@ -30,6 +30,7 @@ from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
 from icreckon.replay.live.silence import silent_topic
 from icreckon.replay.live.statuses import LiveStatuses
+from icreckon.ros2.inbox import Inbox, Queue, Received
 from icreckon.ros2.messages import (
     fill_diagnostics,
     fill_icr_markers,
@@ -134,6 +135,7 @@ class OdometryNode:
         )
         self._statuses = LiveStatuses(self.live)
         self._missing = list(self.live.inputs.subscriptions())
+        self._inbox = Inbox()
         self._classes: dict[str, Any] = {}
         self._last_message = self._started = time.monotonic()
         self._silent = list(self._missing)
@@ -276,7 +278,9 @@ class OdometryNode:
             subscription, options.input_reliability, options.input_depth, reliable=reliable
         )
         callback = partial(self._on_message, subscription, msgtype)
-        self.node.create_subscription(message_class(msgtype), subscription.topic, callback, qos)
+        kind = message_class(msgtype)
+        ros = self.node.create_subscription(kind, subscription.topic, callback, qos)
+        self._inbox.add(Queue(subscription, msgtype, ros, options.input_depth))
         self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
 
     def _listen_for_pose(self) -> None:
@@ -300,14 +304,28 @@ class OdometryNode:
         x, y, yaw = pose
         self._log.info(f"{wanted} starts anew at x {x:.2f} m, y {y:.2f} m, yaw {yaw:.2f} rad")
 
-    def _on_message(self, subscription: Subscription, msgtype: str, message: Any) -> None:
+    def _on_message(
+        self, subscription: Subscription, msgtype: str, message: Any, info: dict[str, Any]
+    ) -> None:
         self._last_message = time.monotonic()
-        try:
-            self._publish(self.live.take(subscription, msgtype, message, self._now()))
-        except IcreckonError as problem:
-            self._warn(str(problem))
+        self._inbox.put(Received(subscription, msgtype, message, info))
+        self._take_messages()
+
+    def _take_messages(self) -> None:
+        for one in self._inbox.take():
+            arrival = one.arrival(self._now())
+            try:
+                found = self.live.take(one.subscription, one.msgtype, one.message, arrival)
+            except IcreckonError as problem:
+                self._warn(str(problem))
+            else:
+                self._publish(found)
+        self._inbox.worked()
 
     def _flush_if_quiet(self) -> None:
+        self._take_messages()
+        if not self._inbox.empty:
+            return
         if time.monotonic() - self._last_message > max(QUIET, self.options.reorder):
             self._publish(self.live.flush(self._now()))
 

@@ -291,16 +291,19 @@ class LiveInputs:
             if one.purpose in counts:
                 counts[one.purpose] += 1
         known = all(purpose in self.clocks for purpose in counts)
-        if not known and (now - (self._begun or now)) * NANOSECOND < LONGEST_WAIT:
-            if min(counts.values()) < WITNESSES:
-                return False
-            if not clocks_agree(self._evidence()):
-                return False
-        for purpose, choice in choose_clocks(self._evidence()).items():
+        waited = (now - (self._begun or now)) * NANOSECOND
+        may_wait = not known and waited < LONGEST_WAIT
+        if may_wait and min(counts.values()) < WITNESSES:
+            return False
+        evidence = self._evidence()
+        if may_wait and not clocks_agree(evidence):
+            return False
+        for purpose, choice in choose_clocks(evidence).items():
             self.clocks.setdefault(purpose, choice)
         return True
 
     def _evidence(self) -> dict[str, Evidence]:
+        """Evidence about the clocks of the streams that wait."""
         evidence = {}
         for purpose, stream in self._streams.items():
             rows = [one for one in self._waiting if one.purpose == purpose]

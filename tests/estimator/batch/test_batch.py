@@ -137,7 +137,7 @@ def test_they_agree_without_accelerometer() -> None:
     [
         (50.0, 50.0),
         (20.0, 100.0),
-        pytest.param(100.0, 50.0, marks=pytest.mark.thorough),
+        thorough(100.0, 50.0),
         (25.0, 60.0),
     ],
 )
@@ -293,7 +293,7 @@ def test_other_precisions_are_refused() -> None:
     ("variant", "considered"),
     [
         ("inertia-online", ("eta0", "accelerometer_bias_y")),
-        pytest.param("friction-online", ("x_CM", "gyro_bias"), marks=pytest.mark.thorough),
+        thorough("friction-online", ("x_CM", "gyro_bias")),
     ],
 )
 def test_they_agree_with_consider_states(variant: str, considered: tuple[str, ...]) -> None:

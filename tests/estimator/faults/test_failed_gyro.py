@@ -11,6 +11,7 @@ import sick_sensors as benchmark
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import thorough
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.failed_gyro import (
@@ -204,9 +205,7 @@ def test_the_uncertainty_covers_a_gyro_that_lies(
     assert found.yaw_sigma < 45.0 or variant == "gyro"
 
 
-@pytest.mark.parametrize(
-    "variant", [pytest.param("constant-online", marks=pytest.mark.thorough), "friction-online"]
-)
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
 def test_engines_agree_on_a_failed_gyro(variant: str, robot: Robot, healthy: Log) -> None:
     faulty = benchmark.FAULTS["gyro clipped at 0.3 rad/s"].put(healthy)
     middle = faulty.between(faulty.start, faulty.start + 36 * SECOND)

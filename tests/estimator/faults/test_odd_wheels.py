@@ -11,7 +11,7 @@ import odd_wheel as benchmark
 import pytest
 from _logs import WITH_TRUTH
 
-from conftest import sample_log
+from conftest import sample_log, thorough
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.feed_arrays import feed_arrays
@@ -186,9 +186,7 @@ def test_health_names_the_wheel_while_it_spins(robot: Robot, drive: Log) -> None
     assert seen == {(None, None, 0), (0, None, 1), (None, None, 1)}
 
 
-@pytest.mark.parametrize(
-    "variant", [pytest.param("constant-online", marks=pytest.mark.thorough), "friction-online"]
-)
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
 def test_engines_agree_on_an_odd_wheel(variant: str, robot: Robot, drive: Log) -> None:
     compiled = run(drive, robot, variant)
     plain = run(drive, robot, variant, settings=Settings(engine="plain"))

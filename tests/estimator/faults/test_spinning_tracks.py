@@ -14,7 +14,7 @@ from _logs import logs_without
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import sample_log
+from conftest import sample_log, thorough
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -325,9 +325,7 @@ def test_health_names_the_track_while_it_spins(robot: Robot, drive: Log) -> None
     assert seen == {(None, 0), ("left", 1), (None, 1)}
 
 
-@pytest.mark.parametrize(
-    "variant", [pytest.param("constant-online", marks=pytest.mark.thorough), "friction-online"]
-)
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
 def test_engines_agree_on_a_free_track(variant: str, robot: Robot, drive: Log) -> None:
     compiled = run(drive, robot, variant)
     plain = run(drive, robot, variant, settings=Settings(engine="plain"))

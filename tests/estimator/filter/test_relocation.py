@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
 from icreckon.estimator.log.log import Log
@@ -67,7 +68,7 @@ def fixes_turned(log: Log, angle: float, since: float) -> Log:
     return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances))
 
 
-@pytest.mark.parametrize("engine", [pytest.param("plain", marks=pytest.mark.thorough), "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 @pytest.mark.parametrize("angle", [0.6, 1.5, 2.5, math.pi])
 def test_a_heading_that_is_wrong_is_found_from_positions(angle: float, engine: str) -> None:
     log = simulate(Scenario(duration=90.0, seed=2, truth_rate=5.0), ALPHA)

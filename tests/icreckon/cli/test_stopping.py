@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from command_line import icreckon
+from conftest import thorough
 from icreckon.cli.stopping import warned_in_one_line
 from icreckon.replay.base.outputs import is_being_written
 
@@ -106,7 +107,7 @@ def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
             ("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag"),
             marks=pytest.mark.thorough,
         ),
-        pytest.param(("paper", "--out", "out"), marks=pytest.mark.thorough),
+        thorough(("paper", "--out", "out")),
         ("replay", "BAG", "--robot", "auriga-alpha", "--variants", "gyro", "--out", "out"),
         ("inspect", "BAG", "--write", "robot.toml"),
     ],

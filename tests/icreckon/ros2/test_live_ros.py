@@ -175,15 +175,21 @@ def until_ready(running: Process, record: Process, path: Path) -> None:
 
 def until_quiet(record: Process, path: Path) -> None:
     """Wait until the node has worked through its queues: no odometry comes any more."""
-    count, since = "", time.monotonic()
+    count, since = -1, time.monotonic()
 
     def quiet() -> bool:
         nonlocal count, since
-        if (now := path.with_suffix(".hears").read_text("utf-8")) != count:
+        if (now := odometry_heard(path)) != count:
             count, since = now, time.monotonic()
         return time.monotonic() - since > REORDER + 3.0
 
     until(quiet, record)
+
+
+def odometry_heard(path: Path) -> int:
+    """Number of messages of odometry that the recorder has by now."""
+    hears = path.with_suffix(".hears")
+    return int(hears.read_text("utf-8") or 0) if hears.exists() else 0
 
 
 def recorded(path: Path) -> dict[str, list[Any]]:
@@ -331,7 +337,7 @@ def test_starts_warm_and_again_after_a_kill(
 ) -> None:
     state = tmp_path / "state.json"
     shutil.copy(live[2], state)
-    options = {"state_file": state, "save_period": 1.0, "input_depth": DEEP}
+    options = {"state_file": state, "save_period": 1.0, "input_depth": DEEP, "reorder": REORDER}
     with node(ros, tmp_path / "first.log", **options) as running:
         until(lambda: "ready:" in running.text(), running)
         assert "warm start" in running.text()
@@ -346,17 +352,46 @@ def test_starts_warm_and_again_after_a_kill(
         until_ready(running, record, tmp_path / "out")
         assert "warm start" in running.text()
         play(ros, bag)
+        until_quiet(record, tmp_path / "out")
         # SIGTERM, as systemd and docker send.
         assert running.stop(signal.SIGTERM) == 0, running.text()
         assert record.stop() == 0, record.text()
     odometry = recorded(tmp_path / "out")["/odom"]
     assert odometry[0].pose.pose.position.x == pytest.approx(0.0, abs=0.01)
-    assert len(odometry) > 100
+    assert len(odometry) > 900
     last = {
         one.name: {pair.key: pair.value for pair in one.values}
         for one in recorded(tmp_path / "out")["/diagnostics"][-1].status
     }
     assert last["icreckon: pose in odom"]["warm_start"] == "true"
+
+
+def test_a_node_kept_from_running_loses_nothing(
+    live: Any, ros: dict[str, str], bag: Path, tmp_path: Path
+) -> None:
+    """Three seconds wait in the queues: three times what a filter corrects afterwards."""
+    with (
+        recorder(ros, tmp_path / "out", OUTPUTS) as record,
+        node(ros, tmp_path / "node.log", use_fixes="false", input_depth=DEEP) as running,
+    ):
+        until_ready(running, record, tmp_path / "out")
+        playing = subprocess.Popen(player(bag, INPUTS[:2]), env=ros)
+        until(lambda: odometry_heard(tmp_path / "out") > 200, record)
+        running.popen.send_signal(signal.SIGSTOP)
+        time.sleep(3.0)
+        running.popen.send_signal(signal.SIGCONT)
+        assert playing.wait(LONGEST) == 0
+        until_quiet(record, tmp_path / "out")
+        assert running.stop() == 0, running.text()
+        assert record.stop() == 0, record.text()
+    messages = recorded(tmp_path / "out")
+    last = {one.name: one for one in messages["/diagnostics"][-1].status}
+    for sensor in ("gyro", "tracks"):
+        assert {one.key: one.value for one in last[f"icreckon: {sensor}"].values}["late"] == "0"
+    found, wanted = messages["/odom"][-1], live[0]["/odom"][-1]
+    assert found.header.stamp == wanted.header.stamp
+    ends = [pose_of(one.pose.pose.position, one.pose.pose.orientation) for one in (found, wanted)]
+    same_pose(*ends)
 
 
 def test_simulated_time_that_jumps_back_starts_anew(

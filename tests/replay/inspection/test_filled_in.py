@@ -116,7 +116,7 @@ def test_the_command_keeps_it(tmp_path: Path):
 
 @pytest.mark.parametrize("unit", ["rad/s", "deg/s"])
 def test_a_gyro_of_a_table_in_degrees_is_seen_by_its_size(tmp_path: Path, unit: str):
-    """Track, ICRs and bias of the proposal are then those of the robot."""
+    """The track of the proposal is that of the robot."""
     seconds = np.arange(0.0, 60.0, 0.02)
     rate = 0.6 * np.sin(0.4 * seconds)
     left, right = (0.5 + side * 0.5 * rate * 0.9 for side in (-1.0, 1.0))

@@ -1,0 +1,123 @@
+"""Messages that wait for the node, in the order of their sending."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from icreckon.replay.live.inputs import Subscription
+
+LONGEST_QUEUE = 60.0
+"""Age beyond which a middleware's time of arrival is that of another clock [s]."""
+STALL = 1.0
+"""Time without running beyond which messages may be too late to correct the estimate [s]."""
+SETTLING = 1.0
+"""Time after a stall in which the middleware brings one topic after another [s]."""
+
+
+class Received(NamedTuple):
+    """Message with the times that the middleware gives.
+
+    Attributes:
+        subscription: its topic.
+        msgtype: its type, as "sensor_msgs/msg/Imu".
+        message: the message.
+        info: `source_timestamp` and `received_timestamp`, of the sender's and this computer's clock [ns].
+    """
+
+    subscription: Subscription
+    msgtype: str
+    message: Any
+    info: Mapping[str, Any]
+
+    @property
+    def sent(self) -> int:
+        """Time of sending, of the sender's clock [ns]."""
+        return int(self.info["source_timestamp"])
+
+    def arrival(self, now: int) -> int:
+        """Time of arrival [ns]: that of the middleware where it gives one.
+
+        Args:
+            now: present time [ns], of this computer's clock.
+        """
+        received = int(self.info["received_timestamp"] or 0)
+        return received if 0 <= now - received <= LONGEST_QUEUE * 1e9 else now
+
+
+class Queue(NamedTuple):
+    """Queue of an input in ROS.
+
+    Attributes:
+        subscription: its topic.
+        msgtype: type of its messages.
+        ros: subscription of rclpy.
+        depth: longest length.
+    """
+
+    subscription: Subscription
+    msgtype: str
+    ros: Any
+    depth: int
+
+    def take_all(self) -> list[Received]:
+        """Take out the messages that wait."""
+        taken: list[Received] = []
+        with self.ros.handle:
+            while len(taken) < self.depth:
+                found = self.ros.handle.take_message(self.ros.msg_type, False)
+                if found is None:
+                    break
+                taken.append(Received(self.subscription, self.msgtype, *found))
+        return taken
+
+
+class Inbox:
+    """Messages that wait for the node.
+
+    An executor of ROS takes one message of each topic in turn. A node that could not run for seconds
+    would have the last track speeds before most of the IMU, which then came too late to be used.
+
+    Args:
+        clock: time that never jumps [s].
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._queues: list[Queue] = []
+        self._waiting: list[Received] = []
+        self._ran = self._settled = clock()
+
+    @property
+    def empty(self) -> bool:
+        """True if no message is held back after a stall."""
+        return not self._waiting
+
+    def add(self, queue: Queue) -> None:
+        """Add the queue of an input."""
+        self._queues.append(queue)
+
+    def put(self, message: Received) -> None:
+        """Add a message that the executor took."""
+        self._waiting.append(message)
+
+    def take(self) -> list[Received]:
+        """Take out all messages, in the order of their sending.
+
+        For a second after a stall it gives none. Call it often, also without messages: it sees stalls.
+        """
+        now = self._clock()
+        if now - self._ran > STALL:
+            self._settled = now + SETTLING
+        self._ran = now
+        for queue in self._queues:
+            self._waiting += queue.take_all()
+        if now < self._settled:
+            return []
+        taken, self._waiting = self._waiting, []
+        return sorted(taken, key=lambda one: one.sent)
+
+    def worked(self) -> None:
+        """Note that messages were worked on until now: this is no stall."""
+        self._ran = self._clock()
