@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from icreckon.report.terms import TERMS, term_of
 
@@ -63,12 +64,18 @@ def _embedded(data: Any) -> Markup:
     return Markup(text)  # noqa: S704 - without characters that HTML knows
 
 
+def _breakable(name: str) -> Markup:
+    """Name that may break after its dots and underscores."""
+    return Markup(re.sub(r"([._])(?=\w)", r"\1<wbr>", str(escape(name))))  # noqa: S704 - escaped
+
+
 _PAGES.globals["verbatim"] = _verbatim
 _PAGES.globals["policy"] = POLICY
 # What not every page has.
 _PAGES.globals |= {"subtitle": "", "failures": (), "remarks": ()}
 _PAGES.globals["terms"] = TERMS
 _PAGES.filters["term_of"] = term_of
+_PAGES.filters["breakable"] = _breakable
 _PAGES.filters["embedded"] = _embedded
 _PAGES.filters["as_text"] = lambda data: json.dumps(data, indent=1, ensure_ascii=False)
 _PAGES.filters["base64"] = lambda data: base64.b64encode(data).decode()

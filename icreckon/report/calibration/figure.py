@@ -123,7 +123,8 @@ def _draw_errors(axes: list[Axes], results: Results) -> None:
         one.set_ylabel(name)
         # Above the axes: there are dots everywhere in them.
         one.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False)
-    axes[0].set_title("error of each segment by the tracks", fontsize=10, loc="left")
+    # Above the legend.
+    axes[0].set_title("error of each segment by the tracks", fontsize=10, loc="left", pad=20)
     for one in axes[:-1]:
         one.tick_params(labelbottom=False)
     axes[-1].set_xlabel("time, one log behind the other [s]")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from rich.console import Group
 from rich.text import Text
@@ -32,8 +34,8 @@ def parameter_table(results: Results) -> Table:
     for name, one in results["parameters"].items():
         status = STATUS[one["status"]] + (f"; {one['note']}" if one["note"] else "")
         cells = [
-            Cell(_number(one["value"])),
-            Cell("" if one["sigma"] is None else f"{one['sigma']:.2g}"),
+            Cell(_to_error(one["value"], one["sigma"])),
+            Cell("" if one["sigma"] is None else f"{one['sigma']:#.2g}"),
             Cell(one["unit"]),
             Cell(_in_file(one)),
             Cell(status, "wrap"),
@@ -119,6 +121,15 @@ def footnotes(results: Results) -> list[str]:
     lines += [f"Note: {note}" for note in results["notes"]]
     lines += [f"{one['name']}: {note}" for one in results["logs"] for note in one["notes"]]
     return lines
+
+
+def _to_error(value: float, sigma: float | None) -> str:
+    """Value, rounded to the second digit of its standard error."""
+    if not value or not sigma:
+        return _number(value)
+    before, last = (math.floor(math.log10(abs(one))) for one in (value, sigma))
+    digits = max(before - last + 2, before + 1, 1)
+    return f"{value:#.{digits}g}".removesuffix(".")
 
 
 def _number(value: float) -> str:
