@@ -1,0 +1,41 @@
+"""Numbers and names in the tables of a calibration."""
+
+from __future__ import annotations
+
+import pytest
+
+from icreckon.report.calibration.tables import parameter_table
+from icreckon.report.pages import Cell, Table, render
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "texts"),
+    [
+        (10.3784, 0.12, ("10.38", "0.12")),
+        (-0.00097797, 0.0043, ("-0.001", "0.0043")),
+        (-1.1766e-06, 5.4e-06, ("-1.2e-06", "5.4e-06")),
+        (-0.31202, 0.01, ("-0.312", "0.010")),
+        (300.0, 2000.0, ("300", "2.0e+03")),
+        (0.0, 0.17, ("0", "0.17")),
+        (1.073456, None, ("1.0735", "")),
+    ],
+)
+def test_values_end_at_the_second_digit_of_their_error(
+    value: float, sigma: float | None, texts: tuple[str, str]
+) -> None:
+    one = {
+        "value": value, "sigma": sigma, "status": "shown", "note": "", "unit": "m", "before": None,
+        "before_is_default": False,
+    }  # fmt: skip
+    table = parameter_table({"parameters": {"a": one}, "robot": {"name": "r"}})
+    (_, cells) = table.rows[0]
+    assert tuple(cell.text for cell in cells[:2]) == texts
+
+
+def test_names_break_after_dots_and_underscores_and_stay_escaped() -> None:
+    table = Table("t", ["name", "value"], [("<b>imu.gyro_bias", [Cell("1")])])
+    page = render(
+        "calibration.html", title="t", headline="h", pictures=[], tables=[table], notes=[],
+        configuration={}, robot={}, origin={},
+    )  # fmt: skip
+    assert "&lt;b&gt;imu.<wbr>gyro_<wbr>bias" in page
