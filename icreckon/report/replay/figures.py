@@ -257,17 +257,20 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
     series = results["series"]
     time = series["t_s"]
     _shade_outages(axes, results)
-    drawn = []
     truth = _true_index(results, key)
     if truth is not None:
         axes.plot(time, truth, ".", color=TRUTH_COLOUR, ms=2.5, label="truth")
-        drawn.append(truth)
+    drawn = []
     for name in _detailed(results):
         values = _numbers(series["variants"][name][key])
         axes.plot(time, values, color=_colour(name), lw=1.2, label=name)
         drawn.append(values)
-    # Indices diverge if the robot hardly turns; the scale excludes these values.
-    low, high = np.nanpercentile(np.concatenate(drawn), (1.0, 99.0))
+    # Indices diverge if the robot hardly turns; the scale excludes these values, but no peak of a filter.
+    shown = np.concatenate(drawn if truth is None else [truth, *drawn])
+    low, high = np.nanpercentile(shown, (1.0, 99.0))
+    span = high - low
+    low = min(low, max(np.nanmin(drawn), low - span))
+    high = max(high, min(np.nanmax(drawn), high + span))
     margin = 0.15 * (high - low) + 1e-3
     axes.set_ylim(low - margin, high + margin)
     axes.set_title(INDEX_TITLES[key], fontsize=11)
