@@ -17,7 +17,7 @@ from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
 from icreckon.estimator.motion.motion_model import VehicleConstants
-from icreckon.estimator.sensors.measurement_models import POSE_FIXED, imu_fixed
+from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel, Store
 from icreckon.estimator.tracing.trace import Traced, minimum, select
@@ -76,6 +76,7 @@ class Lane:
         self.model_inputs = ModelInputs(shape.model, vehicle, memory)
         wander = tuple(i for i in states if i >= s.SIZE)
         self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered, *wander)
+        self.fixed_for_gyro = (*gyro_fixed(shape.model.taught), *shape.considered, *wander)
         size = s.SIZE + len(wander)
         self.x = np.array([self._start(i) for i in range(size)], dtype=object)
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]

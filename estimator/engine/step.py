@@ -217,7 +217,7 @@ class Step:
             row = now.rows[axis]
             z = -now.twist[axis] - shift_of(row, lane.x, before)
             part = (1.0, self.regressors[axis])
-            lane.update(z, row, variance, part, fixed=lane.fixed_for_imu, only=self.stands)
+            lane.update(z, row, variance, part, fixed=lane.fixed_for_gyro, only=self.stands)
         more = trace.truth_as_number(self.stands)
         lane.stores["standstill"] = lane.row("standstill") + more
         lane.stores["stood"] = more
@@ -247,7 +247,7 @@ class Step:
             variance,
             part,
             inflated=s.SLIP_W,
-            fixed=lane.fixed_for_imu,
+            fixed=lane.fixed_for_gyro,
             stand_in=s.SLIP_W,
             only=works,
         )

@@ -38,7 +38,7 @@ from icreckon.estimator.motion.propagation import (
     turn,
 )
 from icreckon.estimator.sensors.held_tracks import smoothing_share
-from icreckon.estimator.sensors.measurement_models import POSE_FIXED, imu_fixed
+from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
 # so much that they are those of another motion.
@@ -121,6 +121,7 @@ class IcrEkf:
         self.observer: Observer | None = None
         self.considered: tuple[int, ...] = ()
         self.fixed_for_imu = imu_fixed(model.taught_by_imu)
+        self.fixed_for_gyro = gyro_fixed(model.taught_by_imu)
         self.x: Floats = np.zeros(s.SIZE)
         self.P: Floats = np.zeros((s.SIZE, s.SIZE))
         self.F: Floats = np.eye(s.SIZE)

@@ -145,8 +145,7 @@ class Reckoning:
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._sensors = SensorModels(robot)
         self._prior = robot.imu
-        fixed = self.ekf.fixed_for_imu
-        self._gyro = Gyro(fixed)
+        self._gyro, fixed = Gyro(self.ekf.fixed_for_gyro), self.ekf.fixed_for_imu
         self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
         self._record = engine.make_record(FilterRecord(input_settings(robot, settings, variant)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
@@ -430,7 +429,7 @@ class Reckoning:
         """Update with the zero twist of a standing robot."""
         self._counts.standstill_updates += 1
         model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
-        fixed = self.ekf.fixed_for_imu
+        fixed = self.ekf.fixed_for_gyro
         correct(self.ekf, -model.twist, model.jacobian, R, fixed=fixed, correlated=False)
 
     def _take_fix(self, m: Measurement) -> bool:

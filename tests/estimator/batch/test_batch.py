@@ -113,7 +113,7 @@ def test_they_agree_in_every_variant(variant: str) -> None:
     assert counts["standstill"].min() > 0.0
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", [thorough(one) if one in RARE else one for one in VARIANTS])
 def test_they_agree_on_a_slope(variant: str) -> None:
     """And with radii that differ, and an IMU away from the origin."""
     scenario = msgspec.structs.replace(

@@ -126,7 +126,8 @@ def test_wander_that_is_forgotten_at_once_is_white_noise(log: Log, engine: str) 
 
 
 @pytest.mark.parametrize(
-    "variant", ["constant-online", "inertia-online", "friction-online", "gyro"]
+    "variant",
+    [thorough("constant-online"), "inertia-online", thorough("friction-online"), thorough("gyro")],
 )
 def test_compiled_is_plain(log: Log, variant: str) -> None:
     plain, compiled = (

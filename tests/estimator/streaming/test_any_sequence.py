@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from conftest import thorough
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -272,7 +273,7 @@ def fed(estimator, measurements):
     return known(estimator)
 
 
-@pytest.mark.parametrize("engine", ["compiled", "plain"])
+@pytest.mark.parametrize("engine", ["compiled", thorough("plain")])
 def test_estimators_in_several_threads_are_those_of_one(engine):
     variants = list(VARIANTS) if engine == "compiled" else ["inertia-online"]
     jobs = [(variant, seed) for variant in variants for seed in range(2)]

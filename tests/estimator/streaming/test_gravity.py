@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
 
+from conftest import sample_log
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PoseFix, TrackSpeeds
 from icreckon.estimator.motion.icr import IndexValues, direct
 from icreckon.estimator.robot.robot_file import Indices, Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import Engine, Settings
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.results import comparison_drifts
+from icreckon.replay.reading.read_log import read_log
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Terrain
 from icreckon.simulation.truth.true_motion import exponential
 
 ALPHA = load_robot("auriga-alpha")
@@ -195,3 +206,36 @@ def test_the_robot_file_gives_the_first_values() -> None:
         estimator.feed(TrackSpeeds(EPOCH, 0.5, 0.5))
         estimator.feed(TrackSpeeds(EPOCH + 500_000_000, 0.5, 0.5))
         assert estimator.twist[2] > 0.0
+
+
+@pytest.mark.parametrize("variant", ["inertia-online", "friction-online"])
+@pytest.mark.parametrize("engine", ["compiled", "plain"])
+def test_a_gyro_alone_teaches_no_gravity(variant: str, engine: Engine) -> None:
+    """It sees a slope only through the model's slip, and would take the model's errors for slopes."""
+    log = simulate(Scenario(duration=40.0, seed=3, terrain=Terrain(slope_deg=6.0)), ALPHA)
+    assert log.imu is not None
+    gyro_alone = replace(log, fixes=None, imu=replace(log.imu, linear_acceleration=None))
+    found = run(gyro_alone, ALPHA, variant, settings=Settings(engine=engine))
+    assert np.abs(found.states[:, s.GRAVITY]).max() < 1e-12
+    assert found.state_sigmas[-1, s.GRAVITY] == pytest.approx(ALPHA.slope.sigma, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "robot"), [("marmotte_part1", "marmotte"), ("husky_deflated_part1", "husky-deflated")]
+)
+def test_with_a_gyro_alone_no_variant_is_worse_than_constant_icrs(
+    name: str, robot: str, data_dir: Path
+) -> None:
+    """When the gyro taught slopes, friction-online drifted four times as far on the Husky's floor."""
+    vehicle = load_robot(robot)
+    log = read_log(sample_log(data_dir, name), vehicle)
+    assert log.imu is not None
+    gyro_alone = replace(log, imu=replace(log.imu, linear_acceleration=None))
+    variants = ("constant-online", "inertia-online", "friction-online")
+    (of_30_s,) = (
+        drifts
+        for label, drifts in comparison_drifts(compare(gyro_alone, vehicle, variants)).items()
+        if label == "30s"
+    )
+    for variant in variants[1:]:
+        assert of_30_s[variant].percent_mean < 1.1 * of_30_s["constant-online"].percent_mean

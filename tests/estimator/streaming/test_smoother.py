@@ -381,8 +381,11 @@ def test_standing_still_is_as_certain_as_can_be():
     before, after = smooth(simulate(scenario, ALPHA), ALPHA, "inertia-online")
     assert before.health.standstill_updates > 50
     assert np.isfinite(after.states).all()
-    # To the accelerometers fixed parameters are noise, and to the filter consider states.
-    assert (after.state_sigmas <= before.state_sigmas * (1.0 + 1e-3) + 1e-12).all()
+    # To the accelerometers fixed parameters are noise, and to the filter consider states. So are slopes
+    # to the gyro, which shows in the first micrometres after a stop.
+    slack = np.full(s.SIZE, 1e-12)
+    slack[s.POSE] = 1e-7
+    assert (after.state_sigmas <= before.state_sigmas * (1.0 + 1e-3) + slack).all()
 
 
 def test_a_log_without_track_speeds_is_refused():

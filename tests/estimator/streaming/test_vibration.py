@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.many import run_many
@@ -139,7 +140,7 @@ def test_noise_that_agrees_with_the_file_is_that_of_the_file():
     assert all(axis.measured is None for axis in nothing.values())
 
 
-@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+@pytest.mark.parametrize("variant", [thorough("gyro"), "inertia-online"])
 @pytest.mark.parametrize("factor", [1.0 / 30.0, 30.0])
 def test_all_engines_agree(tmp_path, variant, factor):
     """Streaming in Python and compiled, restored in the middle, as arrays, many at once, and a replay."""

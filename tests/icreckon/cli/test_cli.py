@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from command_line import fails, icreckon, icreckon_alone
+from conftest import thorough
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.trajectories import read_tum
@@ -109,7 +110,7 @@ def test_demo_is_reproducible_and_does_not_overwrite(demo: Path, tmp_path: Path)
     )
 
 
-@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1"])
+@pytest.mark.parametrize("kind", ["mcap", thorough("sqlite3"), thorough("ros1")])
 def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -> None:
     command = icreckon_alone if kind == "mcap" else icreckon
     bag = tmp_path / ("run.bag" if kind == "ros1" else "run")

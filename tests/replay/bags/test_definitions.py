@@ -42,12 +42,13 @@ def channel(text: str) -> Channel:
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_definition_beyond_the_limits_is_refused(name: str) -> None:
-    began = time.monotonic()
+    began = time.process_time()
     with pytest.raises(
         ReplayError, match=r"definition cannot be read: .*(fields|types|characters)"
     ) as e:
         decoder(channel(HOSTILE[name]), "bag")
-    assert time.monotonic() - began < 5.0
+    # Of the hours that each would take.
+    assert time.process_time() - began < 60.0
     assert len(str(e.value)) < 300
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import sample_log
+from conftest import sample_log, thorough
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import changed_robot, load_robot
 from icreckon.replay.comparison.bootstrap import paired_drift
@@ -62,7 +62,7 @@ def test_gyro_runs_with_the_bias_that_it_had_no_chance_to_learn(
     assert 0.0 < bias.sigma < 0.05 * BIAS
 
 
-@pytest.mark.parametrize("scale", [0.9, 1.2])
+@pytest.mark.parametrize("scale", [thorough(0.9), 1.2])
 def test_a_gyro_of_another_scale_has_the_same_bias(
     scale: float, found: Comparison, moving: Log
 ) -> None:
@@ -76,6 +76,7 @@ def test_a_gyro_of_another_scale_has_the_same_bias(
     assert again.shown == pytest.approx(found.known_bias.shown, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_gyro_in_degrees_is_no_matter_of_a_bias(moving: Log) -> None:
     """A bias that no robot file may have ends no comparison."""
     assert moving.imu is not None

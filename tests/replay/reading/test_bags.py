@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import time
 from pathlib import Path
 
 import numpy as np
@@ -350,14 +349,6 @@ def test_sample_logs(data_dir: Path, name: str) -> None:
     assert len(log.imu.stamps) == imu_samples
     assert (len(log.truth.poses.stamps) if log.truth else 0) == poses
     assert (np.diff(log.imu.stamps) > 0).all()
-
-
-def test_reading_is_quick(tmp_path: Path, robot: Robot) -> None:
-    path = write_log(make_log(seconds=100.0), tmp_path / "bag", "mcap", robot)
-    start = time.perf_counter()
-    read_log(path, robot)
-    # 21 500 messages; about 0.5 s on an ordinary machine
-    assert time.perf_counter() - start < 10.0
 
 
 def test_every_error_is_one_for_users() -> None:
