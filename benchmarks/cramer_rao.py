@@ -128,7 +128,7 @@ def score(job: Job) -> Score:
         if k > half:
             step = step._replace(after=[])
         steps.append(step)
-        best, ruled = stepped(best, step), stepped(ruled, step, model.fixed_for_imu)
+        best, ruled = stepped(best, step), stepped(ruled, step, ruled=True)
         if k in ends.values():
             yaw = float(run.states[k, s.YAW])
             bound[int(k > half)] = np.diagonal(in_axes_of_robot(best, yaw))

@@ -62,11 +62,13 @@ class Shown(NamedTuple):
     Attributes:
         row: (SIZE,) derivative of the measurement by the state.
         variance: of its noise.
-        stand_in: state that it moves in place of those it does not move, `IcrEkf.update_scalar`.
+        kept: states that it does not move in the filter.
+        stand_in: state that it moves in their place, `IcrEkf.update_scalar`.
     """
 
     row: Floats
     variance: float
+    kept: tuple[int, ...] = ()
     stand_in: int | None = None
 
 
@@ -108,7 +110,6 @@ class LinearisedModel:
     Attributes:
         start: (SIZE,) the state that the variant starts from.
         sigmas: (SIZE,) its standard deviations at the start; zero where nothing is estimated.
-        fixed_for_imu: states that the IMU does not move in the filter.
 
     Raises:
         EstimatorError: a friction variant's robot has no contact with the ground.
@@ -129,8 +130,8 @@ class LinearisedModel:
         model, self.start, self.sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
-        self.fixed_for_imu = fixed = self._ekf.fixed_for_imu
-        self._gyro = Gyro(fixed)
+        fixed = self._ekf.fixed_for_imu
+        self._gyro = Gyro(self._ekf.fixed_for_gyro)
         self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
         self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings, variant)
         take_tracks(self._tracks, 0, 0.0, 0.0, self._inputs)
@@ -200,16 +201,18 @@ class LinearisedModel:
         shown = []
         stopped = tracks.left == 0.0 == tracks.right
         if stopped and sensors.gyro:
-            shown += [Shown(model.jacobian[i], STANDSTILL_SIGMA[i] ** 2) for i in range(3)]
+            kept = self._ekf.fixed_for_gyro
+            shown += [Shown(model.jacobian[i], STANDSTILL_SIGMA[i] ** 2, kept) for i in range(3)]
         change = track_change(step_inputs(tracks, StandstillRecord(), now, now, self._inputs))
         at = StepTwist(model, x, self._dt, change, noise_of_file(self._inputs))
         if sensors.gyro:
             found = self._gyro.linearise(0.0, at)
-            shown.append(Shown(found.H[0], found.R.item(), self._gyro.stand_in))
+            gyro = self._gyro
+            shown.append(Shown(found.H[0], found.R.item(), gyro.fixed, gyro.stand_in))
         for axis, model_of in enumerate(self._accelerometers if sensors.accelerometer else ()):
             rough = self._disturbances.change_density(sigma[axis])
             found = model_of.linearise(0.0, at, x, rough)
-            shown.append(Shown(found.H[0], found.R.item()))
+            shown.append(Shown(found.H[0], found.R.item(), model_of.fixed))
         return shown
 
     def _after(self, x: Floats, left: float, right: float) -> list[Shown]:
@@ -240,15 +243,16 @@ def renewed(P: Floats, fast_slip: Floats) -> Floats:
     return P
 
 
-def informed(P: Floats, shown: list[Shown], kept: tuple[int, ...] = ()) -> Floats:
+def informed(P: Floats, shown: list[Shown], *, ruled: bool = False) -> Floats:
     """The covariance (SIZE, SIZE) after measurements, each used as well as can be.
 
     Args:
         P: (SIZE, SIZE) the covariance before.
         shown: the measurements.
-        kept: states that they do not move (Schmidt-Kalman; Joseph form).
+        ruled: whether they keep what they do not move in the filter (Schmidt-Kalman; Joseph form).
     """
-    for row, variance, stand_in in shown:
+    for row, variance, of_filter, stand_in in shown:
+        kept = of_filter if ruled else ()
         cross = P @ row
         expected = row @ cross + variance
         gain = cross / expected
@@ -261,14 +265,14 @@ def informed(P: Floats, shown: list[Shown], kept: tuple[int, ...] = ()) -> Float
     return P
 
 
-def stepped(P: Floats, step: LinearisedStep, kept: tuple[int, ...] = ()) -> Floats:
+def stepped(P: Floats, step: LinearisedStep, *, ruled: bool = False) -> Floats:
     """The covariance (SIZE, SIZE) after one more step.
 
     Args:
         P: before it.
         step: the step.
-        kept: states that the IMU does not move, `LinearisedModel.fixed_for_imu` as in the filter;
-            without any this is the best linear estimate.
+        ruled: whether the IMU keeps the states that it does not move in the filter; if not, this is the
+            best linear estimate.
     """
-    P = informed(renewed(P, step.fast_slip), step.during, kept)
+    P = informed(renewed(P, step.fast_slip), step.during, ruled=ruled)
     return informed(step.transition @ P @ step.transition.T + step.noise, step.after)

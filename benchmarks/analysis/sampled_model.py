@@ -144,7 +144,7 @@ class ModelSampler:
         self._ekf = IcrEkf(model)
         models = SensorModels(robot)
         fixed = self._ekf.fixed_for_imu
-        self._gyro = Gyro(fixed)
+        self._gyro = Gyro(self._ekf.fixed_for_gyro)
         self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
 
     def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:

@@ -287,7 +287,7 @@ class Lane:
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `IcrEkf.keep_inside_bounds`, if a lane is outside."""
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
-        fixed = self.fixed_for_imu if by_imu else (*POSE_FIXED, *self.shape.considered)
+        fixed = self.fixed_for_gyro if by_imu else (*POSE_FIXED, *self.shape.considered)
         bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*fixed}]
         if not bounds:
             return

@@ -412,14 +412,15 @@ class IcrEkf:
         """Project the parameters to the bounds of the motion model.
 
         The state moves along the covariance to the nearest point of the violated bound. The pose stays,
-        and so do the states that the last measurement does not move. The covariance stays, which is
+        and so do the states that the last measurement does not move, after the IMU those that the gyro
+        does not move. The covariance stays, which is
         conservative (Simon, Optimal State Estimation, section 7.5).
 
         Args:
             by_imu: the last measurement is the IMU's.
         """
         before, P = self.x, self.P
-        fixed = [*(self.fixed_for_imu if by_imu else POSE_FIXED), *self.considered]
+        fixed = [*(self.fixed_for_gyro if by_imu else POSE_FIXED), *self.considered]
         fixed += range(s.SIZE, len(before))
         for _ in range(BOUND_ROUNDS):
             moved = False

@@ -236,11 +236,11 @@ class StepTwist(NamedTuple):
 class Gyro(MeasurementModel):
     """Yaw rate: that of the robot times scale, plus bias.
 
-    The slip stands in for parameters that the IMU does not move: the estimated yaw rate follows the gyro
-    also where they are wrong.
+    The slip stands in for parameters and gravity, which it does not move: the estimated yaw rate follows
+    the gyro also where they are wrong.
 
     Args:
-        fixed: states that it does not move, see `imu_fixed`.
+        fixed: states that it does not move, see `gyro_fixed`.
     """
 
     name = "gyro"

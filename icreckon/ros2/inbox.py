@@ -12,6 +12,8 @@ LONGEST_QUEUE = 60.0
 """Age beyond which a middleware's time of arrival is that of another clock [s]."""
 STALL = 1.0
 """Time without running beyond which messages may be too late to correct the estimate [s]."""
+NO_TIMES: Mapping[str, Any] = {"source_timestamp": 0, "received_timestamp": 0}
+"""What is said of a message by an rclpy that tells callbacks no times, as Humble's."""
 SETTLING = 1.0
 """Time after a stall in which the middleware brings one topic after another [s]."""
 
@@ -23,7 +25,8 @@ class Received(NamedTuple):
         subscription: its topic.
         msgtype: its type, as "sensor_msgs/msg/Imu".
         message: the message.
-        info: `source_timestamp` and `received_timestamp`, of the sender's and this computer's clock [ns].
+        info: `source_timestamp` and `received_timestamp`, of the sender's and this computer's clock [ns];
+            0 where it gives none.
     """
 
     subscription: Subscription
@@ -33,8 +36,8 @@ class Received(NamedTuple):
 
     @property
     def sent(self) -> int:
-        """Time of sending, of the sender's clock [ns]."""
-        return int(self.info["source_timestamp"])
+        """Time of sending, of the sender's clock, or of arrival [ns]; 0 if neither is known."""
+        return int(self.info["source_timestamp"] or self.info["received_timestamp"] or 0)
 
     def arrival(self, now: int) -> int:
         """Time of arrival [ns]: that of the middleware where it gives one.
@@ -43,7 +46,7 @@ class Received(NamedTuple):
             now: present time [ns], of this computer's clock.
         """
         received = int(self.info["received_timestamp"] or 0)
-        return received if 0 <= now - received <= LONGEST_QUEUE * 1e9 else now
+        return received if received and 0 <= now - received <= LONGEST_QUEUE * 1e9 else now
 
 
 class Queue(NamedTuple):
@@ -90,9 +93,9 @@ class Inbox:
         self._ran = self._settled = clock()
 
     @property
-    def empty(self) -> bool:
-        """True if no message is held back after a stall."""
-        return not self._waiting
+    def settling(self) -> bool:
+        """True if messages are held back after a stall."""
+        return self._clock() < self._settled
 
     def add(self, queue: Queue) -> None:
         """Add the queue of an input."""
@@ -107,17 +110,17 @@ class Inbox:
 
         For a second after a stall it gives none. Call it often, also without messages: it sees stalls.
         """
-        now = self._clock()
-        if now - self._ran > STALL:
-            self._settled = now + SETTLING
-        self._ran = now
+        self.worked()
         for queue in self._queues:
             self._waiting += queue.take_all()
-        if now < self._settled:
+        if self.settling:
             return []
         taken, self._waiting = self._waiting, []
         return sorted(taken, key=lambda one: one.sent)
 
     def worked(self) -> None:
-        """Note that messages were worked on until now: this is no stall."""
-        self._ran = self._clock()
+        """Note that the node runs; call it after each message, which takes milliseconds."""
+        now = self._clock()
+        if now - self._ran > STALL:
+            self._settled = now + SETTLING
+        self._ran = now

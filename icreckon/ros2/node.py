@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -30,7 +31,7 @@ from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
 from icreckon.replay.live.silence import silent_topic
 from icreckon.replay.live.statuses import LiveStatuses
-from icreckon.ros2.inbox import Inbox, Queue, Received
+from icreckon.ros2.inbox import NO_TIMES, Inbox, Queue, Received
 from icreckon.ros2.messages import (
     fill_diagnostics,
     fill_icr_markers,
@@ -277,7 +278,11 @@ class OdometryNode:
         qos = input_qos(
             subscription, options.input_reliability, options.input_depth, reliable=reliable
         )
+        from rclpy import subscription as of_rclpy
+
         callback = partial(self._on_message, subscription, msgtype)
+        if not hasattr(of_rclpy, "MessageInfo"):
+            callback = partial(callback, info=NO_TIMES)
         kind = message_class(msgtype)
         ros = self.node.create_subscription(kind, subscription.topic, callback, qos)
         self._inbox.add(Queue(subscription, msgtype, ros, options.input_depth))
@@ -305,14 +310,14 @@ class OdometryNode:
         self._log.info(f"{wanted} starts anew at x {x:.2f} m, y {y:.2f} m, yaw {yaw:.2f} rad")
 
     def _on_message(
-        self, subscription: Subscription, msgtype: str, message: Any, info: dict[str, Any]
+        self, subscription: Subscription, msgtype: str, message: Any, info: Mapping[str, Any]
     ) -> None:
-        self._last_message = time.monotonic()
         self._inbox.put(Received(subscription, msgtype, message, info))
         self._take_messages()
 
     def _take_messages(self) -> None:
         for one in self._inbox.take():
+            self._last_message = time.monotonic()
             arrival = one.arrival(self._now())
             try:
                 found = self.live.take(one.subscription, one.msgtype, one.message, arrival)
@@ -320,11 +325,11 @@ class OdometryNode:
                 self._warn(str(problem))
             else:
                 self._publish(found)
-        self._inbox.worked()
+            self._inbox.worked()
 
     def _flush_if_quiet(self) -> None:
         self._take_messages()
-        if not self._inbox.empty:
+        if self._inbox.settling:
             return
         if time.monotonic() - self._last_message > max(QUIET, self.options.reorder):
             self._publish(self.live.flush(self._now()))

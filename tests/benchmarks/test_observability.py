@@ -128,7 +128,7 @@ def test_covariance_along_a_motion_is_the_filters(variant, monkeypatch):
         stamp = round(k * DT * 1e9)
         model.begin(x, left, right)
         twist = model.twist_model(x, left, right).twist
-        P = stepped(P, model.step(x, left, right), model.fixed_for_imu)
+        P = stepped(P, model.step(x, left, right), ruled=True)
         x[s.POSE] = compose(x[s.POSE], exponential(twist[None] * DT)[0])
         estimator.feed(TrackSpeeds(stamp, left, right))
         estimator.feed(ImuSample(stamp, (0.0, 0.0, twist[2])))

@@ -125,7 +125,7 @@ def footnotes(results: Results) -> list[str]:
 
 def _to_error(value: float, sigma: float | None) -> str:
     """Value, rounded to the second digit of its standard error."""
-    if not value or not sigma:
+    if not value or not sigma or not math.isfinite(value * sigma):
         return _number(value)
     before, last = (math.floor(math.log10(abs(one))) for one in (value, sigma))
     digits = max(before - last + 2, before + 1, 1)

@@ -265,15 +265,17 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
         values = _numbers(series["variants"][name][key])
         axes.plot(time, values, color=_colour(name), lw=1.2, label=name)
         drawn.append(values)
-    # Indices diverge if the robot hardly turns; the scale excludes these values, but no peak of a filter.
+    # Indices diverge if the robot hardly turns; the scale excludes that, but hardly a peak of a filter.
     shown = np.concatenate(drawn if truth is None else [truth, *drawn])
+    axes.set_title(INDEX_TITLES[key], fontsize=11)
+    if not np.isfinite(drawn).any():
+        return
     low, high = np.nanpercentile(shown, (1.0, 99.0))
     span = high - low
     low = min(low, max(np.nanmin(drawn), low - span))
     high = max(high, min(np.nanmax(drawn), high + span))
     margin = 0.15 * (high - low) + 1e-3
     axes.set_ylim(low - margin, high + margin)
-    axes.set_title(INDEX_TITLES[key], fontsize=11)
 
 
 def _true_index(results: Results, key: str) -> Any:

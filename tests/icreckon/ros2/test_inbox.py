@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from icreckon.replay.live.inputs import Subscription
-from icreckon.ros2.inbox import Inbox, Queue, Received
+from icreckon.ros2.inbox import NO_TIMES, Inbox, Queue, Received
 
 SECOND = 1_000_000_000
 IMU, TRACKS = Subscription("imu", "/imu", ()), Subscription("tracks", "/joint_states", ())
@@ -76,7 +76,7 @@ def test_all_that_waits_comes_in_the_order_of_sending(clock: Clock) -> None:
     taken = inbox.take()
     assert [one.message for one in taken] == [10, 20, 25, 30, 40, 45, 50]
     assert taken[2].subscription.purpose == "tracks"
-    assert inbox.empty
+    assert not inbox.settling
     assert inbox.take() == []
 
 
@@ -93,7 +93,7 @@ def test_after_a_stall_it_waits_for_what_comes_late(clock: Clock) -> None:
     clock.now += 3.0
     imu.send(10, 20, 30)
     assert inbox.take() == []
-    assert not inbox.empty
+    assert inbox.settling
     clock.now += 0.4
     tracks.send(15, 25)
     assert inbox.take() == []
@@ -101,14 +101,37 @@ def test_after_a_stall_it_waits_for_what_comes_late(clock: Clock) -> None:
     assert [one.message for one in inbox.take()] == [10, 15, 20, 25, 30]
 
 
-def test_long_work_on_messages_is_no_stall(clock: Clock) -> None:
+def test_long_work_on_many_messages_is_no_stall(clock: Clock) -> None:
     inbox, imu, _ = inbox_of(clock)
     imu.send(10)
     assert len(inbox.take()) == 1
-    clock.now += 3.0
-    inbox.worked()
+    for _ in range(30):
+        clock.now += 0.1
+        inbox.worked()
     imu.send(20)
     assert [one.message for one in inbox.take()] == [20]
+
+
+def test_a_stall_while_a_message_is_worked_on_is_one(clock: Clock) -> None:
+    inbox, imu, _ = inbox_of(clock)
+    imu.send(10)
+    assert len(inbox.take()) == 1
+    clock.now += 1.5
+    inbox.worked()
+    imu.send(20)
+    assert inbox.take() == []
+    clock.now += 0.9
+    assert inbox.take() == []
+    clock.now += 0.2
+    assert [one.message for one in inbox.take()] == [20]
+
+
+def test_without_times_of_sending_those_of_arrival_count() -> None:
+    def sent(source: int | None, received: int | None) -> int:
+        info = {"source_timestamp": source, "received_timestamp": received}
+        return Received(IMU, "Imu", None, info).sent
+
+    assert [sent(5, 7), sent(0, 7), sent(None, 7), sent(0, 0), sent(None, None)] == [5, 7, 7, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -124,3 +147,7 @@ def test_long_work_on_messages_is_no_stall(clock: Clock) -> None:
 def test_arrival(received: int, arrival: int) -> None:
     info = {"source_timestamp": 1, "received_timestamp": received}
     assert Received(IMU, "Imu", None, info).arrival(100 * SECOND) == arrival
+
+
+def test_no_arrival_is_now_also_when_simulated_time_begins() -> None:
+    assert Received(IMU, "Imu", None, NO_TIMES).arrival(30 * SECOND) == 30 * SECOND
