@@ -36,7 +36,7 @@ class Received(NamedTuple):
 
     @property
     def sent(self) -> int:
-        """Time of sending, of the sender's clock, or of arrival [ns]; 0 if neither is known."""
+        """Time of sending by the sender's clock, or of arrival [ns]; 0 for none."""
         return int(self.info["source_timestamp"] or self.info["received_timestamp"] or 0)
 
     def arrival(self, now: int) -> int:
