@@ -9,8 +9,8 @@ move the pose) are not optimal given the measurements so far. The recursion of R
 assumes that they are: it would leave the pose at the end where it is, and bend the path before it. The
 reason for a fixed pose does not hold here: a smoothed path has no jumps, and all Jacobians are those of
 the filter's states. That for fixed parameters does: the IMU would attribute other errors of the motion
-to them, and the gyro to gravity. So it does not see them: their part of an accelerometer's innovation counts as noise, and the
-gyro's yaw rate is all of the turning, theirs too.
+to them, and the gyro to gravity. So it does not see them: their part of an accelerometer's innovation
+counts as noise, and the gyro's yaw rate is all of the turning, theirs too.
 
 The backward pass is the modified Bryson-Frazier form of that recursion (Bierman, Fixed interval smoothing
 with discrete measurements, International Journal of Control 18, 1973; the same estimates as those of
@@ -270,7 +270,7 @@ class _Tape:
         self._tape.append(_Update(h, gain, innovation, S))
 
     def without_fixed(self, h: Floats, r: float, fixed: tuple[int, ...]) -> tuple[Floats, float]:
-        """Jacobian without fixed parameters and gravity, and the noise with their uncertainty."""
+        """Jacobian without fixed states, and the noise with their uncertainty."""
         unseen = [state for state in fixed if s.PARAMETERS.start <= state < s.SIZE]
         if not unseen:
             return h, r
