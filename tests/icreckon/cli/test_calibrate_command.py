@@ -66,7 +66,7 @@ def test_it_leaves_results_and_a_picture(folder: Path) -> None:
     assert page == calibration_page(results)
     assert page.index(str(escape(results["verdict"]))) < page.index("<img") < page.index("<table")
     for name in results["parameters"]:
-        assert f'<td class="text">{name}</td>' in page
+        assert f'<td class="text">{name}</td>' in page.replace("<wbr>", "")
 
 
 def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:

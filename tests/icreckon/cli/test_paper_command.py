@@ -62,7 +62,8 @@ def test_figures_are_pictures_with_something_on_them(report: Path, name: str) ->
 def test_the_page_has_all_numbers_and_figures(report: Path, results: dict) -> None:
     page = (report / "page.html").read_text(encoding="utf-8")
     for row in results["published"]:
-        assert f'<td class="text">{row["name"]}</td><td>{row["printed"]}</td>' in page
+        cells = f'<td class="text">{row["name"]}</td><td>{row["printed"]}</td>'
+        assert cells in page.replace("<wbr>", "")
     for name in FIGURES:
         assert base64.b64encode((report / name).read_bytes()).decode() in page
     assert page.index("printed numbers") < page.index("<img") < page.index("<table")

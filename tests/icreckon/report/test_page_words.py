@@ -71,7 +71,7 @@ def test_a_parameter_that_the_log_does_not_move_is_no_chart(results: dict[str, A
     assert constant_parameters(flat)["gyro_bias"]["inertia-online"] == (1.5e-4, 2e-3)
     titles = [chart["title"] for chart in page_data(flat)["charts"]]
     assert "Bias of the gyro" not in titles
-    row = re.search(r"<td class=\"text\">gyro_bias</td>(.*?)</tr>", replay_page(flat), re.S)
+    row = re.search(r"<td class=\"text\">gyro_<wbr>bias</td>(.*?)</tr>", replay_page(flat), re.S)
     assert row is not None
     assert "0.00015 ± 0.004 rad/s" in row[1]
     assert "constant-online, inertia-online" in row[1]
