@@ -12,10 +12,10 @@ LONGEST_QUEUE = 60.0
 """Age beyond which a middleware's time of arrival is that of another clock [s]."""
 STALL = 1.0
 """Time without running beyond which messages may be too late to correct the estimate [s]."""
-NO_TIMES: Mapping[str, Any] = {"source_timestamp": 0, "received_timestamp": 0}
-"""What is said of a message by an rclpy that tells callbacks no times, as Humble's."""
 SETTLING = 1.0
 """Time after a stall in which the middleware brings one topic after another [s]."""
+NO_TIMES: Mapping[str, Any] = {"source_timestamp": 0, "received_timestamp": 0}
+"""What is said of a message by an rclpy that tells callbacks no times, as Humble's."""
 
 
 class Received(NamedTuple):

@@ -371,7 +371,7 @@ def test_a_node_kept_from_running_catches_up(
 ) -> None:
     """Three seconds wait in the queues: three times what a filter corrects afterwards.
 
-    Topic by topic, 50 to 200 samples were late. A busy machine may bring a few after the wait.
+    Taken as they came, 51 samples were late. A busy machine may bring a few after the wait.
     """
     with (
         recorder(ros, tmp_path / "out", OUTPUTS) as record,
