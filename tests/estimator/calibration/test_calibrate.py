@@ -220,7 +220,7 @@ def test_the_gyro_bias_is_where_the_filter_starts(case: Case, found: Calibration
     ("apart", "largest"),
     [
         pytest.param(0.0, 0.0085, id="same", marks=pytest.mark.thorough),
-        pytest.param(0.02, 0.02, id="apart", marks=pytest.mark.thorough),
+        pytest.param(0.02, 0.02, id="apart"),
     ],
 )
 def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, largest: float) -> None:

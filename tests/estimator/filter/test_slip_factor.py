@@ -153,8 +153,7 @@ def test_a_bias_that_jumps_is_learnt_from_fixes(variant: str, biased: Log, robot
     assert one.health.sensors["position"].rejected.get("gate", 0) < 15
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
-@pytest.mark.thorough
+@pytest.mark.parametrize("variant", ["constant-online", thorough("friction-online")])
 def test_engines_agree_on_a_bias_that_jumps(variant: str, biased: Log, robot: Robot) -> None:
     compiled = run(biased, robot, variant)
     plain = run(biased, robot, variant, settings=Settings(engine="plain"))

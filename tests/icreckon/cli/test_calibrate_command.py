@@ -124,7 +124,6 @@ def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
     assert not (folder / "other").exists()
 
 
-@pytest.mark.thorough
 def test_the_former_name_of_the_command_works_and_is_hidden(folder: Path) -> None:
     """A robot file that it wrote may be replaced."""
     former = folder / "former.toml"
@@ -167,7 +166,6 @@ def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
     assert topics.tracks.left == ("left_track_joint",)
 
 
-@pytest.mark.thorough
 def test_a_folder_of_files_is_one_log(folder: Path) -> None:
     robot = load_robot("auriga-alpha")
     log = read_log(folder / "drive", robot)

@@ -93,7 +93,6 @@ def here(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.thorough
 def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
     done = study("tiny.toml", "--json", cwd=undisturbed)
     assert "going on: 6 of 6 blocks are there" in done.stderr

@@ -70,7 +70,6 @@ def test_a_check_needs_no_figures(folder: Path) -> None:
     assert "matplotlib" not in done.stderr
 
 
-@pytest.mark.thorough
 def test_a_study_has_its_tables(tmp_path: Path) -> None:
     text = (
         'name = "small"\nruns = 2\nvariants = ["gyro", "constant-online"]\nengine = "streaming"\n'

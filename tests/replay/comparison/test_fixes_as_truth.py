@@ -61,7 +61,6 @@ def test_errors_of_the_fixes_are_stated(log: Log):
     assert stated == pytest.approx(0.4, rel=0.3)
 
 
-@pytest.mark.thorough
 def test_all_fixes_leave_nothing_to_score(log: Log):
     assert scored(replace(log, truth=None), None)["truth"] is None
 

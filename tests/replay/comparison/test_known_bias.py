@@ -76,7 +76,6 @@ def test_a_gyro_of_another_scale_has_the_same_bias(
     assert again.shown == pytest.approx(found.known_bias.shown, abs=1e-6)
 
 
-@pytest.mark.thorough
 def test_a_gyro_in_degrees_is_no_matter_of_a_bias(moving: Log) -> None:
     """A bias that no robot file may have ends no comparison."""
     assert moving.imu is not None

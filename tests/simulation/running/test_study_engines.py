@@ -87,7 +87,6 @@ def test_a_block_does_not_depend_on_the_one_it_is_cut_from() -> None:
         assert np.allclose(found, rows, rtol=1e-13, atol=0.0, equal_nan=True)
 
 
-@pytest.mark.thorough
 def test_single_precision_comes_near() -> None:
     cell = plan_of().cells[0]
     names = [one.name for one in statistics(cell.horizons)]
