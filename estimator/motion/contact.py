@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from icreckon.estimator.motion.contact_forces import Ground
 
 
+# A vehicle that tips over on less is a mistake of units: tangent of the slope's angle.
+LEAST_TIPPING_SLOPE = 0.05
 # Coefficient of friction; forces by far smaller ones have no precision.
 Friction = Annotated[float, Bound("from 0.001 to 100", 1e-3, 100.0)]
 
@@ -150,7 +152,8 @@ class Contact:
         body: mass and centre of mass, which must lie over the contact.
 
     Raises:
-        ValueError: the centre of mass lies outside the contact's outline.
+        ValueError: the centre of mass lies outside the contact's outline, or so high above it that the
+            vehicle tips over on a slope of less than `LEAST_TIPPING_SLOPE`.
     """
 
     soil: Soil
@@ -163,6 +166,13 @@ class Contact:
             raise ValueError(
                 f"the centre of mass ({self.body.x_CM!r}, {self.body.y_CM!r}) m lies outside the "
                 f"contact, {-half!r} to {half!r} m right and {rear!r} to {front!r} m forward"
+            )
+        highest = min(half, 0.5 * (front - rear)) / LEAST_TIPPING_SLOPE
+        if self.body.z_CM > highest:
+            raise ValueError(
+                f"the centre of mass is {self.body.z_CM!r} m above the ground, and beyond "
+                f"{highest:.3g} m the vehicle tips over on a slope of {LEAST_TIPPING_SLOPE:.0%} "
+                "(wanted in metres)"
             )
 
 

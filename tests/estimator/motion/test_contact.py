@@ -297,6 +297,7 @@ def test_contact_points_and_weights():
         (lambda: Body(-1.0), "mass must be a positive"),
         (lambda: Body(1.0, z_CM=-0.1), "not below the ground"),
         (lambda: Contact(Soil(), GEOMETRY, Body(1.0, x_CM=0.3)), "lies outside the contact"),
+        (lambda: Contact(Soil(), GEOMETRY, Body(1.0, z_CM=300.0)), "above the ground, and beyond"),
     ],
 )
 def test_nonsense_is_refused(make, message):
