@@ -87,10 +87,7 @@ class _Drive:
         problems = tuple(one.problem for one in check_robot(log, self.robot) if one.problem)
         if not problems:
             return log
-        hint = "icreckon check says what each of these costs, and what to set"
-        return replace(
-            log, notes=(*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in (*problems, hint)))
-        )
+        return replace(log, notes=(*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in problems)))
 
     def all_options(self) -> dict[str, Any]:
         """Arguments of `compare_and_write`, without log, robot and folder."""

@@ -191,9 +191,14 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     if not isinstance(late, Lag):
         yield Check("latency of the tracks", "", f"not seen: {late.reason}")
         return
-    shown = f"{late.seconds:+.3f} ± {late.sigma:.3f} s left"
+    mapped = topic_map(robot, robot.name).tracks if robot.log else None
+    of_file = 0.0 if mapped is None else mapped.latency
+    stated = f"{of_file:g} s"
+    shown = f"{of_file + late.seconds:.3f} ± {late.sigma:.3f} s after the gyro"
     if objection(late) or abs(late.seconds) <= max(LEAST_LATENCY, SIGMAS * late.sigma):
-        yield Check("latency of the tracks", "taken off", shown)
+        if abs(late.seconds) > SIGMAS * late.sigma:
+            shown += f"; counts from {LEAST_LATENCY:g} s on"
+        yield Check("latency of the tracks", stated, shown)
         return
     by = late.seconds
     word = "late" if by > 0.0 else "early"
@@ -204,7 +209,7 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
 
     yield Check(
         "latency of the tracks",
-        "taken off",
+        stated,
         shown,
         f"track speeds are stamped {abs(by):.2f} s {word} against the gyro, ± {late.sigma:.3f} s",
         f"add {by:+.2f} to latency in [log.tracks]",
@@ -230,6 +235,8 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         least = max(least, SIGMAS * robot.tracks.scale_sigma)
     error = "" if sigma is None else f" ± {sigma:.3f}"
     shown = f"{ratio:.3f}{error}, {source} over tracks"
+    if sigma is None:
+        shown += " (too few straight stretches to tell its error)"
     if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
         yield Check(
             SCALE,

@@ -13,6 +13,7 @@ from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
 from icreckon.report.replay.page_charts import constant_parameters, page_data, switches
 from icreckon.report.replay.page_text import (
+    CHECK_HINT,
     doubts,
     failures,
     filtered,
@@ -89,6 +90,7 @@ def replay_page(results: Results) -> str:
         subtitle=provenance(results),
         failures=failures(results),
         doubts=doubts(results),
+        check_hint=CHECK_HINT,
         headline=headline(results),
         remarks=remarks(results),
         switches=switches(results),

@@ -10,6 +10,9 @@ from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
 
+# Sentence after the contradictions of a log to a robot file.
+CHECK_HINT = "icreckon check says what each of these costs, and what to set"
+
 
 def page_title(results: Results) -> str:
     """Robot and log; one name alone if both have it."""

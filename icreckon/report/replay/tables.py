@@ -11,6 +11,7 @@ from rich.text import Text
 from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import (
+    CHECK_HINT,
     doubts,
     failures,
     filtered,
@@ -97,6 +98,7 @@ def results_table(results: Results, *, narrow: bool = False) -> Group:
         doubtful = [
             "The robot file does not fit this log, and all figures are with it:",
             *doubtful,
+            f"{CHECK_HINT}.",
             "",
         ]
     return Group(
