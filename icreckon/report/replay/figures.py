@@ -11,6 +11,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR
@@ -28,6 +30,10 @@ LEAST_POSITION_ERROR = 1e-3
 # Bounds beyond this multiple of an axis are not drawn.
 FAR_BEYOND = 3.0
 LEAST_YAW_ERROR = 0.01
+# Largest range of the axis of yaw errors, which are at most 180 [deg].
+LARGEST_YAW_ERROR = 190.0
+# Most intervals between the ticks of an axis of time.
+TIME_TICKS = 5
 # Size [in] and dots per inch: letters are about 12 px high where a page shows it 800 px wide.
 SIZE, DOTS = (10.0, 8.6), 160
 # Labels of shades in the legend.
@@ -60,6 +66,8 @@ def write_figure(path: Path, results: Results) -> None:
         else:
             _draw_yaw(yaw, results)
         errors.tick_params(labelbottom=False)
+        # All axes of time share these, the narrow ones of the indices, too.
+        errors.xaxis.set_major_locator(MaxNLocator(TIME_TICKS))
         yaw.set_xlabel("time [s]")
         indices = grid[1].subgridspec(1, 3)
         for place, key in enumerate(INDEX_TITLES):
@@ -76,8 +84,9 @@ def write_figure(path: Path, results: Results) -> None:
 def _shades(axes: Axes) -> list[Any]:
     """Handles of what is shaded: times without fixes, 3-sigma bounds."""
     handles, labels = axes.get_legend_handles_labels()
-    shaded = (*SHADES, BOUNDS)
-    return [one for one, label in zip(handles, labels, strict=True) if label in shaded]
+    shades = [one for one, label in zip(handles, labels, strict=True) if label in SHADES]
+    # One for all: each band has the colour of its filter.
+    return shades + [Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS)] * (BOUNDS in labels)
 
 
 def _lifted(results: Results) -> Results:
@@ -223,6 +232,7 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
     bounds = [3.0 * np.degrees(_numbers(one["yaw_sigma_rad"])) for one in shown]
     top = max(float(np.nanmax(np.abs(values))) for values in errors)
     limit = max(1.15 * max(top, _widest(bounds, 5.0 * top)), LEAST_YAW_ERROR)
+    limit = min(limit, LARGEST_YAW_ERROR)
     for name, error, bound in zip(_detailed(results), errors, bounds, strict=True):
         axes.plot(time, error, color=_colour(name), lw=1.3)
         reached = _in_reach(bound, limit)
