@@ -67,7 +67,7 @@ def write_figure(path: Path, results: Results) -> None:
             _draw_yaw(yaw, results)
         errors.tick_params(labelbottom=False)
         # All axes of time share these, the narrow ones of the indices, too.
-        errors.xaxis.set_major_locator(MaxNLocator(TIME_TICKS))
+        errors.xaxis.set_major_locator(MaxNLocator(TIME_TICKS, steps=[1, 2, 5, 10]))
         yaw.set_xlabel("time [s]")
         indices = grid[1].subgridspec(1, 3)
         for place, key in enumerate(INDEX_TITLES):
