@@ -32,9 +32,14 @@ from icreckon.replay.checking.measured import (
     measured_track,
     true_motion,
 )
-from icreckon.replay.inspection.imu_mounting import SMOOTHING, forward_yaw, turning_correlation
+from icreckon.replay.inspection.imu_mounting import (
+    CLEAR_TURNING,
+    SMOOTHING,
+    forward_yaw,
+    turning_correlation,
+)
 from icreckon.replay.inspection.latency import objection, track_latency
-from icreckon.replay.inspection.wheels import CLEAR_TURNING, DEGREES, turning_suspicion
+from icreckon.replay.inspection.wheels import DEGREES, turning_suspicion
 from icreckon.replay.mapping.topics import topic_map
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change

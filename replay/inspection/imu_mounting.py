@@ -1,7 +1,8 @@
 """Mounting and noise of an IMU, estimated from a log.
 
-Gravity gives the vertical. The track speeds give the forward direction, since the accelerometer must
-follow the changes of speed and the centripetal acceleration, and the times of standstill.
+Gravity gives the vertical; without accelerometers the axis does about which the gyro turns as the tracks
+do. The track speeds give the forward direction, since the accelerometer must follow the changes of speed
+and the centripetal acceleration, and the times of standstill.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ ABSURD = 1e6
 """Implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s."""
 SMOOTHING = 0.5
 """Time over which accelerations are averaged before they are compared [s]."""
+CLEAR_TURNING = 0.7
+"""Smallest correlation of turning with V_r - V_l that is clear [-]."""
 CLEAR_SCORE = 0.4
 """Smallest sum of two correlations at which a yaw of the mount is accepted [-]."""
 
@@ -35,10 +38,13 @@ class Mounting:
     """Mounting and noise of an IMU, estimated from a log.
 
     Attributes:
-        rotation_rpy_deg: roll and pitch at which the mean specific force points up, and yaw to the
-            next 90 deg [deg].
+        rotation_rpy_deg: roll and pitch at which the vertical points up, and yaw to the next 90 deg
+            [deg].
+        up_shown_by: what shows the vertical: "gravity", "turning", or "" for an IMU that is taken as
+            upright.
         yaw_shown: whether the track speeds show that yaw; otherwise it is unknown, and set to 0.
-        specific_force: (3,) mean specific force in the IMU's axes [m/s²].
+        specific_force: (3,) mean specific force in the IMU's axes [m/s²], or None without
+            accelerometers.
         still_seconds: duration of standstill in the log [s].
         gyro_axes: "z" if the other two gyros always read zero, otherwise "xyz".
         turning_correlation: correlation of the rate about the vertical with V_r - V_l, or None without
@@ -50,8 +56,9 @@ class Mounting:
     """
 
     rotation_rpy_deg: tuple[float, float, float]
+    up_shown_by: str
     yaw_shown: bool
-    specific_force: Floats
+    specific_force: Floats | None
     still_seconds: float
     gyro_axes: str
     turning_correlation: float | None
@@ -64,26 +71,36 @@ def estimate_mounting(log: Log) -> Mounting | None:
     """Estimate the mounting and noise of a log's IMU.
 
     Returns:
-        The estimate, or None if there is no IMU, no accelerometer, or readings are absurd (1e200 m/s²).
+        The estimate, or None if there is no IMU, or readings are absurd (1e200 m/s²).
     """
     imu = log.imu
-    if imu is None or imu.linear_acceleration is None or len(imu.stamps) < 2:
+    if imu is None or len(imu.stamps) < 2:
         return None
-    if max(np.abs(imu.linear_acceleration).max(), np.abs(imu.angular_velocity).max()) > ABSURD:
+    rates, forces = imu.angular_velocity, imu.linear_acceleration
+    if any(one is not None and np.abs(one).max() > ABSURD for one in (rates, forces)):
         return None
-    force = imu.linear_acceleration.mean(axis=0)
-    roll, pitch, _ = level(force)
+    force = None if forces is None else forces.mean(axis=0)
+    up, shown_by = force, "gravity"
+    if up is None or not up.any():
+        up = turning_axis(log.tracks, imu)
+        up, shown_by = (np.array([0.0, 0.0, 1.0]), "") if up is None else (up, "turning")
+    roll, pitch, _ = level(up)
     levelled = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
-    rates = imu.angular_velocity
     gyro_axes = "xyz" if rates[:, :2].any() else "z"
     vertical = rates @ levelled[2] if gyro_axes == "xyz" else rates[:, 2] / levelled[2, 2]
-    horizontal = imu.linear_acceleration @ levelled[:2].T
     still = standstill(log.tracks, imu.stamps)
     step = float(np.median(np.diff(imu.stamps))) * NANOSECOND
-    yaw = forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
+    yaw = accelerometer_noise = None
+    if forces is not None and shown_by == "gravity":
+        horizontal = forces @ levelled[:2].T
+        yaw = forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
+        accelerometer_noise = _density_while_driving(
+            log.tracks, imu.stamps, horizontal, vertical, still, step
+        )
     stood = float(still.sum()) * step >= ENOUGH_STILL
     return Mounting(
         rotation_rpy_deg=(roll, pitch, 0.0 if yaw is None else yaw),
+        up_shown_by=shown_by,
         yaw_shown=yaw is not None,
         specific_force=force,
         still_seconds=float(still.sum()) * step,
@@ -91,10 +108,27 @@ def estimate_mounting(log: Log) -> Mounting | None:
         turning_correlation=turning_correlation(log.tracks, imu, vertical),
         gyro_bias=rates[still].mean(axis=0) if stood else None,
         gyro_noise_density=density(vertical, still, step) if stood else None,
-        accelerometer_noise_density=_density_while_driving(
-            log.tracks, imu.stamps, horizontal, vertical, still, step
-        ),
+        accelerometer_noise_density=accelerometer_noise,
     )
+
+
+def turning_axis(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
+    """Unit axis (3,) about which a gyro turns as the tracks do; None if unclear.
+
+    Args:
+        tracks: the track speeds.
+        imu: the IMU, whose axes are those of the result.
+    """
+    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+        return None
+    difference = np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
+    rates = imu.angular_velocity
+    shared = (rates - rates.mean(axis=0)).T @ (difference - difference.mean())
+    size = float(np.linalg.norm(shared))
+    if size == 0.0:
+        return None
+    correlation = turning_correlation(tracks, imu, rates @ (shared / size))
+    return shared / size if correlation is not None and correlation > CLEAR_TURNING else None
 
 
 def forward_yaw(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
 from functools import partial
@@ -32,7 +33,13 @@ from icreckon.replay.inspection.imu_mounting import (
 )
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag
 from icreckon.replay.inspection.robot_file import has_tracks, in_rates, robot_file_text
-from icreckon.replay.inspection.topic_survey import Survey, TopicReport, survey_bag
+from icreckon.replay.inspection.topic_survey import (
+    Spacing,
+    Survey,
+    TopicReport,
+    spacing,
+    survey_bag,
+)
 from icreckon.replay.inspection.wheels import (
     FAST_TURNING,
     WheelEstimates,
@@ -42,6 +49,7 @@ from icreckon.replay.inspection.wheels import (
     unit_suspicions,
     wheel_estimates,
 )
+from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import as_paths, gather
@@ -141,7 +149,7 @@ def inspect(
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
         duration = max(duration, log.duration)
     listed = [reports[name] for name in sorted(reports)]
-    listed += [report for table in tables for report in _column_reports(table)]
+    listed += [report for table in tables for report in _column_reports(table, mapping.columns)]
     return Inspection(
         path=paths[0],
         duration=duration,
@@ -257,15 +265,28 @@ def _look_through(
     return surveys, notes, tables
 
 
-def _column_reports(table: Table) -> Iterator[TopicReport]:
+def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicReport]:
+    """Report each column; numbers with their spacing in time, if that is known."""
+    stamps = timed = None
+    if columns is not None and table.has([columns.time]):
+        with suppress(ReplayError):
+            stamps, timed = table.stamps(columns.time, columns.time_unit)
     for column in table.columns:
+        spaced = Spacing(None, None, None)
+        if columns is not None and stamps is not None:
+            with suppress(ReplayError):
+                if column.name != columns.time:
+                    spaced = spacing(stamps[timed & ~np.isnan(table.numbers([column.name])[:, 0])])
+                else:
+                    spaced = spacing(stamps[timed])
         yield TopicReport(
             topic=column.name,
             msgtype=column.kind,
             frame_id=table.path.name,
             count=column.filled,
-            mean_rate=None,
-            largest_gap=None,
+            mean_rate=spaced.mean_rate,
+            largest_gap=spaced.largest_gap,
+            gaps=spaced.gaps,
             clock_offset=None,
         )
 

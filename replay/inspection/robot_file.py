@@ -192,19 +192,12 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
     if mounting is None:
         if log is None or log.imu is None:
             return ["# The log holds no IMU that measures rates.", ""]
-        return ["# The IMU has no (usable) accelerometer, so nothing shows how it is mounted.", ""]
-    x, y, z = mounting.specific_force
+        return ["# The IMU's readings are absurd, and show nothing.", ""]
+    lines = [*_mounting(mounting), "[imu]"]
     roll, pitch, yaw = mounting.rotation_rpy_deg
-    lines = [
-        f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²; roll and pitch turn it upright.",
-        "# Yaw: accelerations follow the track speeds with it."
-        if mounting.yaw_shown
-        else f"# Yaw {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward.",
-        _turning_comment(mounting.turning_correlation),
-        "[imu]",
-        f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]",
-        f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up)",
-    ]
+    lines.append(f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]")
+    if mounting.up_shown_by == "gravity":
+        lines.append(f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up)")
     if mounting.gyro_axes == "z":
         lines.append('gyro_axes = "z"    # the x and y gyros read zero all the time')
     if mounting.gyro_bias is None:
@@ -235,6 +228,31 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
             f"    # m/s²/√Hz, {_seen_of_noise(log)}"
         )
     return [*lines, ""]
+
+
+def _mounting(mounting: Mounting) -> list[str]:
+    """Comments on what shows the mounting of an IMU."""
+    if mounting.specific_force is None:
+        lines = ["# The IMU has no accelerometer."]
+    else:
+        x, y, z = mounting.specific_force
+        lines = [f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²."]
+    if mounting.up_shown_by == "gravity":
+        lines[0] = lines[0].removesuffix(".") + "; roll and pitch turn it upright."
+        lines.append(
+            "# Yaw: accelerations follow the track speeds with it."
+            if mounting.yaw_shown
+            else f"# Yaw {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward."
+        )
+    elif mounting.up_shown_by == "turning":
+        lines.append(
+            "# Roll and pitch turn that axis up about which the gyro turns as the tracks do (correlation "
+            f"{mounting.turning_correlation:.2f}), if left and right are not swapped."
+        )
+        return lines
+    else:
+        lines.append("# Nothing shows how it is mounted: this is for its z axis upward.")
+    return [*lines, _turning_comment(mounting.turning_correlation)]
 
 
 def _tracks(mapping: TopicMap, estimates: WheelEstimates) -> list[str]:

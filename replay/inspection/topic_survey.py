@@ -7,11 +7,11 @@ from array import array
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.replay.bags.bag_files import Bag
 from icreckon.replay.bags.decoding import Definitions, decoder, header_reader
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX
@@ -63,6 +63,28 @@ class TopicReport:
     repeated_share: float | None = None
 
 
+class Spacing(NamedTuple):
+    """Spacing of messages in time; attributes as of `TopicReport`."""
+
+    mean_rate: float | None
+    largest_gap: float | None
+    gaps: int | None
+
+
+def spacing(times: Stamps) -> Spacing:
+    """Spacing of times (n,) in any order [ns]; all None for fewer than two."""
+    times = np.sort(times)
+    if len(times) < 2 or times[-1] == times[0]:
+        return Spacing(None, None, None)
+    # As floats: far-off times would overflow.
+    steps = np.diff(times.astype(np.float64)) * NANOSECOND
+    return Spacing(
+        mean_rate=len(steps) / float(steps.sum()),
+        largest_gap=float(steps.max()),
+        gaps=int((steps > GAP * np.median(steps)).sum()),
+    )
+
+
 @dataclass
 class Survey:
     """Data gathered from a topic.
@@ -96,19 +118,15 @@ class Survey:
 
     def report(self) -> TopicReport:
         """Compute the statistics of the topic."""
-        times = np.sort(np.array(self.recorded, dtype=np.int64))
-        several = len(times) > 1 and times[-1] > times[0]
-        steps = np.diff(times)
+        spaced = spacing(np.array(self.recorded, dtype=np.int64))
         return TopicReport(
             topic=self.channel.topic,
             msgtype=self.channel.msgtype,
             frame_id=self.frame_id,
-            count=len(times),
-            mean_rate=(len(times) - 1) / float((times[-1] - times[0]) * NANOSECOND)
-            if several
-            else None,
-            largest_gap=float(steps.max() * NANOSECOND) if several else None,
-            gaps=int((steps > GAP * np.median(steps)).sum()) if several else None,
+            count=len(self.recorded),
+            mean_rate=spaced.mean_rate,
+            largest_gap=spaced.largest_gap,
+            gaps=spaced.gaps,
             clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
         )
 

@@ -13,7 +13,13 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries
-from icreckon.replay.inspection.imu_mounting import ABSURD, STILL_MARGIN, Mounting, standstill
+from icreckon.replay.inspection.imu_mounting import (
+    ABSURD,
+    CLEAR_TURNING,
+    STILL_MARGIN,
+    Mounting,
+    standstill,
+)
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.1
@@ -32,8 +38,6 @@ WINDOWS = {"truth": 2.0, "fixes": 10.0}
 FEWEST_WINDOWS = 5
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
 """Course over ground: least distance [m], longest time [s]; least mean vector of its offsets [-]."""
-CLEAR_TURNING = 0.7
-"""Smallest correlation of turning at which an effective track is estimated [-]."""
 
 
 class WheelEstimates(NamedTuple):
@@ -155,7 +159,7 @@ def unit_suspicions(
         from_twist: whether they were computed from speed and yaw rate, with a gauge of 1 m.
     """
     found = []
-    if mounting is not None:
+    if mounting is not None and mounting.specific_force is not None:
         force = float(np.linalg.norm(mounting.specific_force))
         if abs(force - GRAVITY) > WRONG_GRAVITY * GRAVITY:
             guess = unit_of_gravity(force)

@@ -89,6 +89,70 @@ def test_a_lone_z_gyro_and_swapped_tracks() -> None:
     assert estimate_mounting(swapped).turning_correlation < -0.9
 
 
+def without_accelerometers(log: Log) -> Log:
+    return replace(log, imu=replace(log.imu, linear_acceleration=None))
+
+
+@pytest.mark.parametrize(
+    "rpy_deg", [(0.0, 0.0, 0.0), (180.0, 12.0, 0.0), (90.0, 0.0, 0.0), (2.0, -5.0, 0.0)]
+)
+def test_turning_shows_the_mounting_of_a_gyro_alone(rpy_deg: tuple[float, float, float]) -> None:
+    mounting = estimate_mounting(without_accelerometers(driven_log(rpy_deg)))
+    assert (mounting.up_shown_by, mounting.yaw_shown) == ("turning", False)
+    assert mounting.specific_force is None
+    found = rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg))[2]
+    wanted = rpy_to_matrix(*np.radians(rpy_deg))[2]
+    assert np.degrees(np.arccos(min(1.0, found @ wanted))) < 0.5
+    np.testing.assert_allclose(mounting.gyro_bias, [0.001, -0.002, 0.003], atol=3e-4)
+    assert mounting.gyro_noise_density == pytest.approx(0.002 * np.sqrt(0.02), rel=0.15)
+    assert mounting.accelerometer_noise_density is None
+
+
+def test_accelerometers_that_read_zero_show_no_mounting() -> None:
+    log = driven_log((180.0, 0.0, 0.0))
+    forces = np.zeros_like(log.imu.linear_acceleration)
+    mounting = estimate_mounting(replace(log, imu=replace(log.imu, linear_acceleration=forces)))
+    assert mounting.up_shown_by == "turning"
+    assert abs(mounting.rotation_rpy_deg[0]) == pytest.approx(180.0, abs=0.5)
+
+
+def test_a_gyro_alone_that_hardly_turns_is_taken_as_upright() -> None:
+    log = without_accelerometers(driven_log((90.0, 0.0, 0.0)))
+    straight = np.repeat(log.tracks.speeds.mean(axis=1)[:, None], 2, axis=1)
+    for tracks in (straight, straight[:1], 1e9 * log.tracks.speeds):
+        stamps = log.tracks.stamps[: len(tracks)]
+        mounting = estimate_mounting(replace(log, tracks=TrackSpeedSeries(stamps, tracks)))
+        assert (mounting.up_shown_by, mounting.rotation_rpy_deg) == ("", (0.0, 0.0, 0.0))
+
+
+def test_a_table_with_a_gyro_alone(tmp_path: Path) -> None:
+    log = driven_log((180.0, 0.0, 0.0), z_only=True)
+    there = np.arange(len(log.imu.stamps)) % 2000 < 1800
+    seconds = (log.imu.stamps - log.imu.stamps[0]) * 1e-9
+    places = np.where(np.arange(len(seconds)) % 50 == 0, seconds, np.nan)
+    table = np.column_stack([seconds, log.tracks.speeds, log.imu.angular_velocity[:, 2], places])
+    path = tmp_path / "run.csv"
+    head = "time,v_left,v_right,gyro_z,place"
+    lines = [
+        ",".join("" if np.isnan(one) else repr(one) for one in row) for row in table[there].tolist()
+    ]
+    path.write_text("\n".join([head, *lines]), encoding="utf-8")
+    found = inspect(path)
+    assert found.mounting.up_shown_by == "turning"
+    reports = {report.topic: report for report in found.topics}
+    for name in ("time", "v_left", "gyro_z"):
+        assert reports[name].mean_rate == pytest.approx(5399 / 115.98)
+        assert (reports[name].gaps, reports[name].largest_gap) == (2, pytest.approx(4.02))
+    assert reports["place"].mean_rate == pytest.approx(0.93, abs=0.05)
+    text = found.proposed_robot_file
+    assert "about which the gyro turns as the tracks do (correlation 1.00)" in text
+    robot, _ = proposed(found, tmp_path)
+    assert abs(robot.imu.rotation_rpy_deg[0]) == 180.0
+    assert robot.vehicle.track_gauge == pytest.approx(0.6, rel=0.02)
+    # The bias of the z axis, seen from below.
+    assert robot.imu.gyro_bias == pytest.approx(-0.003, abs=3e-4)
+
+
 def test_joint_names() -> None:
     assert sides(["left_wheel", "right_wheel"]) == (("left_wheel",), ("right_wheel",))
     assert sides(["fl_joint", "rr_joint", "rl_joint", "fr_joint"]) == (
