@@ -26,6 +26,9 @@ from icreckon.replay.inspection.inspect import guess_mapping
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
 
+# Smallest cost that counts [% of the distance].
+LEAST_COST = 0.05
+
 
 def run_check(
     *,
@@ -113,7 +116,7 @@ def _sentence(text: str) -> str:
 
 
 def _cost(cost: float, worth: Worth) -> str:
-    if cost < 0.05:
+    if cost < LEAST_COST:
         return f"Costs nothing here after {worth.horizon:g} s without fixes."
     return f"Costs {cost:.1f} % of the distance after {worth.horizon:g} s without fixes."
 
@@ -126,13 +129,15 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
     if not has_truth:
         if not is_wrong:
             return ""
+        if worth.as_it_is < LEAST_COST:
+            return f"Path {of}: the same with all of this mended."
         return f"Path {of}, against that with all of this mended: {as_it_is} away."
     if math.isnan(worth.as_it_is) and math.isnan(worth.mended):
         return "The log is too short, or its truth too rough, to tell what this costs."
     if not is_wrong or math.isnan(worth.mended):
         return f"Drift {of}: {as_it_is}."
     text = f"Drift {of}: {as_it_is}, with all of this mended {worth.mended:.1f} %."
-    if worth.mended > worth.as_it_is:
+    if worth.mended >= worth.as_it_is + LEAST_COST:
         text += " Mended it is worse: the file has an error that these checks do not see."
     return text
 

@@ -23,6 +23,7 @@ from icreckon.replay.checking.measured import (
     measured_track,
     true_motion,
 )
+from icreckon.replay.checking.track_checks import OTHER_TRACK
 from icreckon.replay.inspection.latency import truth_lag
 
 ROS_FIRST_WORDS = "# Settings for ROS"
@@ -61,15 +62,16 @@ def ros_settings(log: Log, robot: Robot) -> str:
     """
     vehicle, tracks = robot.vehicle, robot.tracks
     errors = twist_errors(log, robot)
-    multiplier = robot.constant_indices.eta0
+    multiplier, multiplier_by = _multiplier(log, robot)
     twist = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
     lines = [
         f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {_word(log.name)}. Every line is in SI units.",
         "# ros2_controllers, diff_drive_controller: merge into its parameters.",
         "diff_drive_controller:",
         "  ros__parameters:",
-        f"    wheel_separation: {vehicle.track_gauge:.4g}  # m, between the centrelines",
-        f"    wheel_separation_multiplier: {multiplier:.4g}  # {_seen_track(log, robot)}",
+        f"    wheel_separation: {_number(vehicle.track_gauge)}  # m, between the centrelines",
+        f"    wheel_separation_multiplier: {_number(multiplier)}  # {multiplier_by}",
+        f"    # Effective wheel separation: {multiplier * vehicle.track_gauge:.3g} m.",
         *_radius_lines(log, robot),
         f"    left_wheel_radius_multiplier: {1.0 - 0.5 * tracks.difference:.4f}",
         f"    right_wheel_radius_multiplier: {1.0 + 0.5 * tracks.difference:.4f}",
@@ -159,11 +161,15 @@ def _imu_lines(log: Log, robot: Robot) -> list[str]:
     ]
 
 
-def _seen_track(log: Log, robot: Robot) -> str:
-    found = measured_track(log, robot)
+def _multiplier(log: Log, robot: Robot) -> tuple[float, str]:
+    """Effective track over the gauge, and a comment: the log's where it contradicts the file."""
+    in_file, found = robot.constant_indices.eta0, measured_track(log, robot)
     if found is None:
-        return NOT_SEEN
-    return f"by the gyro of this log {found / robot.vehicle.track_gauge:.4g}"
+        return in_file, NOT_SEEN
+    seen = found / robot.vehicle.track_gauge
+    if 1.0 / OTHER_TRACK < seen / in_file < OTHER_TRACK:
+        return in_file, f"of the robot file; by the gyro of this log {seen:.4g}"
+    return seen, f"by the gyro of this log, which contradicts the robot file's {in_file:.4g}"
 
 
 def _radius_lines(log: Log, robot: Robot) -> list[str]:
@@ -171,7 +177,7 @@ def _radius_lines(log: Log, robot: Robot) -> list[str]:
     if not in_rates_of(robot):
         return []
     radius = robot.vehicle.sprocket_radius
-    return [f"    wheel_radius: {radius:.4g}  # m, effective: {_seen_radius(log, robot)}"]
+    return [f"    wheel_radius: {_number(radius)}  # m, effective: {_seen_radius(log, robot)}"]
 
 
 def _seen_radius(log: Log, robot: Robot) -> str:
@@ -188,7 +194,13 @@ def _by(source: str) -> str:
 
 
 def _numbers(values: list[float]) -> str:
-    return f"[{', '.join(f'{value:.3g}' for value in values)}]"
+    return f"[{', '.join(_number(value, 3) for value in values)}]"
+
+
+def _number(value: float, digits: int = 4) -> str:
+    """A YAML float: always with a point, never with an exponent, which YAML 1.1 takes for a text."""
+    text = np.format_float_positional(value, digits, fractional=False, trim="0", unique=False)
+    return str(text)
 
 
 def _word(name: str) -> str:

@@ -141,8 +141,8 @@ def inspect(
     if log is not None:
         vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
         correlation = mounting.turning_correlation if mounting else None
-        estimates = wheel_estimates(log, vertical, correlation)
         latencies = _latencies(log, vertical)
+        estimates = wheel_estimates(_in_time(log, latencies), vertical, correlation)
         wander = estimate_wander(log, vertical) if log.fixes is not None else None
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
@@ -239,6 +239,20 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
             truth = truth.positions_alone()
         found["truth"] = truth_lag(truth, log.tracks, log.imu, vertical)
     return found
+
+
+def _in_time(log: Log, latencies: dict[str, Lag | NoLag]) -> Log:
+    """Log whose track speeds and truth are as late as its gyro, where that is clear."""
+    tracks, truth = (latencies.get(purpose) for purpose in ("tracks", "truth"))
+    if isinstance(tracks, Lag) and not objection(tracks):
+        stamps = log.tracks.stamps - round(tracks.seconds / NANOSECOND)
+        log = with_changed(log, tracks=with_changed(log.tracks, stamps=stamps))
+    if isinstance(truth, Lag) and not objection(truth) and log.truth is not None:
+        poses = log.truth.poses
+        stamps = poses.stamps - round(truth.seconds / NANOSECOND)
+        poses = with_changed(poses, stamps=stamps)
+        log = with_changed(log, truth=with_changed(log.truth, poses=poses))
+    return log
 
 
 def _look_through(

@@ -107,7 +107,7 @@ def _next_best(found: Results, short: str) -> str:
     if not chance:
         return f"All others drift more; next is {name} with {factor}."
     more = [one for one in chance if one != name]
-    others = f", nor are {', '.join(more)}" if more else ""
+    others = f", nor {'is' if len(more) == 1 else 'are'} {', '.join(more)}" if more else ""
     return f"But {name}, with {factor}, is not shown to drift more{others}."
 
 
