@@ -17,6 +17,8 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 AT = re.compile(r" - at `\$\.?(.*)`$", re.DOTALL)
 ANY_KEY = "[...]"
+# Key of a hundred and more parts.
+DEEP_KEY = re.compile(r"(?:[\w-]+[ \t]*\.[ \t]*){100}")
 STEP = re.compile(r"\[[^\]]*\]|[^.\[\]]+")
 EXPECTED, GOT = re.compile(r"^Expected `([^`]*)`"), re.compile(r", got `([^`]*)`")
 MISSING = re.compile(r"^Object missing required field (`[^`]*`)")
@@ -42,15 +44,41 @@ def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
         error: the file is missing, unreadable or not valid TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        # Editors of Windows begin a file with a mark of its encoding.
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise error(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as problem:
+    except OSError as problem:
         raise error(f"{path}: cannot be read: {problem}") from None
-    except tomllib.TOMLDecodeError as problem:
-        raise error(f"{path}: not a valid TOML file: {problem}") from None
+    except UnicodeDecodeError:
+        raise error(
+            f"{path}: cannot be read: it is not UTF-8; `iconv -f latin1 -t utf-8` mends that"
+        ) from None
+    return parsed_toml(text, str(path), error)
+
+
+def parsed_toml(text: str, source: str, error: type[IcreckonError]) -> dict[str, Any]:
+    """Parse TOML.
+
+    Args:
+        text: the text.
+        source: file name, for messages.
+        error: the error class to raise.
+
+    Raises:
+        error: it is not valid TOML, or too deep or too long a number.
+    """
+    too_deep = f"{source}: not a valid TOML file: tables or lists within each other, too deep"
+    # The time for a key grows with the square of its parts.
+    if DEEP_KEY.search(text):
+        raise error(too_deep)
+    try:
+        return tomllib.loads(text)
+    except ValueError as problem:
+        # A number of thousands of digits is no error of TOML.
+        raise error(f"{source}: not a valid TOML file: {problem}") from None
     except RecursionError:
-        raise error(f"{path}: not a valid TOML file: lists within lists, too deep") from None
+        raise error(too_deep) from None
 
 
 def convert(data: dict[str, Any], kind: type[T], source: str, error: type[IcreckonError]) -> T:

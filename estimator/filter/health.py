@@ -115,6 +115,12 @@ class SensorHealth:
         """Count one that did not update the filter."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
 
+    def take_back(self, reason: str) -> None:
+        """Take back one of `reject`."""
+        self.rejected[reason] -= 1
+        if not self.rejected[reason]:
+            del self.rejected[reason]
+
     def copy(self) -> SensorHealth:
         """Copy the counts."""
         return SensorHealth(
@@ -422,7 +428,7 @@ class Health:
         standstill_updates: number of IMU samples at which the robot was found standing.
         track_gaps: number of gaps in the track speeds longer than `Settings.hold`.
         stuck_tracks: number of times that a track's sensor was found stuck.
-        clock_steps: number of times that the clock of all sensors was found set back.
+        clock_steps: number of times that the clock of all sensors was set, found set back or said to be.
         track_latency: latency of the track speeds, used and estimated.
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         slip: slip beyond what bends explain: a track that spins.

@@ -172,7 +172,7 @@ def event_of(row: tuple[Any, ...]) -> Event:
         EstimatorError: it is not such a row.
     """
     kinds: dict[str, Any] = {stream: kind for kind, stream in STREAMS.items()} | {MARK: Mark}
-    kind = kinds.get(row[0]) if row else None
+    kind = kinds.get(row[0]) if row and isinstance(row[0], str) else None
     # A row has all fields, those with a default included.
     if kind is not None and len(row) == (2 if kind is Mark else 2 + len(_fields(kind))):
         with suppress(TypeError):

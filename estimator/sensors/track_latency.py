@@ -32,6 +32,8 @@ LEAST_CORRELATION = 0.7
 """Smallest correlation of tracks and gyro at which there is an estimate [-]."""
 CAPACITY = 4096
 """Number of samples that are kept to integrate over the windows: 10 s at 400 Hz."""
+LONGEST_BEHIND = 1000.0
+"""Time before the newest sample from which windows are not used [s]."""
 OBSOLETE = 256
 """Number of samples before the next window at which they are dropped."""
 
@@ -225,6 +227,10 @@ class TrackLatencyEstimator:
         self._open, self._next = memory.open.copy(), memory.next_window
         self._gyro.recall(memory.gyro)
         self._tracks.recall(memory.tracks)
+        if self._next is not None and self._tracks.count:
+            # No window of long ago is used any more, and stepping there would take hours.
+            newest = float(self._tracks.seconds[self._tracks.count - 1])
+            self._next = max(self._next, newest - LONGEST_BEHIND)
 
     def _second(self, stamp: int) -> float:
         if self._origin is None:

@@ -138,7 +138,7 @@ class History:
 
     def set_clock(self, by: int) -> None:
         """Change to a clock that is ahead by so much [ns], and clear the history."""
-        stamp, rank = self._keys[-1]
+        stamp, rank = self._keys[-1] if self._keys else self._checkpoints[0].after
         self.begin_anew((stamp + by, rank), self._reckoning.checkpoint().shifted(by))
 
     def begin_anew(self, after: Key, checkpoint: FilterCheckpoint) -> None:

@@ -303,10 +303,8 @@ class PoseEstimator:
         measurement = as_plain(measurement)
         stream, key = self._streams.get(type(measurement)), key_of(measurement)
         if stream is None:
-            kind = type(measurement).__name__
-            raise EstimatorError(
-                f"{kind} was registered after this estimator was made; make a new one"
-            )
+            name = type(measurement).__name__
+            raise EstimatorError(f"{name} was registered after this estimator: make a new one")
         admission, history = self._admission, self._history
         in_order = history.is_newest(key)
         reason = (
@@ -332,19 +330,21 @@ class PoseEstimator:
         """Restore a later checkpoint, at an IMU sample, and clear the history."""
         self._history.begin_anew((checkpoint.imu.stamp, RANKS[ImuSample]), checkpoint)
 
+    def set_clock(self, by: int) -> None:
+        """Go on by a clock that is ahead of the one so far [ns]; no time passes."""
+        if self.stamp is not None:
+            self._history.set_clock(by)
+            self._arrivals.clock_steps += 1
+
     def _set_clock_back(self, behind: list[Measurement]) -> bool:
         """Set the clock so that these follow the newest; return True if one was used."""
         if not behind:
             return False
         step = round(self._reckoning.imu_interval / NANOSECOND)
-        self._history.set_clock(behind[0].stamp - step - self._history.newest)
-        self._arrivals.clock_steps += 1
+        self.set_clock(behind[0].stamp - step - self._history.newest)
         used = False
         for measurement in behind:
-            sensor = self._arrivals.sensor(STREAMS[type(measurement)])
-            sensor.rejected[TOO_OLD] -= 1
-            if not sensor.rejected[TOO_OLD]:
-                del sensor.rejected[TOO_OLD]
+            self._arrivals.sensor(STREAMS[type(measurement)]).take_back(TOO_OLD)
             used |= self.feed_corrected(measurement)
         return used
 

@@ -55,7 +55,13 @@ def run_inspect(
     if write is not None:
         proposed, taken = found.proposed_robot_file, list[str]()
         if write.exists() and write.stat().st_size:
+            former = write.read_bytes()
             proposed, taken = with_filled_in(proposed, write)
+            if former != proposed.encode():
+                kept = write.with_name(f"{write.name}~")
+                with written_beside(kept, overwrite=True) as old:
+                    old.write_bytes(former)
+                messages().print(f"the file before is in {kept}", markup=False, soft_wrap=True)
         with written_beside(write, overwrite=overwrite, starts=starts) as new:
             new.write_text(proposed, encoding="utf-8")
         if taken:

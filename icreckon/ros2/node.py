@@ -81,7 +81,12 @@ def run_node(robot: str | None, variant: str | None, arguments: list[str]) -> No
         from rclpy.executors import ExternalShutdownException
     except ImportError as problem:
         raise EstimatorError(NO_ROS.format(problem)) from None
-    rclpy.init(args=[NODE_NAME, *arguments])
+    try:
+        rclpy.init(args=[NODE_NAME, *arguments])
+    except RuntimeError as problem:
+        # Without the places in rcl's own code.
+        reason = str(problem).partition(", at /")[0].removeprefix("failed to initialize rcl: ")
+        raise EstimatorError(f"arguments for ROS: {reason}") from None
     node = None
     try:
         node = OdometryNode(robot, variant)
@@ -320,7 +325,9 @@ class OdometryNode:
             self._last_message = time.monotonic()
             arrival = one.arrival(self._now())
             try:
-                found = self.live.take(one.subscription, one.msgtype, one.message, arrival)
+                found = self.live.take(
+                    one.subscription, one.msgtype, one.message, arrival, self._steady()
+                )
             except IcreckonError as problem:
                 self._warn(str(problem))
             else:
@@ -343,6 +350,10 @@ class OdometryNode:
 
     def _now(self) -> int:
         return int(self.node.get_clock().now().nanoseconds)
+
+    def _steady(self) -> int | None:
+        """Time of a clock that nobody sets [ns]; None if time is simulated."""
+        return None if self.node.get_clock().ros_time_is_active else time.monotonic_ns()
 
     # --- outputs -----------------------------------------------------------------------------------
 

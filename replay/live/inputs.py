@@ -20,6 +20,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import NANOSECONDS, stamp_of
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.clock_watch import ClockWatch
 from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
@@ -39,6 +40,8 @@ from icreckon.replay.reading.wheels import mean_of_sides
 
 PURPOSES = ("tracks", "imu", "fixes", "heading")
 """Streams that a live estimator uses, in the order of their choice of clocks."""
+WATCHED = ("tracks", "imu")
+"""Streams whose stamps show that a clock was set forward."""
 WITNESSES = 5
 """Messages of each stream of tracks and IMU after which the clocks are chosen."""
 LONGEST_WAIT = 2.0
@@ -94,6 +97,7 @@ class LiveInputs:
         geodetic: whether fixes come as NavSatFix.
         fix_frame: frame of the newest fix by its header, empty if it names none.
         heard: arrival of the first message on each topic [ns].
+        clock_step: time by which the clock of the stamps was set forward at the newest message [ns].
     """
 
     robot: Robot
@@ -104,6 +108,8 @@ class LiveInputs:
     geodetic: bool = False
     fix_frame: str = ""
     heard: dict[str, int] = field(default_factory=dict)
+    clock_step: int = 0
+    _watch: ClockWatch[_Arrived] = field(default_factory=ClockWatch)
     _streams: dict[str, Stream] = field(default_factory=dict)
     _waiting: list[_Arrived] = field(default_factory=list)
     _begun: int | None = None
@@ -163,7 +169,12 @@ class LiveInputs:
         return missing_joints(stream.topic, reader.joints, reader.seen)
 
     def take(
-        self, subscription: Subscription, msgtype: str, message: Any, arrival: int
+        self,
+        subscription: Subscription,
+        msgtype: str,
+        message: Any,
+        arrival: int,
+        steady: int | None = None,
     ) -> list[Measurement]:
         """Convert a message.
 
@@ -172,9 +183,11 @@ class LiveInputs:
             msgtype: its type, as "sensor_msgs/msg/Imu".
             message: the message, with the attributes of its type.
             arrival: time of arrival [ns], of the clock that stands in for missing header stamps.
+            steady: that time by a clock that nobody sets [ns]; None for `arrival`.
 
         Returns:
             Measurements that are ready: none while the clocks are not chosen, then several at once.
+            `clock_step` is that before these.
 
         Raises:
             ReplayError: the type cannot be read for this stream, or a mapped field is missing.
@@ -185,6 +198,10 @@ class LiveInputs:
             arrived = self._transforms(stream, subscription.topic, msgtype, message, arrival)
         else:
             arrived = self._arrived(stream, msgtype, message, arrival)
+        self.clock_step = 0
+        if subscription.purpose in WATCHED:
+            passed = arrival if steady is None else steady
+            arrived = [found for one in arrived for found in self._watched(one, passed)]
         if not arrived:
             return []
         self._waiting += arrived
@@ -209,6 +226,7 @@ class LiveInputs:
         """
         self._went_back = now
         self.clocks.clear()
+        self._watch.restart()
         self._waiting.clear()
         self._begun, self._counter, self._newest_transform = None, None, -1
         for stream in self._streams.values():
@@ -252,6 +270,17 @@ class LiveInputs:
             _Arrived(stream.purpose, msgtype, stamp, arrival, tuple(row))
             for stamp, row in zip(stamps[new].tolist(), rows[new].tolist(), strict=True)
         ]
+
+    def _watched(self, one: _Arrived, steady: int) -> list[_Arrived]:
+        """Messages that are ready after one whose stamp may be of a clock that was set forward."""
+        choice = self.clocks.get(one.purpose)
+        if not one.header or choice is None or choice.clock != "header":
+            return [one]
+        found = self._watch.take(one.purpose, one.header, steady, one)
+        for _ in range(found.lost):
+            self._lose(one.purpose, "stamp far ahead")
+        self.clock_step = found.step
+        return found.ready
 
     def _reader(self, stream: Stream, msgtype: str) -> RowReader:
         reader = stream.readers.get(msgtype, stream.any_reader)

@@ -87,6 +87,13 @@ class MapFrame:
         else:
             self.estimator = self._by_path(fix, odom)
 
+    def set_clock(self, by: int) -> None:
+        """Go on by a clock that is ahead of the one so far [ns]."""
+        self._heading = None
+        self._waiting.clear()
+        if self.estimator is not None:
+            self.estimator.set_clock(by)
+
     def restart(self) -> None:
         """Start anew at the given start, or by the next fixes."""
         self.estimator, self._heading, self._placed = None, None, self._start

@@ -134,7 +134,12 @@ class LiveOdometry:
         self._newest: int | None = None
 
     def take(
-        self, subscription: Subscription, msgtype: str, message: Any, arrival: int
+        self,
+        subscription: Subscription,
+        msgtype: str,
+        message: Any,
+        arrival: int,
+        steady: int | None = None,
     ) -> list[LiveEstimate]:
         """Process a message.
 
@@ -143,6 +148,8 @@ class LiveOdometry:
             msgtype: its type, as "sensor_msgs/msg/Imu".
             message: the message, with the attributes of its type.
             arrival: time of arrival [ns].
+            steady: that time by a clock that nobody sets, which shows header stamps that jump ahead
+                [ns]; None for `arrival`.
 
         Returns:
             New estimates, in the order of their stamps.
@@ -150,7 +157,14 @@ class LiveOdometry:
         Raises:
             ReplayError: the type cannot be read for this stream.
         """
-        return self._process(self.inputs.take(subscription, msgtype, message, arrival))
+        measurements = self.inputs.take(subscription, msgtype, message, arrival, steady)
+        before: list[LiveEstimate] = []
+        if step := self.inputs.clock_step:
+            before = list(self._estimates(self._buffer.take_all()))
+            self.odom.set_clock(step)
+            if self.map is not None:
+                self.map.set_clock(step)
+        return before + self._process(measurements)
 
     def flush(self, now: int) -> list[LiveEstimate]:
         """Process what waits although no more messages come.
@@ -274,5 +288,5 @@ def _warm(
         )
     except EstimatorError as problem:
         raise EstimatorError(
-            f"{problem}. Delete {saved} to start with the robot file alone"
+            f"{problem}. Move {saved} away, or name another, to start with the robot file alone"
         ) from None

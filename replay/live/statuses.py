@@ -182,7 +182,7 @@ class LiveStatuses:
         if by_arrival:
             text = f"{', '.join(by_arrival)} by time of arrival, not by header stamps"
             return DiagnosticStatus(WARN, name, text, values)
-        text = f"header stamps; set back {steps} times" if steps else "header stamps"
+        text = f"header stamps; clock set {steps} times" if steps else "header stamps"
         return DiagnosticStatus(WARN if steps else OK, name, text, values)
 
     def _latency(self, estimator: PoseEstimator) -> DiagnosticStatus:

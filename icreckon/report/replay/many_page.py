@@ -11,13 +11,14 @@ from icreckon.report.replay.many_picture import drift_picture
 from icreckon.report.replay.many_text import (
     horizon_of,
     left_out,
+    many_doubts,
     many_failures,
     many_headline,
     many_remarks,
     pooled_over,
 )
 from icreckon.report.replay.page import drift_tables
-from icreckon.report.replay.page_text import horizon_text, lowest, number
+from icreckon.report.replay.page_text import CHECK_HINT, horizon_text, lowest, number
 
 HORIZONS = ("10s", "30s", "60s")
 
@@ -52,6 +53,8 @@ def many_page(results: Results) -> str:
         title=f"{' and '.join(robots)} on {some}",
         subtitle=f"icreckon {results['command']}",
         failures=many_failures(results),
+        doubts=many_doubts(results),
+        check_hint=CHECK_HINT,
         headline=many_headline(results),
         remarks=many_remarks(results),
         drifts=drift_picture(results),

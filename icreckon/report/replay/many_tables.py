@@ -12,14 +12,16 @@ from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.many_text import (
     horizon_of,
     left_out,
+    many_doubts,
     many_failures,
     many_headline,
     many_remarks,
     pooled_over,
 )
-from icreckon.report.replay.page_text import lowest
+from icreckon.report.replay.page_text import CHECK_HINT, lowest
 
 LABELS = ("10s", "30s")
+DOES_NOT_FIT = "A robot file does not fit a log, and all figures of it are with it"
 
 
 def many_tables(results: Results, *, narrow: bool = False) -> Group:
@@ -29,7 +31,11 @@ def many_tables(results: Results, *, narrow: bool = False) -> Group:
         results: output of `summarise_many`.
         narrow: leave columns out, so that 80 characters are enough.
     """
-    parts: list[Any] = [Text(many_headline(results)), Text()]
+    parts: list[Any] = []
+    if doubtful := many_doubts(results):
+        lines = [f"{DOES_NOT_FIT}:", *(f"- {one}" for one in doubtful), f"{CHECK_HINT}.", ""]
+        parts += [Text(line, style="bold yellow") for line in lines]
+    parts += [Text(many_headline(results)), Text()]
     if any(found["logs"] for found in results["pooled"].values()):
         parts.append(_pooled(results, narrow=narrow))
     if any(found["variants"] for found in results["ratios"].values()):

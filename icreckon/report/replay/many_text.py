@@ -5,6 +5,7 @@ from __future__ import annotations
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import (
+    doubts,
     failures,
     horizon_text,
     interval_text,
@@ -97,6 +98,15 @@ def many_failures(results: Results) -> list[str]:
         name = _name(one["label"], one["robot"], results)
         lines += [f"{name}: {line}" for line in failures(one)]
     return lines
+
+
+def many_doubts(results: Results) -> list[str]:
+    """Contradictions of each log to the robot file that it was replayed with."""
+    return [
+        f"{_name(one['label'], one['robot'], results)}: {line}"
+        for one in results["logs"]
+        for line in doubts(one)
+    ]
 
 
 def _name(log: str, robot: str, results: Results) -> str:

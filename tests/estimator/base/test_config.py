@@ -84,6 +84,17 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
     with pytest.raises(EstimatorError, match=r"latin\.toml: cannot be read"):
         read_toml(tmp_path / "latin.toml", EstimatorError)
+    (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbfname = 1")
+    assert read_toml(tmp_path / "marked.toml", EstimatorError) == {"name": 1}
+    for text in (
+        "a" + ".a" * 100_000 + " = 1",
+        "[" + "a . " * 100_000 + "a]",
+        "a = " + "[" * 100_000,
+        "a = " + "9" * 10_000,
+    ):
+        (tmp_path / "hostile.toml").write_text(text)
+        with pytest.raises(EstimatorError, match=r"hostile\.toml: not a valid TOML file"):
+            read_toml(tmp_path / "hostile.toml", EstimatorError)
     (tmp_path / "broken.toml").write_text("a = [1,")
     with pytest.raises(EstimatorError, match=r"broken\.toml: not a valid TOML file"):
         read_toml(tmp_path / "broken.toml", EstimatorError)

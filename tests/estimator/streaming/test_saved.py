@@ -188,6 +188,7 @@ CHANGES = {
     "an unknown stream": lambda c: c["history"]["measurements"][3].__setitem__(0, "sonar"),
     "a short row": lambda c: tracks_row(c).pop(),
     "a row with a word": lambda c: tracks_row(c).__setitem__(2, "fast"),
+    "a row that begins with a list": lambda c: tracks_row(c).__setitem__(0, []),
     "an empty row": lambda c: c["history"]["measurements"][3].clear(),
     "disorder": lambda c: c["history"]["measurements"].reverse(),
     "no history": lambda c: c.update(history=None),
@@ -496,6 +497,18 @@ def changed(table, **values):
     return msgspec.structs.replace(
         ALPHA, **{table: msgspec.structs.replace(getattr(ALPHA, table), **values)}
     )
+
+
+def test_windows_of_long_ago_are_not_stepped_through(saved):
+    """A file that would take hours at its next measurement goes on like any other."""
+    whole = PoseEstimator.restore(saved, ALPHA)
+    rewrite(saved, lambda c: c["watch"].update(next_window=-1e18))
+    odd = PoseEstimator.restore(saved, ALPHA)
+    for stamp in range(whole.stamp + 10_000_000, whole.stamp + 500_000_000, 10_000_000):
+        for estimator in (whole, odd):
+            estimator.feed(TrackSpeeds(stamp, 0.4, 0.5))
+            estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.1), (0.0, 0.0, 9.81)))
+    assert odd.pose == pytest.approx(whole.pose, abs=1e-12)
 
 
 def test_another_robot_is_refused_and_the_message_says_what_differs(saved):

@@ -433,6 +433,7 @@ def test_whole_numbers_are_real_numbers(ros: dict[str, str], tmp_path: Path) -> 
         ),
         ("use_sim_time:=1", "parameters of the node: Trying to set parameter 'use_sim_time'"),
         ("reorder:=20", "parameter reorder must be from 0 to 10, found 20.0"),
+        ("odom_frame:=", "arguments for ROS: Couldn't parse parameter override rule"),
     ],
 )
 def test_a_wrong_value_is_one_clear_line(given: str, message: str, ros: dict[str, str]) -> None:

@@ -1,0 +1,107 @@
+"""Clock of the header stamps, watched against the time that passes.
+
+A computer without a clock of its own starts in 1970 or at its last shutdown, and is set forward once it
+has a network. By the stamps alone that is a hole of years in which the robot may have gone anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Generic, NamedTuple, TypeVar
+
+from icreckon.replay.bags.decoding import NANOSECONDS
+
+T = TypeVar("T")
+
+LEAST_STEP = 3 * NANOSECONDS
+"""Least time by which a clock is found set forward [ns]; less is bridged as a hole."""
+WITNESSES = 5
+"""Messages in a row of one stream that show a step."""
+
+
+class _Held(NamedTuple, Generic[T]):
+    """Message that is held back, with its stamp and the time at which it came [ns]."""
+
+    stamp: int
+    came: int
+    message: T
+
+
+@dataclass
+class _Stream(Generic[T]):
+    """Newest stamp of a stream that is believed, when it came [ns], and what is held back."""
+
+    stamp: int
+    came: int
+    behind: int = 0
+    held: list[_Held[T]] = field(default_factory=list)
+
+
+class Watched(NamedTuple, Generic[T]):
+    """Outcome of a message.
+
+    Attributes:
+        ready: messages that can be used, in the order of their coming.
+        step: time by which the clock was set forward before these [ns], 0 if it was not.
+        lost: number of messages that were held back and are not used.
+    """
+
+    ready: list[T]
+    step: int = 0
+    lost: int = 0
+
+
+class ClockWatch(Generic[T]):
+    """Watch over stamps that run ahead of the time that passes."""
+
+    def __init__(self) -> None:
+        self._streams: dict[str, _Stream[T]] = {}
+
+    def take(self, stream: str, stamp: int, came: int, message: T) -> Watched[T]:
+        """Add a message.
+
+        Args:
+            stream: name of its stream.
+            stamp: its stamp [ns].
+            came: time at which it came, of a clock that is not set [ns].
+            message: the message.
+        """
+        known = self._streams.get(stream)
+        if known is None:
+            self._streams[stream] = _Stream(stamp, came)
+            return Watched([message])
+        if stamp - known.stamp - (came - known.came) <= LEAST_STEP:
+            return self._as_usual(known, stamp, came, message)
+        held, lost = known.held, 0
+        if held and abs(stamp - held[0].stamp - (came - held[0].came)) > LEAST_STEP:
+            lost = len(held)
+            held.clear()
+        held.append(_Held(stamp, came, message))
+        if len(held) < WITNESSES:
+            return Watched([], lost=lost)
+        step = held[0].stamp - known.stamp - (held[0].came - known.came)
+        return Watched(self._stepped(step), step, lost)
+
+    def _as_usual(self, known: _Stream[T], stamp: int, came: int, message: T) -> Watched[T]:
+        lost = len(known.held)
+        known.held.clear()
+        # What was sent before the clock was set may still come; a clock that was set back stays there.
+        known.behind = known.behind + 1 if stamp < known.stamp - LEAST_STEP else 0
+        if known.behind in (0, WITNESSES):
+            known.stamp, known.came, known.behind = stamp, came, 0
+        return Watched([message], lost=lost)
+
+    def _stepped(self, step: int) -> list[T]:
+        """Set all streams forward; return what they held back."""
+        found: list[_Held[T]] = []
+        for one in self._streams.values():
+            one.stamp += step
+            found += one.held
+            if one.held:
+                one.stamp, one.came = one.held[-1].stamp, one.held[-1].came
+                one.held.clear()
+        return [one.message for one in sorted(found, key=lambda one: one.came)]
+
+    def restart(self) -> None:
+        """Forget all streams, and what is held back."""
+        self._streams.clear()

@@ -1,0 +1,180 @@
+"""Clocks that are set forward while the robot drives: the pose goes on, and no years pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from copy import deepcopy
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.live.clock_watch import LEAST_STEP, WITNESSES, ClockWatch
+from icreckon.replay.live.odometry import LiveOdometry
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+SECOND = 10**9
+VARIANT = "constant-online"
+
+
+class Came(NamedTuple):
+    """A message of a stream: its stamp, and when it came [s]."""
+
+    stream: str
+    stamp: float
+    at: float
+
+
+def through(messages: Iterable[Came]) -> tuple[list[float], list[float], int]:
+    """Stamps that are used [s], steps of the clock [s], and number of lost messages."""
+    watch: ClockWatch[float] = ClockWatch()
+    used, steps, lost = [], [], 0
+    for stream, stamp, at in messages:
+        found = watch.take(stream, round(stamp * SECOND), round(at * SECOND), stamp)
+        used += found.ready
+        steps += [found.step / SECOND] if found.step else []
+        lost += found.lost
+    return used, steps, lost
+
+
+def usual(_at: float) -> float:
+    return 0.0
+
+
+def drive(ahead: Callable[[float], float], streams: str = "ab") -> list[Came]:
+    """Ten seconds of two streams whose stamps are ahead by a function of time."""
+    times = np.arange(0.0, 10.0, 0.05).round(3).tolist()
+    return [Came(name, at + ahead(at), at) for at in times for name in streams]
+
+
+def test_what_runs_with_time_is_used_at_once() -> None:
+    messages = drive(usual)
+    assert through(messages) == ([one.stamp for one in messages], [], 0)
+
+
+@pytest.mark.parametrize("by", [4.0, 3600.0, 1.7e9])
+def test_a_step_is_found_once_and_no_message_is_lost(by: float) -> None:
+    messages = drive(lambda at: by if at >= 5.0 else 0.0)
+    used, steps, lost = through(messages)
+    assert steps == [pytest.approx(by)]
+    assert lost == 0
+    assert sorted(used) == sorted(one.stamp for one in messages)
+
+
+def test_small_steps_and_holes_are_none() -> None:
+    assert through(drive(lambda at: 2.9 if at >= 5.0 else 0.0))[1:] == ([], 0)
+    hole = [one for one in drive(usual) if not 2.0 < one.at < 8.0]
+    assert through(hole)[1:] == ([], 0)
+
+
+def test_a_program_that_could_not_run_sees_no_step() -> None:
+    """Messages of six seconds that come all at once, and the last of a short queue."""
+    messages = drive(usual)
+    late = [one._replace(at=8.0 if 2.0 < one.at < 8.0 else one.at) for one in messages]
+    assert through(late) == ([one.stamp for one in messages], [], 0)
+    short = [one for one in late if not 2.0 < one.stamp < 7.5]
+    assert through(short)[1:] == ([], 0)
+
+
+@pytest.mark.parametrize("wrong", range(1, WITNESSES))
+def test_few_wrong_stamps_are_lost(wrong: int) -> None:
+    messages = drive(usual, "a")
+    bad = [one._replace(stamp=one.stamp + 100.0) for one in messages[50 : 50 + wrong]]
+    used, steps, lost = through([*messages[:50], *bad, *messages[50 + wrong :]])
+    assert (steps, lost) == ([], wrong)
+    assert used == [one.stamp for one in [*messages[:50], *messages[50 + wrong :]]]
+
+
+def test_stamps_that_jump_about_are_no_clock() -> None:
+    messages = drive(usual, "a")
+    wild = [one._replace(stamp=one.stamp + 100.0 * k) for k, one in enumerate(messages[50:90], 1)]
+    used, steps, lost = through([*messages[:50], *wild, *messages[90:]])
+    assert (steps, lost) == ([], 40)
+    assert used == [one.stamp for one in [*messages[:50], *messages[90:]]]
+
+
+def test_what_was_sent_before_the_step_moves_nothing() -> None:
+    messages = drive(lambda at: 1000.0 if at >= 5.0 else 0.0)
+    left_over = [Came("b", 4.97, 5.3), Came("b", 4.98, 5.3)]
+    place = next(k for k, one in enumerate(messages) if one.at > 5.3)
+    used, steps, lost = through([*messages[:place], *left_over, *messages[place:]])
+    assert steps == [pytest.approx(1000.0)]
+    assert lost == 0
+    assert len(used) == len(messages) + 2
+
+
+def test_a_clock_that_is_set_back_and_forward_again_steps_forward_once() -> None:
+    messages = drive(lambda at: -3600.0 if 3.0 <= at < 6.0 else 0.0)
+    used, steps, lost = through(messages)
+    assert steps == [pytest.approx(3600.0)]
+    assert lost == 0
+    assert len(used) == len(messages)
+
+
+def test_the_least_step_is_longer_than_a_node_settles() -> None:
+    assert LEAST_STEP > 2 * SECOND
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
+    scenario = Scenario(duration=12.0, seed=4, trajectory="slalom", fix_rate=0.0)
+    path = tmp_path_factory.mktemp("clock") / "bag"
+    return write_log(simulate(scenario, robot), path, "mcap", robot)
+
+
+def set_stamps(message: Any, by: int) -> Any:
+    changed = deepcopy(message)
+    stamp = changed.header.stamp
+    seconds, nanoseconds = divmod(stamp.sec * SECOND + stamp.nanosec + by, SECOND)
+    object.__setattr__(stamp, "sec", seconds)
+    object.__setattr__(stamp, "nanosec", nanoseconds)
+    return changed
+
+
+def live_run(bag: Path, robot: Robot, ahead: Callable[[float], int]) -> LiveOdometry:
+    """Odometry over a bag whose header stamps are ahead by a function of time [s] in ns."""
+    live = LiveOdometry(robot, VARIANT, use_fixes=False)
+    topics = {one.topic: one for one in live.inputs.subscriptions()}
+    with AnyReader([bag]) as reader:
+        wanted = [one for one in reader.connections if one.topic in topics]
+        first = when = 0
+        for one, when, raw in reader.messages(wanted):
+            first = first or when
+            by = ahead((when - first) / SECOND)
+            message = set_stamps(reader.deserialize(raw, one.msgtype), by)
+            # The system's clock is set with the stamps; the steady one is not.
+            live.take(topics[one.topic], one.msgtype, message, when + by, when)
+        live.flush(when)
+    return live
+
+
+@pytest.mark.parametrize(
+    "ahead",
+    [
+        lambda at: 0 if at < 6.0 else 3600 * SECOND,
+        lambda at: 0 if at < 6.0 else 5 * SECOND,
+        lambda at: -1_600_000_000 * SECOND if at < 4.0 else 0,
+        lambda at: -3600 * SECOND if 4.0 <= at < 8.0 else 0,
+    ],
+    ids=["an hour", "five seconds", "from the seventies", "back and forth"],
+)
+def test_the_pose_goes_on(ahead: Callable[[float], int], bag: Path, robot: Robot) -> None:
+    usual, stepped = live_run(bag, robot, lambda _: 0).odom, live_run(bag, robot, ahead).odom
+    assert stepped.health.clock_steps >= 1
+    assert usual.health.clock_steps == 0
+    assert stepped.stamp is not None
+    assert usual.stamp is not None
+    assert stepped.stamp - usual.stamp == pytest.approx(ahead(12.0), abs=0.1 * SECOND)
+    off = np.hypot(*(stepped.pose - usual.pose)[:2])
+    assert off < 0.02
+    sigmas = np.sqrt(np.diagonal(stepped.pose_covariance))
+    assert sigmas == pytest.approx(np.sqrt(np.diagonal(usual.pose_covariance)), rel=0.3)
+    for name, health in usual.parameter_health.items():
+        assert stepped.parameter_health[name].share == pytest.approx(
+            health.share, abs=0.1, nan_ok=True
+        )
