@@ -162,7 +162,10 @@ def _imu_lines(log: Log, robot: Robot) -> list[str]:
 
 
 def _multiplier(log: Log, robot: Robot) -> tuple[float, str]:
-    """Effective track over the gauge, and a comment: the log's where it contradicts the file."""
+    """Effective track over the gauge, and a comment.
+
+    It is the log's where that contradicts the file.
+    """
     in_file, found = robot.constant_indices.eta0, measured_track(log, robot)
     if found is None:
         return in_file, NOT_SEEN
@@ -198,7 +201,10 @@ def _numbers(values: list[float]) -> str:
 
 
 def _number(value: float, digits: int = 4) -> str:
-    """A YAML float: always with a point, never with an exponent, which YAML 1.1 takes for a text."""
+    """Float of YAML: always with a point.
+
+    YAML 1.1 takes 1e3 for a text.
+    """
     text = np.format_float_positional(value, digits, fractional=False, trim="0", unique=False)
     return str(text)
 

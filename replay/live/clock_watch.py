@@ -29,7 +29,7 @@ class _Held(NamedTuple, Generic[T]):
 
 @dataclass
 class _Stream(Generic[T]):
-    """Newest stamp of a stream that is believed, when it came [ns], and what is held back."""
+    """State of a stream: newest accepted stamp, and messages held back; times in ns."""
 
     stamp: int
     came: int

@@ -272,7 +272,7 @@ class LiveInputs:
         ]
 
     def _watched(self, one: _Arrived, steady: int) -> list[_Arrived]:
-        """Messages that are ready after one whose stamp may be of a clock that was set forward."""
+        """Messages that are ready once it is known whether a clock was set forward."""
         choice = self.clocks.get(one.purpose)
         if not one.header or choice is None or choice.clock != "header":
             return [one]

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import pytest
+from rich.console import Console
 
+from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.report.replay.many_page import many_page
 from icreckon.report.replay.many_picture import drift_picture
+from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import (
     UNSCORED,
     left_out,
+    many_doubts,
     many_failures,
     many_headline,
     many_remarks,
@@ -57,7 +62,7 @@ def results() -> dict[str, Any]:
     ratio: dict[str, Any] = {"logs": 3}
     for label in HORIZONS:
         ratio |= {f"ratio_{label}": 0.5, f"ratio_{label}_95": [0.4, 0.6], f"segments_{label}": 200}
-    log = {"label": "a", "log": {"duration_s": 200.0}, "truth": {"distance_m": 80.0}}
+    log = {"label": "a", "log": {"duration_s": 200.0, "notes": []}, "truth": {"distance_m": 80.0}}
     log |= {
         "failed": {},
         "gyro_bias": None,
@@ -145,6 +150,22 @@ def test_what_failed_is_named_with_its_robot_file(results: dict[str, Any]) -> No
     assert "gyro is scored in 2 of 3 logs." in page
     assert page.count("<a href=") == 2
     assert "<title>maker and mine on a</title>" in page
+
+
+def test_a_robot_file_that_does_not_fit_is_told(results: dict[str, Any]) -> None:
+    said = "A robot file does not fit a log"
+    assert said not in many_page(results)
+    note = f"{OF_ROBOT_FILE}is the radius a diameter?"
+    results["logs"][1] |= {"log": {"duration_s": 200.0, "notes": [note]}}
+    assert many_doubts(results) == ["a with mine: is the radius a diameter?"]
+    page = many_page(results)
+    assert said in page
+    assert page.index("a with mine: is the radius") < page.index("Drift of each log")
+    console = Console(width=100, file=io.StringIO())
+    console.print(many_tables(results))
+    first, second = console.file.getvalue().splitlines()[:2]
+    assert first.startswith(said)
+    assert second == "- a with mine: is the radius a diameter?"
 
 
 def test_the_picture_places_the_drifts_of_each_log_along_one_axis(results: dict[str, Any]) -> None:

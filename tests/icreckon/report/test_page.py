@@ -281,7 +281,7 @@ def test_when_the_baseline_is_best_the_next_is_named(results: dict[str, Any]) ->
     unsure = {"a": [0.9, 2.0], "b": [0.95, 1.5]}
     told = said(results, **base, ratios_to_best_95=unsure, not_shown_worse=["a", "b"])
     assert told.endswith(
-        "But b, with 1.20 times as much (0.95 to 1.50), is not shown to drift more, nor are a."
+        "But b, with 1.20 times as much (0.95 to 1.50), is not shown to drift more, nor is a."
     )
     told = said(results, **base, drift_percent_95=None)
     assert told.endswith(

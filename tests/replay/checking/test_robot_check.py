@@ -136,6 +136,15 @@ ERRORS = {
         None,
         {"mean specific force": "in g?"},
     ),
+    "turns 1.5 times as far": (
+        None,
+        lambda robot: with_values(
+            robot,
+            constant_icr=None,
+            indices=with_values(robot.indices, eta0=robot.constant_indices.eta0 / 1.5),
+        ),
+        {TRACK: "times that of the file"},
+    ),
     "bias": (lambda log: scaled_imu(log, bias=0.05), None, {BIAS: "+0.05"}),
 }
 

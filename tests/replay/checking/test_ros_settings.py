@@ -1,6 +1,7 @@
 """Settings for ROS: odometry made with them turns and drives as the robot does."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,6 +65,28 @@ def test_odometry_with_them_turns_as_the_robot(log: Log):
     truth = log.truth.twists.twists
     true_speed = np.interp(log.tracks.stamps, log.truth.twists.stamps, truth[:, 0])
     assert np.std(speed - true_speed) < 0.1 * np.std(true_speed)
+
+
+def test_numbers_are_floats_for_ros_and_yaml(log: Log):
+    """ROS 2 refuses a whole number for a real one, and YAML 1.1 takes 1e3 for a text."""
+    robot = with_values(
+        ALPHA, constant_icr=None, vehicle=with_values(ALPHA.vehicle, track_gauge=1.0)
+    )
+    text = ros_settings(log, robot)
+    lines = [line.partition("#")[0] for line in text.splitlines()]
+    values = re.findall(r"(?<![\w.])-?\d[\w.+-]*", " ".join(line for line in lines if ":" in line))
+    assert len(values) > 10
+    assert all(re.fullmatch(r"-?\d+\.\d+", value) for value in values)
+    assert "1000.0" in values
+    assert "wheel_separation: 1.0 " in text
+
+
+def test_a_contradicted_multiplier_is_that_of_the_log(log: Log):
+    right = controller(log)["wheel_separation_multiplier"]
+    assert right == pytest.approx(ALPHA.constant_indices.eta0, rel=1e-3)
+    wrong = with_values(ALPHA, constant_icr=None, indices=with_values(ALPHA.indices, eta0=1.0))
+    assert controller(log, wrong)["wheel_separation_multiplier"] == pytest.approx(right, rel=0.1)
+    assert "which contradicts the robot file's 1" in ros_settings(log, wrong)
 
 
 def test_covariances_are_the_errors_of_that_odometry(log: Log):

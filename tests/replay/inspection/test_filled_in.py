@@ -105,6 +105,8 @@ def test_the_command_keeps_it(tmp_path: Path):
     path.write_text(narrower, encoding="utf-8")
     done = icreckon(*command, "--overwrite", cwd=tmp_path)
     assert "vehicle.track_gauge" in done.stderr
+    assert "the file before is in robot.toml~" in done.stderr
+    assert (tmp_path / "robot.toml~").read_text(encoding="utf-8") == narrower
     found = tomllib.loads(path.read_text(encoding="utf-8"))
     assert found["vehicle"]["track_gauge"] == 0.42
     assert found["indices"]["eta0"] == pytest.approx(shown / 0.42, rel=0.01)
