@@ -54,7 +54,8 @@ def run_check(
         # Without a result with everything mended nothing has a price.
         with progress("filtering, as the file is and mended") as report, suppress(ReplayError):
             worth = worth_of(log, robot, checks, report)
-    left_out = [] if guessed is None else topics_left_out(guessed, robot)
+    hints = [] if guessed is None else topics_left_out(guessed, robot)
+    left_out = [one for one in hints if one not in log.notes]
     if as_json:
         typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
     else:

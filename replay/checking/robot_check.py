@@ -27,6 +27,7 @@ from icreckon.replay.checking.track_checks import (
     check_turning,
 )
 from icreckon.replay.mapping.topics import TopicMap, topic_map
+from icreckon.replay.reading.gather import left_out
 
 # Streams that a robot file can leave out, and what they are.
 STREAMS = {
@@ -81,8 +82,7 @@ def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:
     """
     mapping = topic_map(robot, robot.name)
     return [
-        f"the log holds {use} on {there.topic}, which the file leaves out: "
-        f'topic = "{there.topic}" in [log.{stream}], see icreckon inspect'
+        left_out(use, there.topic, stream)
         for stream, use in STREAMS.items()
         if (there := getattr(guessed, stream)) is not None and getattr(mapping, stream) is None
     ]

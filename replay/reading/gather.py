@@ -13,7 +13,7 @@ import msgspec
 from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.bags.bag_files import Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
-from icreckon.replay.bags.message_types import IMU, JOINT_STATE, STRING, TWIST
+from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.field_paths import FieldReader, FieldRowReader
@@ -133,6 +133,8 @@ def gather(
             else:
                 result.streams[purpose] = stream
     _check_all_there(result, bags, paths)
+    if bags:
+        result.notes += _left_out(result)
     return result
 
 
@@ -326,3 +328,24 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
                 "file's [log.columns.tracks], or leave that table out"
             )
         result.notes.append(f"{' and '.join(texts)}; there is {there}")
+
+
+def _left_out(result: Gathered) -> Iterator[str]:
+    """Note an IMU, or a receiver where there is no truth either, that the robot file leaves out."""
+    mapping = result.mapping
+    wanted = {IMU: ("an IMU", "imu", mapping.imu is None)}
+    no_positions = mapping.fixes is None and mapping.truth is None
+    wanted[NAVSATFIX] = ("position fixes", "fixes", no_positions)
+    for name in sorted(result.found):
+        topic, _, msgtype = name.removesuffix(")").partition(" (")
+        use, purpose, is_missing = wanted.get(msgtype, ("", "", False))
+        if is_missing and result.found[name]:
+            yield left_out(use, topic, purpose)
+
+
+def left_out(use: str, topic: str, stream: str) -> str:
+    """Hint at a topic that a robot file leaves out."""
+    return (
+        f"the log holds {use} on {topic}, which the file leaves out: "
+        f'topic = "{topic}" in [log.{stream}], see icreckon inspect'
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import subprocess
 import sys
@@ -11,8 +12,10 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from rich.console import Console
 
 from command_line import icreckon, icreckon_alone
+from icreckon.report.paper.tables import paper_tables
 from icreckon.simulation.paper.contact import load_paper_contact
 from icreckon.simulation.paper.published import PUBLISHED, READ_OFF
 
@@ -47,6 +50,16 @@ def test_it_leaves_everything_it_promises(report: Path) -> None:
         "contact.toml",
     }
     assert [path.name for path in report.parent.iterdir()] == ["icreckon-paper"]
+
+
+def test_tables_fit_80_characters(results: dict[str, object]) -> None:
+    console = Console(width=80, file=io.StringIO())
+    console.print(paper_tables(results, narrow=True))
+    shown = console.file.getvalue()
+    assert "…" not in shown
+    assert max(map(len, shown.splitlines())) <= 80
+    for value in (4.4424, 38.3464, 63.7394, 15.962, 82.1718, 143.285):
+        assert f" {value:.1f} " in shown
 
 
 @pytest.mark.parametrize("name", sorted(FIGURES))

@@ -230,6 +230,14 @@ def test_other_missing_topics_are_noted(tmp_path: Path) -> None:
     assert "'/i' for imu is not in the bag" in log.notes[0]
 
 
+def test_an_imu_that_the_robot_file_leaves_out_is_noted(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", [*SPEEDS, ("/imu", imu(1)), ("/imu", imu(2))])
+    (note,) = read_log(bag, robot_with(tracks=JOINTS)).notes
+    assert note.startswith("the log holds an IMU on /imu, which the file leaves out")
+    assert 'topic = "/imu" in [log.imu]' in note
+    assert read_log(bag, robot_with(tracks=JOINTS, imu={"topic": "/imu"})).notes == ()
+
+
 def test_a_log_without_mapped_tracks(tmp_path: Path) -> None:
     log = read_log(
         write_bag(tmp_path / "bag", [("/imu", imu(1))]), robot_with(imu={"topic": "/imu"})
