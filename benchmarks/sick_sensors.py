@@ -132,6 +132,27 @@ def with_both_spinning(log: Log) -> Log:
     return with_tracks(log, 10.0, lambda speeds: speeds + 0.5)
 
 
+def with_noise(rates: Floats) -> Floats:
+    """Rates with noise of 3 mrad/s, as a sensor has whose element sticks or saturates."""
+    return rates + np.random.default_rng(0).normal(0.0, 0.003, len(rates))
+
+
+def gyro_fault(change: Callable[[Floats], Floats], lasts: float = 10.0) -> Fault:
+    """Fault of the gyro."""
+    return Fault(lasts, lambda log: with_rate(log, lasts, change), gyro_failed)
+
+
+# Faults that look like another motion to a filter that has nothing but gyro and tracks.
+LIKE_MOTION = {
+    "gyro reads noise alone": gyro_fault(lambda rates: with_noise(np.zeros_like(rates))),
+    "gyro clipped at 0.3 rad/s, with noise": gyro_fault(
+        lambda rates: with_noise(rates.clip(-0.3, 0.3))
+    ),
+    "gyro reads 0.05 rad/s more": gyro_fault(lambda rates: rates + 0.05),
+    "gyro reads 0.2 rad/s more": gyro_fault(lambda rates: rates + 0.2),
+    "gyro reads 1.5 times the rate": gyro_fault(lambda rates: 1.5 * rates),
+    "gyro's sign is turned": gyro_fault(np.negative),
+}
 FAULTS = {
     "gyro reads 2.0 rad/s": Fault(
         1.0, lambda log: with_rate(log, 1.0, lambda rates: np.full_like(rates, 2.0)), gyro_failed
@@ -159,6 +180,7 @@ FAULTS = {
     "carried": Fault(
         10.0, lambda log: with_tracks(log, 10.0, np.zeros_like, RESTS), slides, begins=RESTS
     ),
+    **LIKE_MOTION,
 }
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from codecs import getincrementaldecoder
+from collections.abc import Callable
 from io import RawIOBase
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from icreckon.replay.bags.unpacking import limit, too_large
 from icreckon.replay.base.errors import ReplayError
@@ -20,6 +22,12 @@ FRACTION = re.compile(r"[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?")
 """Number with a fraction; in many countries 0,25."""
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 MOST_COLUMNS = 10_000
+FEW = 0.01
+"""Share of the rows that may be damaged: they are left out."""
+ENOUGH = 20
+"""Rows of a table one of which may be damaged, as the last one where a logger was stopped."""
+SHOWN = 60
+"""Characters of a damaged row that a message shows."""
 CELL = 8
 """Size of a number in memory [bytes]."""
 
@@ -42,27 +50,43 @@ def _is_parquet(path: Path) -> bool:
         return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
 
 
-def read_table(path: Path) -> tuple[Any, dict[str, str]]:
+class Read(NamedTuple):
+    """Content of a table file.
+
+    Attributes:
+        table: columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries.
+        others: types of the other columns, such as lists, by name.
+        notes: what was left out.
+    """
+
+    table: Any
+    others: dict[str, str]
+    notes: list[str]
+
+
+def are_few(count: int, rows: int) -> bool:
+    """Return True if so many of the rows may be damaged in a table that is read."""
+    return count <= FEW * rows or (count == 1 and rows >= ENOUGH)
+
+
+def read_table(path: Path) -> Read:
     """Read a table file.
 
     Args:
         path: the file; Parquet by its first bytes, otherwise CSV with a line of names, its delimiter
             a comma, a semicolon or a tab; beside the latter two, numbers may have decimal commas.
 
-    Returns:
-        The columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries, and the types
-        of the other columns, such as lists, by name.
-
     Raises:
-        ReplayError: it has more than `MOST_COLUMNS` columns, or unpacks to more than the limit.
+        ReplayError: it has more than `MOST_COLUMNS` columns, unpacks to more than the limit, or many rows
+            have another number of cells than the line of names.
         pyarrow.ArrowException: it is no such table.
         OSError: it cannot be read.
     """
-    return _read_parquet(path) if _is_parquet(path) else (_read_csv(path), {})
+    return _read_parquet(path) if _is_parquet(path) else _read_csv(path)
 
 
-def _read_csv(path: Path) -> Any:
-    from pyarrow import csv, input_stream
+def _read_csv(path: Path) -> Read:
+    from pyarrow import ArrowInvalid, csv, input_stream
 
     packed = path.name.lower().endswith(PACKED_CSV_SUFFIXES)
     with input_stream(path, compression="detect") as stream:
@@ -73,13 +97,72 @@ def _read_csv(path: Path) -> Any:
     first, rows = lines[0], lines[1:]
     delimiter = max(DELIMITERS, key=first.count)
     _check_columns(first.count(delimiter) + 1)
-    options = csv.ParseOptions(delimiter=delimiter)
     numbers = csv.ConvertOptions(decimal_point=_decimal_point(rows, delimiter))
-    if not packed:
-        return csv.read_csv(path, parse_options=options, convert_options=numbers)
+
+    def read(handler: Callable[[Any], str] | None) -> Any:
+        options = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=handler)
+        if not packed:
+            return csv.read_csv(path, parse_options=options, convert_options=numbers)
+        with input_stream(path, compression="detect") as stream:
+            limited = _Limited(stream)
+            return csv.read_csv(limited, parse_options=options, convert_options=numbers)
+
+    try:
+        return Read(read(None), {}, [])
+    except ArrowInvalid:
+        # A handler of rows that are no UTF-8 writes a traceback.
+        if not _is_utf_8(path):
+            raise
+    damaged = _DamagedRows()
+    table = read(damaged.take)
+    return Read(table, {}, damaged.notes(int(table.num_rows)))
+
+
+def _is_utf_8(path: Path) -> bool:
+    """Test the unpacked bytes of a file; those beyond the limit count as none."""
+    from pyarrow import input_stream
+
+    decoder = getincrementaldecoder("utf-8")()
     with input_stream(path, compression="detect") as stream:
         limited = _Limited(stream)
-        return csv.read_csv(limited, parse_options=options, convert_options=numbers)
+        try:
+            while data := limited.read(FIRST_BYTES):
+                decoder.decode(data)
+            decoder.decode(b"", final=True)
+        except (UnicodeDecodeError, ReplayError):
+            return False
+    return True
+
+
+class _DamagedRows:
+    """Rows that have another number of cells than the line of names."""
+
+    def __init__(self) -> None:
+        self._count, self._first = 0, ""
+
+    def take(self, row: Any) -> str:
+        """Count a row; return what pyarrow is to do with it."""
+        if not self._count:
+            text = row.text if len(row.text) <= SHOWN else f"{row.text[:SHOWN]}..."
+            self._first = f"{row.actual_columns} instead of {row.expected_columns}, in {text!r}"
+        self._count += 1
+        return "skip"
+
+    def notes(self, rows: int) -> list[str]:
+        """Notes on what was left out of so many good rows and these.
+
+        Raises:
+            ReplayError: these are too many.
+        """
+        if not self._count:
+            return []
+        rows += self._count
+        what = (
+            f"{self._count} of {rows} rows with another number of cells than names ({self._first})"
+        )
+        if not are_few(self._count, rows):
+            raise ReplayError(f"the table cannot be read: it has {what}; correct or delete them")
+        return [f"left out {what}"]
 
 
 def _decimal_point(rows: list[str], delimiter: str) -> str:
@@ -117,7 +200,7 @@ class _Limited(RawIOBase):
         return data
 
 
-def _read_parquet(path: Path) -> tuple[Any, dict[str, str]]:
+def _read_parquet(path: Path) -> Read:
     from pyarrow import parquet
 
     with parquet.ParquetFile(path) as file:
@@ -133,7 +216,8 @@ def _read_parquet(path: Path) -> tuple[Any, dict[str, str]]:
         raise too_large("the table", size)
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
         table = file.read(columns=read, use_threads=False)
-    return table, {field.name: str(field.type) for field in schema if field.name not in read}
+    others = {field.name: str(field.type) for field in schema if field.name not in read}
+    return Read(table, others, [])
 
 
 def _check_columns(count: int) -> None:

@@ -265,7 +265,7 @@ def _look_through(
     for path in paths:
         if path.is_file() and is_table(path):
             tables.append(Table(path))
-            notes += tables[-1].stray_texts()
+            notes += [*tables[-1].notes, *tables[-1].stray_texts()]
             continue
         read = partial(survey_bag, source=str(path), definitions=definitions)
         found, remarks = over_bag(path, read)

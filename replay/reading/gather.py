@@ -193,6 +193,7 @@ def _of_table(path: Path, mapping: TopicMap) -> Gathered:
             f"proposes it); its columns are {table.names()}"
         )
     part = Gathered(str(path), mapping)
+    part.notes = list(table.notes)
     part.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
     part.found = {f"{path.name}: {column.name}": len(table) for column in table.columns}
     return part
@@ -331,7 +332,7 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
 
 
 def _left_out(result: Gathered) -> Iterator[str]:
-    """Note an IMU, or a receiver where there is no truth either, that the robot file leaves out."""
+    """Note an IMU that the robot file leaves out, and a receiver if it has no truth."""
     mapping = result.mapping
     wanted = {IMU: ("an IMU", "imu", mapping.imu is None)}
     no_positions = mapping.fixes is None and mapping.truth is None

@@ -11,7 +11,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.replay.bags.message_types import NAVSATFIX
-from icreckon.replay.bags.table_files import read_table
+from icreckon.replay.bags.table_files import are_few, read_table
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import (
     NANOSECONDS_OF,
@@ -55,6 +55,7 @@ class Table:
     Attributes:
         path: the file.
         columns: its columns.
+        notes: what was left out.
     """
 
     def __init__(self, path: Path) -> None:
@@ -68,7 +69,7 @@ class Table:
 
         self.path = path
         try:
-            self._table, self._others = read_table(path)
+            self._table, self._others, notes = read_table(path)
             columns = [*self._table.column_names, *self._others]
         except ReplayError as problem:
             raise ReplayError(f"{path}: {problem}") from None
@@ -90,6 +91,8 @@ class Table:
         )
         if not self._table.num_rows:
             raise ReplayError(f"{path}: the table has no rows")
+        self.notes = [f"{path.name}: {note}" for note in notes]
+        self._leave_out_few_texts()
         self.columns = tuple(
             Column(
                 field.name,
@@ -99,6 +102,29 @@ class Table:
             )
             for place, field in enumerate(self._table.schema)
         ) + tuple(Column(name, kind, False, len(self)) for name, kind in self._others.items())
+
+    def _leave_out_few_texts(self) -> None:
+        """Make a column numbers that holds a text in few rows, which become empty."""
+        import pyarrow as pa
+        from pyarrow import compute
+
+        for place, name in enumerate(self._table.column_names):
+            column = self._table.column(place)
+            found = _strays(column)
+            if found is None or not are_few(found.number, len(column)):
+                continue
+            texts = compute.utf8_trim_whitespace(column.cast(pa.string()))
+            empty = compute.or_(found.where, compute.equal(texts, "")).fill_null(True)
+            try:
+                numbers = compute.if_else(empty, pa.scalar(None, pa.string()), texts).cast(
+                    pa.float64()
+                )
+            except pa.ArrowInvalid:
+                continue
+            self._table = self._table.set_column(place, name, numbers)
+            self.notes.append(
+                f"{self.path.name}: column {name!r} holds {found.text}: left out there"
+            )
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
@@ -131,8 +157,10 @@ class Table:
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
             kind = _kind(column.type)
-            if found := _not_numbers(column):
-                raise ReplayError(f"{self.path}: column {name!r} holds {found}, not numbers alone")
+            if (found := _strays(column)) and found.number:
+                raise ReplayError(
+                    f"{self.path}: column {name!r} holds {found.text}, not numbers alone"
+                )
             filled = column.drop_null()
             such = f" (such as {str(filled[0].as_py())!r})" if len(filled) else ""
             raise ReplayError(f"{self.path}: column {name!r} holds {kind}, not numbers{such}")
@@ -141,8 +169,9 @@ class Table:
     def stray_texts(self) -> Iterator[str]:
         """Yield a note for each column of numbers that some text makes a column of texts."""
         for name in self._table.column_names:
-            if found := _not_numbers(self._table.column(name)):
-                yield f"{self.path.name}: column {name!r} holds {found}; without it these are numbers"
+            if (found := _strays(self._table.column(name))) and found.number:
+                what = f"column {name!r} holds {found.text}"
+                yield f"{self.path.name}: {what}; without it these are numbers"
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
         """Times of a column as stamps (n,) [ns], and the mask (n,) of possible ones.
@@ -179,8 +208,22 @@ class Table:
         return whole.astype(np.int64) * factor + rest, there
 
 
-def _not_numbers(column: Any) -> str | None:
-    """Describe the cells that are no numbers in a column of texts, most of which are."""
+class _Strays(NamedTuple):
+    """Cells of a column of texts that are no numbers.
+
+    Attributes:
+        where: their mask.
+        number: number of them.
+        text: description of the first.
+    """
+
+    where: Any
+    number: int
+    text: str
+
+
+def _strays(column: Any) -> _Strays | None:
+    """Find the cells that are no numbers in a column of texts, most of which are."""
     import pyarrow as pa
     from pyarrow import compute
 
@@ -190,10 +233,13 @@ def _not_numbers(column: Any) -> str | None:
     # Empty cells of such a column are empty texts.
     other = compute.invert(compute.match_substring_regex(texts, NUMBER_OR_EMPTY)).fill_null(False)
     count = compute.sum(other).as_py() or 0
-    if not 0 < 2 * count < len(texts):
+    if 2 * count >= len(texts):
         return None
+    if not count:
+        return _Strays(other, 0, "")
     first = compute.index(other, True).as_py()
-    return f"text in {count} of {len(texts)} rows (row {first + 1}: {texts[first].as_py()!r})"
+    text = f"text in {count} of {len(texts)} rows (row {first + 1}: {texts[first].as_py()!r})"
+    return _Strays(other, count, text)
 
 
 def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:

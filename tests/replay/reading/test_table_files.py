@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import re
 from pathlib import Path
 
 import numpy as np
@@ -299,6 +301,64 @@ def test_a_comma_in_a_note_is_no_decimal_comma(tmp_path: Path) -> None:
     rows = ["t;l;r;note", "0;0;0;start, now", "1;0.25;-0.5;2,5"]
     log = read(write(tmp_path / "run.csv", "\n".join(rows) + "\n"), tracks=SPEEDS)
     np.testing.assert_array_equal(log.tracks.speeds[-1], [0.25, -0.5])
+
+
+ROWS = [f"{0.1 * k:.1f},0.25,0.5" for k in range(200)]
+
+
+@pytest.mark.parametrize(
+    ("row", "text", "note"),
+    [
+        (
+            -1,
+            "19.9,0.2",
+            r"left out 1 of 200 rows with another number of cells than names \(2 inst",
+        ),
+        (
+            70,
+            "7.0,0.25,0.5,0.75",
+            r"left out 1 of 200 rows .*4 instead of 3, in '7.0,0.25,0.5,0.75'",
+        ),
+        (
+            0,
+            "s,m/s,m/s",
+            r"column 'r' holds text in 1 of 200 rows \(row 1: 'm/s'\): left out there",
+        ),
+        (
+            50,
+            "5.0,-,0.5",
+            r"column 'l' holds text in 1 of 200 rows \(row 51: '-'\): left out there",
+        ),
+        (50, "5.0, ,--", r"column 'r' holds text in 1 of 200 rows \(row 51: '--'\)"),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["csv", "csv.gz"])
+def test_a_damaged_row_is_left_out_and_noted(
+    tmp_path: Path, row: int, text: str, note: str, suffix: str
+) -> None:
+    rows = list(ROWS)
+    rows[row] = text
+    path = tmp_path / f"run.{suffix}"
+    content = "\n".join(["t,l,r", *rows]).encode()
+    path.write_bytes(gzip.compress(content) if suffix.endswith("gz") else content)
+    log = read(path, tracks=SPEEDS)
+    assert len(log.tracks.stamps) == 199
+    np.testing.assert_array_equal(log.tracks.speeds, np.tile([0.25, 0.5], (199, 1)))
+    assert any(re.search(note, one) for one in log.notes), log.notes
+    assert any(re.search(note, one) for one in inspect(path).notes)
+
+
+def test_many_damaged_rows_are_an_error(tmp_path: Path) -> None:
+    ragged = [f"{row},7" if place % 50 == 0 else row for place, row in enumerate(ROWS)]
+    path = write(tmp_path / "run.csv", "\n".join(["t,l,r", *ragged]))
+    with pytest.raises(
+        ReplayError, match=r"cannot be read: it has 4 of 200 rows with another numb"
+    ):
+        read(path, tracks=SPEEDS)
+    worded = [row.replace("0.5", "x") if place % 50 == 0 else row for place, row in enumerate(ROWS)]
+    write(path, "\n".join(["t,l,r", *worded]))
+    with pytest.raises(ReplayError, match="holds text in 4 of 200 rows"):
+        read(path, tracks=SPEEDS)
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
