@@ -245,13 +245,14 @@ def test_a_sample_log_whose_odometry_turns_too_much(data_dir: Path) -> None:
     found = inspected(sample_log(data_dir, "husky_test1.bag"))
     assert not any(said.startswith("suspicious") for said in found.findings)
     assert any("standstills: 1, 10 s in all" in said for said in found.findings)
-    # The maker's controller goes by 0.55 m times 1.875, which is right for this ground.
+    # The maker's controller goes by 0.55 m times 1.875, which is a little much for this ground: turning
+    # integrated over 1 to 20 s, after the tracks' lateness of 0.43 s, is 0.91 to 0.95 times the gyro's.
     (ratio,) = re.findall(
         r"^eta0 = .*effective track by the gyro: (\S+) times the gauge of its controller",
         found.proposed_robot_file,
         re.MULTILINE,
     )
-    assert float(ratio) == pytest.approx(1.0, abs=0.05)
+    assert float(ratio) == pytest.approx(0.93, abs=0.03)
 
 
 # What a log does not tell: sprocket radius (0 where the log needs none), gauge; or the robot that ships.
