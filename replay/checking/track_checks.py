@@ -47,7 +47,7 @@ from icreckon.replay.mapping.topics import topic_map
 LEAST_SCALE, LEAST_IN_BENDS = 0.03, 0.1
 # Factor between the effective tracks of the file and of the log that ground and steady bends do not
 # explain [-], and latency that is usual for a sampled speed [s].
-OTHER_TRACK = 1.25
+OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.05
 # Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
 SCALE_BY_FORCE = 0.35
