@@ -123,12 +123,16 @@ def _parameters_found(fit: Fit) -> int:
 
 
 def _supported(names: list[str], differences: list[Difference]) -> str:
-    """Find the first model than which no later one is significantly better."""
+    """Find the model that the data support.
+
+    Each later model replaces the one chosen so far if it is significantly better than that.
+    """
     known = {(one.model, one.than): one for one in differences}
-    for place, name in enumerate(names):
-        if all(known[later, name].drift_high >= 0.0 for later in names[place + 1 :]):
-            return name
-    raise ValueError("no models are compared")
+    chosen = names[0]
+    for name in names[1:]:
+        if known[name, chosen].drift_high < 0.0:
+            chosen = name
+    return chosen
 
 
 def _jumped(fit: Fit) -> NDArray[np.bool_]:
