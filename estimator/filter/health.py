@@ -428,7 +428,8 @@ class Health:
         standstill_updates: number of IMU samples at which the robot was found standing.
         track_gaps: number of gaps in the track speeds longer than `Settings.hold`.
         stuck_tracks: number of times that a track's sensor was found stuck.
-        clock_steps: number of times that the clock of all sensors was set, found set back or said to be.
+        clock_steps: number of times that the clock of all sensors was set: found set back, or by
+            `PoseEstimator.set_clock`.
         track_latency: latency of the track speeds, used and estimated.
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         slip: slip beyond what bends explain: a track that spins.

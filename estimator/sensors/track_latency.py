@@ -33,7 +33,7 @@ LEAST_CORRELATION = 0.7
 CAPACITY = 4096
 """Number of samples that are kept to integrate over the windows: 10 s at 400 Hz."""
 LONGEST_BEHIND = 1000.0
-"""Time before the newest sample from which windows are not used [s]."""
+"""Age, at the newest sample, beyond which no window is used [s]."""
 OBSOLETE = 256
 """Number of samples before the next window at which they are dropped."""
 

@@ -111,22 +111,22 @@ def _read_csv(path: Path) -> Read:
         return Read(read(None), {}, [])
     except ArrowInvalid:
         # A handler of rows that are no UTF-8 writes a traceback.
-        if not _is_utf_8(path):
+        if not _is_utf_8(path, packed=packed):
             raise
     damaged = _DamagedRows()
     table = read(damaged.take)
     return Read(table, {}, damaged.notes(int(table.num_rows)))
 
 
-def _is_utf_8(path: Path) -> bool:
-    """Test the unpacked bytes of a file; those beyond the limit count as none."""
+def _is_utf_8(path: Path, *, packed: bool) -> bool:
+    """Test the bytes of a file; unpacked ones beyond the limit count as none."""
     from pyarrow import input_stream
 
     decoder = getincrementaldecoder("utf-8")()
     with input_stream(path, compression="detect") as stream:
-        limited = _Limited(stream)
+        source = _Limited(stream) if packed else stream
         try:
-            while data := limited.read(FIRST_BYTES):
+            while data := source.read(FIRST_BYTES):
                 decoder.decode(data)
             decoder.decode(b"", final=True)
         except (UnicodeDecodeError, ReplayError):

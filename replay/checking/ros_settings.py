@@ -23,8 +23,8 @@ from icreckon.replay.checking.measured import (
     measured_track,
     true_motion,
 )
-from icreckon.replay.checking.track_checks import OTHER_TRACK
-from icreckon.replay.inspection.latency import truth_lag
+from icreckon.replay.checking.track_checks import is_other_track
+from icreckon.replay.inspection.latency import truth_lag, without_lag
 
 ROS_FIRST_WORDS = "# Settings for ROS"
 # Variance of motion that the wheels do not measure [m²/s², rad²/s²].
@@ -122,8 +122,7 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
         return np.zeros(0)
     late = truth_lag(truth, log.tracks, log.imu, in_base(log.imu, robot)[0])
     if isinstance(late, Lag) and truth.twists is None:
-        stamps = truth.poses.stamps - round(late.seconds / NANOSECOND)
-        truth = replace(truth, poses=replace(truth.poses, stamps=stamps))
+        truth = replace(truth, poses=without_lag(truth.poses, late))
     motion = true_motion(log, truth, WINDOW)
     if motion is None:
         return np.zeros(0)
@@ -170,9 +169,9 @@ def _multiplier(log: Log, robot: Robot) -> tuple[float, str]:
     if found is None:
         return in_file, NOT_SEEN
     seen = found / robot.vehicle.track_gauge
-    if 1.0 / OTHER_TRACK < seen / in_file < OTHER_TRACK:
-        return in_file, f"of the robot file; by the gyro of this log {seen:.4g}"
-    return seen, f"by the gyro of this log, which contradicts the robot file's {in_file:.4g}"
+    if is_other_track(seen / in_file):
+        return seen, f"by the gyro of this log, which contradicts the robot file's {in_file:.4g}"
+    return in_file, f"of the robot file; by the gyro of this log {seen:.4g}"
 
 
 def _radius_lines(log: Log, robot: Robot) -> list[str]:

@@ -327,6 +327,11 @@ def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:
     return (ratio, sigma) if ratio > 0.0 and sigma < 0.1 * ratio else None
 
 
+def is_other_track(ratio: float) -> bool:
+    """Return True if a ratio of effective tracks, log over file, is a contradiction."""
+    return not 1.0 / OTHER_TRACK < ratio < OTHER_TRACK
+
+
 def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
     if log.imu is None or not tracks_usable(log):
@@ -341,7 +346,7 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     ratio = track / in_file
     shown = f"{track:.2f} m by the gyro, {ratio:.2f} times"
     gauge = robot.vehicle.track_gauge
-    if 1.0 / OTHER_TRACK < ratio < OTHER_TRACK and track > 0.9 * gauge:
+    if not is_other_track(ratio) and track > 0.9 * gauge:
         yield Check(TRACK, f"{in_file:.2f} m", shown)
         return
     if gauge > TOO_WIDE:

@@ -119,9 +119,9 @@ def turning_axis(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
         tracks: the track speeds.
         imu: the IMU, whose axes are those of the result.
     """
-    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+    difference = _turning(tracks, imu)
+    if difference is None:
         return None
-    difference = np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
     rates = imu.angular_velocity
     shared = (rates - rates.mean(axis=0)).T @ (difference - difference.mean())
     size = float(np.linalg.norm(shared))
@@ -212,12 +212,17 @@ def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floa
         imu: the IMU, for its stamps.
         vertical: (n,) its rate about the vertical [rad/s].
     """
-    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
-        return None
-    difference = np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
-    if np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
+    difference = _turning(tracks, imu)
+    if difference is None or np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
         return None
     return float(np.corrcoef(difference, vertical)[0, 1])
+
+
+def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
+    """V_r - V_l (n,) at the stamps of an IMU; None if speeds lack or are absurd."""
+    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+        return None
+    return np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
 
 
 def _density_while_driving(

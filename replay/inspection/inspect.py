@@ -31,7 +31,7 @@ from icreckon.replay.inspection.imu_mounting import (
     estimate_mounting,
     vertical_rate,
 )
-from icreckon.replay.inspection.latency import objection, track_latency, truth_lag
+from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
 from icreckon.replay.inspection.robot_file import has_tracks, in_rates, robot_file_text
 from icreckon.replay.inspection.topic_survey import (
     Spacing,
@@ -245,12 +245,9 @@ def _in_time(log: Log, latencies: dict[str, Lag | NoLag]) -> Log:
     """Log whose track speeds and truth are as late as its gyro, where that is clear."""
     tracks, truth = (latencies.get(purpose) for purpose in ("tracks", "truth"))
     if isinstance(tracks, Lag) and not objection(tracks):
-        stamps = log.tracks.stamps - round(tracks.seconds / NANOSECOND)
-        log = with_changed(log, tracks=with_changed(log.tracks, stamps=stamps))
+        log = with_changed(log, tracks=without_lag(log.tracks, tracks))
     if isinstance(truth, Lag) and not objection(truth) and log.truth is not None:
-        poses = log.truth.poses
-        stamps = poses.stamps - round(truth.seconds / NANOSECOND)
-        poses = with_changed(poses, stamps=stamps)
+        poses = without_lag(log.truth.poses, truth)
         log = with_changed(log, truth=with_changed(log.truth, poses=poses))
     return log
 
@@ -289,10 +286,10 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicRe
         spaced = Spacing(None, None, None)
         if columns is not None and stamps is not None:
             with suppress(ReplayError):
+                there = timed
                 if column.name != columns.time:
-                    spaced = spacing(stamps[timed & ~np.isnan(table.numbers([column.name])[:, 0])])
-                else:
-                    spaced = spacing(stamps[timed])
+                    there = timed & ~np.isnan(table.numbers([column.name])[:, 0])
+                spaced = spacing(stamps[there])
         yield TopicReport(
             topic=column.name,
             msgtype=column.kind,

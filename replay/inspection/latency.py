@@ -7,7 +7,10 @@ of slip in that time. The estimate needs neither truth nor fixes.
 
 from __future__ import annotations
 
-from icreckon.estimator.base.array_types import Floats
+from dataclasses import replace
+from typing import TypeVar
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.log.lag import (
     LEAST_TURN,
@@ -20,7 +23,9 @@ from icreckon.estimator.log.lag import (
     turned,
     turned_by_tracks,
 )
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
+
+_Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
 
 LEAST = 0.03
 """Smallest size of a latency that is proposed [s]."""
@@ -31,6 +36,11 @@ def objection(latency: Lag) -> str:
     if abs(latency.seconds) <= BEYOND * latency.sigma:
         return "within its error"
     return "" if abs(latency.seconds) > LEAST else f"less than {LEAST:g} s"
+
+
+def without_lag(series: _Series, lag: Lag) -> _Series:
+    """Copy of a series with a lag taken off its stamps."""
+    return replace(series, stamps=series.stamps - round(lag.seconds / NANOSECOND))
 
 
 def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Lag | NoLag:

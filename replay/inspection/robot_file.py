@@ -232,13 +232,12 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
 
 def _mounting(mounting: Mounting) -> list[str]:
     """Comments on what shows the mounting of an IMU."""
-    if mounting.specific_force is None:
-        lines = ["# The IMU has no accelerometer."]
-    else:
+    by_gravity, lines = mounting.up_shown_by == "gravity", ["# The IMU has no accelerometer."]
+    if mounting.specific_force is not None:
         x, y, z = mounting.specific_force
-        lines = [f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²."]
-    if mounting.up_shown_by == "gravity":
-        lines[0] = lines[0].removesuffix(".") + "; roll and pitch turn it upright."
+        end = "; roll and pitch turn it upright." if by_gravity else "."
+        lines = [f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²{end}"]
+    if by_gravity:
         lines.append(
             "# Yaw: accelerations follow the track speeds with it."
             if mounting.yaw_shown

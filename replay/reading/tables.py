@@ -122,9 +122,10 @@ class Table:
             except pa.ArrowInvalid:
                 continue
             self._table = self._table.set_column(place, name, numbers)
-            self.notes.append(
-                f"{self.path.name}: column {name!r} holds {found.text}: left out there"
-            )
+            if found.number:
+                self.notes.append(
+                    f"{self.path.name}: column {name!r} holds {found.text}: left out there"
+                )
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
