@@ -31,6 +31,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -261,10 +262,8 @@ def bias_jumps(robot: Robot, variant: str, runs: int) -> list[str]:
 def stuck_receiver(robot: Robot, variant: str, runs: int, rate: float) -> str:
     """Row of the table of receivers that repeat a position: not used, and used."""
     refused = _stuck_receiver(robot, variant, runs, rate)
-    usual = repeating_fixes.MOST_DRIVEN
-    repeating_fixes.MOST_DRIVEN = math.inf
-    used = _stuck_receiver(robot, variant, runs, rate)
-    repeating_fixes.MOST_DRIVEN = usual
+    with patch.object(repeating_fixes, "most_driven", return_value=math.inf):
+        used = _stuck_receiver(robot, variant, runs, rate)
     return f"{refused} | {used.rpartition(' | ')[0]}"
 
 

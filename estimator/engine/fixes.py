@@ -10,7 +10,14 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import TREND
-from icreckon.estimator.engine.model import bias_doubt, slip_factor_after, trend_after, turn
+from icreckon.estimator.engine.model import (
+    bias_doubt,
+    is_beside,
+    normalised,
+    slip_factor_after,
+    trend_after,
+    turn,
+)
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import DOUBTED_TIME, REJECTED_FIXES
@@ -79,14 +86,17 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     smooth = lane.input("smooth_left"), lane.input("smooth_right")
     factor = lane.row("slip_factor")
     forward, left, size = (lane.row(name) for name in TREND)
-    trended = trend_after((forward, left, size), z, (xx, xy, yy), turn(values[s.YAW]))
+    ahead, beside = normalised(z, (xx, xy, yy), turn(values[s.YAW]))
+    trended = trend_after((forward, left, size), ahead, beside)
     after = slip_factor_after(factor, trended, *smooth)
     taken = tested & admitted
     many = tested & ~used & (lane.stores["position_in_a_row"] >= float(REJECTED_FIXES))
+    many = many & is_beside(ahead, beside)
     doubt = select(taken, bias_doubt(trended, *smooth), trace.truth_as_number(many))
     doubt = doubt * lane.constant("bias_variance")
     if s.GYRO_BIAS in P.states and s.GYRO_BIAS not in shape.considered:
         P.add(s.GYRO_BIAS, s.GYRO_BIAS, doubt)
+        P.add(s.YAW, s.GYRO_BIAS, -doubt * DOUBTED_TIME)
     P.add(s.YAW, s.YAW, doubt * DOUBTED_TIME**2)
     lane.stores["slip_factor"] = select(taken, after, factor)
     for name, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):

@@ -10,13 +10,16 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Size, plain_copy
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, PoseFix, PositionFix
 
-# Way of the tracks from which on a position that repeats itself is not used [m]; receivers with four
-# digits of a minute of arc resolve 0.19 m.
+# Way of the tracks from which on a position that repeats itself is not used [m]: at most this, since
+# receivers with four digits of a minute of arc resolve 0.19 m.
 MOST_DRIVEN = 0.3
+# After so many changes of position, at speeds above this [m/s], a receiver has shown over which way it
+# repeats one while it works. From so many times this on a position is not used, and at least this [m].
+LEARNT, MOVING, UNUSUAL, LEAST_DRIVEN = 20, 0.1, 4.0, 0.1
 
 
 class PlaceRecord(msgspec.Struct):
@@ -27,6 +30,8 @@ class PlaceRecord(msgspec.Struct):
         y: position [m].
         stamp: stamp of the newest fix there [ns], or NEVER.
         driven: way forward by the tracks since the first fix there [m].
+        longest: longest such way after which the position changed, at most `MOST_DRIVEN` [m].
+        changes: number of changes of position while driving, at most `LEARNT`.
         rejected: number of fixes that were not used because they repeat a position.
     """
 
@@ -34,6 +39,8 @@ class PlaceRecord(msgspec.Struct):
     y: float = 0.0
     stamp: int = NEVER
     driven: float = 0.0
+    longest: Size = 0.0
+    changes: Count = 0
     rejected: Count = 0
 
     def shifted(self, by: int) -> PlaceRecord:
@@ -56,12 +63,24 @@ def repeats(positions: PlaceRecord, poses: PlaceRecord, m: Measurement, speed: f
         return False
     place = positions if isinstance(m, PositionFix) else poses
     same = place.stamp != NEVER and m.x == place.x and m.y == place.y
-    driven = speed * (m.stamp - place.stamp) * NANOSECOND if same else 0.0
-    place.driven = place.driven + driven if same else 0.0
+    if same:
+        place.driven += speed * (m.stamp - place.stamp) * NANOSECOND
+    elif place.stamp != NEVER:
+        if abs(place.driven) <= MOST_DRIVEN and abs(speed) > MOVING:
+            place.longest = max(place.longest, abs(place.driven))
+            place.changes = min(LEARNT, place.changes + 1)
+        place.driven = 0.0
     place.x, place.y, place.stamp = m.x, m.y, m.stamp
-    found = abs(place.driven) > MOST_DRIVEN
+    found = abs(place.driven) > most_driven(place)
     place.rejected += found
     return found
+
+
+def most_driven(place: PlaceRecord) -> float:
+    """Longest way over which a receiver that works may repeat a position [m]."""
+    if place.changes < LEARNT:
+        return MOST_DRIVEN
+    return min(MOST_DRIVEN, max(LEAST_DRIVEN, UNUSUAL * place.longest))
 
 
 def may_repeat(log: Log) -> bool:
@@ -76,4 +95,4 @@ def may_repeat(log: Log) -> bool:
     # The longest time at one place, at the highest speed.
     changes = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
     stays = stamps[changes[1:] - 1] - stamps[changes[:-1]]
-    return not speed * float(stays.max()) * NANOSECOND <= MOST_DRIVEN
+    return not speed * float(stays.max()) * NANOSECOND <= LEAST_DRIVEN

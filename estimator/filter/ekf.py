@@ -84,8 +84,8 @@ class Observer(Protocol):
     def wandered(self, decay: float, variance: float) -> None:
         """Wander of the fixes over some time, see `IcrEkf.let_wander`."""
 
-    def inflated(self, states: tuple[int, ...], variance: float) -> None:
-        """Inflation of each of these states by this variance."""
+    def inflated(self, states: tuple[int, ...], covariance: Floats) -> None:
+        """Inflation of these n states by this covariance (n, n)."""
 
     def updated(
         self, z: float, h: Floats, r: float, change: Floats, fixed: tuple[int, ...]
@@ -340,10 +340,13 @@ class IcrEkf:
 
     def inflate(self, *states: int, variance: float) -> None:
         """Inflate states, each by a variance and independently of all other states."""
-        for index in states:
-            self.P[index, index] += variance
+        self.inflate_jointly(states, variance * np.eye(len(states)))
+
+    def inflate_jointly(self, states: tuple[int, ...], covariance: Floats) -> None:
+        """Inflate n states by a covariance (n, n)."""
+        self.P[np.ix_(states, states)] += covariance
         if self.observer is not None:
-            self.observer.inflated(states, variance)
+            self.observer.inflated(states, covariance)
 
     def innovation_covariance(self, H: Floats, R: Floats) -> Floats:
         """S (n, n) of a measurement with Jacobian H (n, SIZE) and noise R (n, n)."""

@@ -10,16 +10,20 @@ innovations are then smaller than expected, while slip makes them larger. So a t
 less.
 
 A gyro's bias that jumped turns the pose. Fixes then lie beside the path, more and more of them, while the
-filter is sure of yaw and bias: from a trend to one side on, and when fixes are rejected, both are made
-uncertain, and the fixes teach them.
+filter is sure of yaw and bias. From a trend to one side on, and when fixes beside the path are rejected,
+both are made uncertain. They are so together, since the yaw is off by the bias times a time: what fixes
+teach of the yaw, they teach of the bias. Fixes that are rejected ahead or behind show nothing of it: on
+other ground the robot goes more or less far than estimated.
 
-`trend_after`, `bias_doubt` and `slip_factor_after` are written for plain Python and, traced, for lanes.
+Functions of plain numbers are written for plain Python and, traced, for lanes.
 """
 
 from __future__ import annotations
 
 import math
 from typing import Any
+
+import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.ekf import IcrEkf
@@ -45,20 +49,15 @@ EXPECTED_SQUARE = 1.25
 LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
 # Normalised square of the trend to the left from which on the gyro's bias is doubted, and at which it is
 # doubted fully, as it is after so many rejected fixes. So is the yaw: by the bias for this time [s].
-DOUBT, FULL_DOUBT, REJECTED_FIXES, DOUBTED_TIME = 12.0, 24.0, 3, 5.0
+DOUBT, FULL_DOUBT, REJECTED_FIXES, DOUBTED_TIME = 8.0, 16.0, 3, 7.0
 
 
-def trend_after(
-    trend: tuple[Any, Any, Any],
-    z: tuple[Any, Any],
-    S: tuple[Any, Any, Any],
-    heading: tuple[Any, Any],
-) -> tuple[Any, Any, Any]:
-    """Mean of the normalised innovations of position fixes, with a newer fix.
+def normalised(
+    z: tuple[Any, Any], S: tuple[Any, Any, Any], heading: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """Normalised innovation of a position fix, to the front and to the left [-].
 
     Args:
-        trend: mean before it, to the front and to the left of the robot, and size: mean NIS of a degree
-            of freedom [-].
         z: innovation in x and y [m].
         S: its covariance, xx, xy and yy [m²].
         heading: cosine and sine of the yaw.
@@ -72,7 +71,18 @@ def trend_after(
     # What is new in the left component, and its variance: Cholesky's factors of the covariance.
     rest = left - shared / variance * forward
     rest_variance = max((xx * yy - xy * xy) / variance, least)
-    ahead, beside = forward / math.sqrt(variance), rest / math.sqrt(rest_variance)
+    return forward / math.sqrt(variance), rest / math.sqrt(rest_variance)
+
+
+def trend_after(trend: tuple[Any, Any, Any], ahead: Any, beside: Any) -> tuple[Any, Any, Any]:
+    """Mean of the normalised innovations of position fixes, with a newer fix.
+
+    Args:
+        trend: mean before it, to the front and to the left of the robot, and size: mean NIS of a degree
+            of freedom [-].
+        ahead: normalised innovation to the front, see `normalised`.
+        beside: that to the left.
+    """
     return (
         trend[0] + TREND_WEIGHT * (ahead - trend[0]),
         trend[1] + TREND_WEIGHT * (beside - trend[1]),
@@ -120,6 +130,11 @@ def bias_doubt(trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
     return share * min(1.0, travel_speed(left, right) / MOVING)
 
 
+def is_beside(ahead: Any, beside: Any) -> Any:
+    """Return True if a normalised innovation is more to a side than ahead."""
+    return beside * beside > ahead * ahead
+
+
 def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> float:
     """Adapt the factor to the newest position fix, if the gate admitted it.
 
@@ -131,14 +146,15 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> float:
     Returns:
         Share of the gyro's initial variance of bias to be added, see `bias_doubt`.
     """
-    if fixes.verdict != ADMITTED:
-        return 1.0 if fixes.rejected_in_a_row >= REJECTED_FIXES else 0.0
-    trend = trend_after(
-        (record.trend_forward, record.trend_left, record.trend_size),
+    ahead, beside = normalised(
         (fixes.z[0], fixes.z[1]),
         (fixes.S[0], fixes.S[1], fixes.S[3]),
         (math.cos(yaw), math.sin(yaw)),
     )
+    if fixes.verdict != ADMITTED:
+        many = fixes.rejected_in_a_row >= REJECTED_FIXES
+        return 1.0 if many and is_beside(ahead, beside) else 0.0
+    trend = trend_after((record.trend_forward, record.trend_left, record.trend_size), ahead, beside)
     record.trend_forward, record.trend_left, record.trend_size = trend
     speeds = record.tracks.smooth_left, record.tracks.smooth_right
     record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)
@@ -146,8 +162,17 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> float:
 
 
 def doubt(ekf: IcrEkf, variance: float) -> None:
-    """Inflate the gyro's bias by a variance [rad²/s²], and the yaw with it."""
-    if variance > 0.0:
-        if s.GYRO_BIAS not in ekf.considered:
-            ekf.inflate(s.GYRO_BIAS, variance=variance)
+    """Inflate the gyro's bias, and the yaw by what that turns in a time.
+
+    Args:
+        ekf: the filter, changed in place.
+        variance: what is added to the variance of the bias [rad²/s²].
+    """
+    if variance <= 0.0:
+        return
+    if s.GYRO_BIAS in ekf.considered:
         ekf.inflate(s.YAW, variance=variance * DOUBTED_TIME**2)
+        return
+    # A bias that is larger than estimated has turned the estimate too far to the left.
+    direction = np.array([-DOUBTED_TIME, 1.0])
+    ekf.inflate_jointly((s.YAW, s.GYRO_BIAS), variance * np.outer(direction, direction))

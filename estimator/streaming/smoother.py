@@ -249,10 +249,9 @@ class _Tape:
         P[np.ix_(states, states)] = covariance
         self._tape.append(_Renewal(states))
 
-    def inflated(self, states: tuple[int, ...], variance: float) -> None:
+    def inflated(self, states: tuple[int, ...], covariance: Floats) -> None:
         """Record an inflation, see `Observer`."""
-        for index in states:
-            self._optimal_P[index, index] += variance
+        self._optimal_P[np.ix_(states, states)] += covariance
 
     def updated(
         self, z: float, h: Floats, r: float, change: Floats, fixed: tuple[int, ...]

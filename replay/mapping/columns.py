@@ -20,7 +20,7 @@ from icreckon.estimator.base.checks import (
     require_wander,
 )
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
+from icreckon.replay.mapping.track_units import Held, TrackUnit, check_sides, check_unit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 RateUnit = Literal["rad/s", "deg/s"]
@@ -86,6 +86,7 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self)
         if not (self.left and self.right):
             raise ValueError("left and right must name columns")
+        check_sides(self.left, self.right)
         on_a_side = max(len(self.left), len(self.right))
         check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
 

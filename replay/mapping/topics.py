@@ -31,7 +31,7 @@ from icreckon.replay.mapping.columns import (
     check_place,
 )
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Held, TrackUnit, check_unit
+from icreckon.replay.mapping.track_units import Held, TrackUnit, check_sides, check_unit
 
 Clock = Literal["auto", "header", "recording"]
 """Clock of a stream: header stamps, time of recording, or the choice of
@@ -81,6 +81,7 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if bool(self.left) != bool(self.right):
             raise ValueError("left and right must both name joints, or both be left out")
         check_bounds(self)
+        check_sides(self.left, self.right)
         on_a_side = max(len(self.left), len(self.right))
         check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
 

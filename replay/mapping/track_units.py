@@ -55,6 +55,20 @@ def check_unit(
         raise ValueError("wrap is for one counter a side: the mean of several does not wrap")
 
 
+def check_sides(left: tuple[str, ...], right: tuple[str, ...]) -> None:
+    """Refuse joints, fields or columns of the sides that are named twice.
+
+    Raises:
+        ValueError: one is on both sides, or twice on one.
+    """
+    both = sorted({*left} & {*right})
+    if both:
+        raise ValueError(f"left and right must not share {both[0]!r}")
+    for side, names in (("left", left), ("right", right)):
+        if len({*names}) < len(names):
+            raise ValueError(f"{side} names {max(names, key=names.count)!r} twice")
+
+
 def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | None) -> float:
     """Factor from a unit to m/s, or to m for cumulative units."""
     if unit in OF_GROUND:

@@ -23,8 +23,9 @@ STUCK_AT = 30.0
 LARGE = tuple(tuple(row) for row in (np.eye(3) * 100.0).tolist())
 
 
-def driven(seed: int = 3) -> Log:
-    return simulate(Scenario(duration=60.0, seed=seed, trajectory="random", fix_rate=5.0), ALPHA)
+def driven(seed: int = 3, fix_rate: float = 5.0) -> Log:
+    scenario = Scenario(duration=60.0, seed=seed, trajectory="random", fix_rate=fix_rate)
+    return simulate(scenario, ALPHA)
 
 
 def with_stuck_receiver(log: Log) -> Log:
@@ -52,6 +53,29 @@ def test_a_position_that_repeats_itself_does_not_hold_the_robot(variant):
     assert rejections["position: repeats itself"] > 100
     assert off < 1.0
     assert off < 3.0 * max(sigma, 0.3)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_nor_does_one_of_a_fast_receiver(seed):
+    """At 20 Hz the gate would give up before 0.3 m; a receiver that never repeated one may not."""
+    off, sigma, _ = position_errors(with_stuck_receiver(driven(seed, 20.0)), "constant-online")
+    assert off < 3.0 * max(sigma, 0.2)
+
+
+def accepted(resolution: float, rate: int) -> list[bool]:
+    """Whether fixes of a coarse receiver are used, on a straight way at 0.5 m/s."""
+    estimator, used = PoseEstimator(ALPHA, "gyro"), []
+    for k in range(1, 600):
+        estimator.feed(TrackSpeeds(k * SECOND // 20, 0.5, 0.5))
+        if k % (20 // rate) == 0:
+            x = round((k - 1) * 0.025 / resolution) * resolution
+            used.append(estimator.feed(PositionFix(k * SECOND // 20, x, 0.0, 1.0)))
+    return used
+
+
+@pytest.mark.parametrize(("resolution", "rate"), [(0.19, 20), (0.19, 5), (0.05, 20), (0.025, 20)])
+def test_a_coarse_receiver_may_repeat_what_it_always_repeats(resolution, rate):
+    assert all(accepted(resolution, rate))
 
 
 def test_a_healthy_receiver_is_not_accused():

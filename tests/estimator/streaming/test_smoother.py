@@ -157,10 +157,9 @@ class _Batch(smoother._Tape):
             each[s.FAST_SLIP] = 0.0
         self._new_source(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
 
-    def inflated(self, states, variance):
-        super().inflated(states, variance)
-        for index in states:
-            self._new_source(np.array([[variance]]), np.eye(s.SIZE)[:, [index]])
+    def inflated(self, states, covariance):
+        super().inflated(states, covariance)
+        self._new_source(covariance.copy(), np.eye(s.SIZE)[:, list(states)])
 
     def updated(self, residual, row, variance, change, fixed):
         seen, noise = self.without_fixed(row, variance, fixed)

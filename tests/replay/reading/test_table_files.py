@@ -260,6 +260,8 @@ def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
         ({"tracks": SPEEDS | {"unit": "furlongs"}}, "furlongs"),
         ({"tracks": SPEEDS | {"unit": "counts"}}, "counts_per_turn"),
         ({"tracks": SPEEDS | {"wrap": 9.0}}, "wrap is for what adds up"),
+        ({"tracks": SPEEDS | {"right": SPEEDS["left"]}}, "left and right must not share"),
+        ({"tracks": SPEEDS | {"left": ["vl", "vl"]}}, "left names 'vl' twice"),
         ({"imu": {"angular_velocity": ["x", "y"]}}, "three columns"),
         ({"fixes": {"x": "x", "latitude": "y"}}, "or else latitude and longitude"),
         ({"truth": {"latitude": "a", "yaw": "b"}}, "or else latitude and longitude"),
