@@ -49,7 +49,7 @@ EXPECTED_SQUARE = 1.25
 LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
 # Normalised square of the trend to the left from which on the gyro's bias is doubted, and at which it is
 # doubted fully, as it is after so many rejected fixes. So is the yaw: by the bias for this time [s].
-DOUBT, FULL_DOUBT, REJECTED_FIXES, DOUBTED_TIME = 8.0, 16.0, 3, 7.0
+DOUBT, FULL_DOUBT, REJECTED_FIXES, DOUBTED_TIME = 12.0, 24.0, 3, 5.0
 
 
 def normalised(
