@@ -14,6 +14,7 @@ from icreckon.estimator.engine.model import (
     bias_doubt,
     is_beside,
     normalised,
+    precision,
     slip_factor_after,
     trend_after,
     turn,
@@ -93,7 +94,7 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     many = tested & ~used & (lane.stores["position_in_a_row"] >= float(REJECTED_FIXES))
     many = many & is_beside(ahead, beside)
     doubt = select(taken, bias_doubt(trended, *smooth), trace.truth_as_number(many))
-    doubt = doubt * lane.constant("bias_variance")
+    doubt = doubt * precision(lane.input("fix_variance")) * lane.constant("bias_variance")
     if s.GYRO_BIAS in P.states and s.GYRO_BIAS not in shape.considered:
         P.add(s.GYRO_BIAS, s.GYRO_BIAS, doubt)
         P.add(s.YAW, s.GYRO_BIAS, -doubt * DOUBTED_TIME)

@@ -465,7 +465,7 @@ class Reckoning:
 
         if isinstance(m, PositionFix):
             fixes, yaw = self._gates[model.name].counts, float(predicted.values[s.YAW])
-            share = follow_fix(record, fixes, yaw)
+            share = follow_fix(record, fixes, yaw, m.variance)
             doubt(ekf, share * self._prior.gyro_bias_sigma**2)
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()

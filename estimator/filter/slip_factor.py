@@ -13,7 +13,8 @@ A gyro's bias that jumped turns the pose. Fixes then lie beside the path, more a
 filter is sure of yaw and bias. From a trend to one side on, and when fixes beside the path are rejected,
 both are made uncertain. They are so together, since the yaw is off by the bias times a time: what fixes
 teach of the yaw, they teach of the bias. Fixes that are rejected ahead or behind show nothing of it: on
-other ground the robot goes more or less far than estimated.
+other ground the robot goes more or less far than estimated. Nor do fixes of plain GPS, whose errors
+wander.
 
 Functions of plain numbers are written for plain Python and, traced, for lanes.
 """
@@ -50,6 +51,8 @@ LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
 # Normalised square of the trend to the left from which on the gyro's bias is doubted, and at which it is
 # doubted fully, as it is after so many rejected fixes. So is the yaw: by the bias for this time [s].
 DOUBT, FULL_DOUBT, REJECTED_FIXES, DOUBTED_TIME = 12.0, 24.0, 3, 5.0
+# Variances of fixes that may raise all of it, as those of RTK, and none [m²].
+PRECISE, COARSE = 0.1**2, 0.3**2
 
 
 def normalised(
@@ -135,13 +138,22 @@ def is_beside(ahead: Any, beside: Any) -> Any:
     return beside * beside > ahead * ahead
 
 
-def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> float:
+def precision(variance: Any) -> Any:
+    """Share of the doubt that position fixes of a variance [m²] may raise.
+
+    Errors of plain GPS wander to a side as the errors of a bias do.
+    """
+    return max(0.0, min(1.0, (COARSE - variance) / (COARSE - PRECISE)))
+
+
+def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float, variance: float) -> float:
     """Adapt the factor to the newest position fix, if the gate admitted it.
 
     Args:
         record: record of the filter, changed in place.
         fixes: gate of the position fixes.
         yaw: yaw at the fix [rad].
+        variance: variance of each coordinate of the fix [m²].
 
     Returns:
         Share of the gyro's initial variance of bias to be added, see `bias_doubt`.
@@ -153,12 +165,12 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> float:
     )
     if fixes.verdict != ADMITTED:
         many = fixes.rejected_in_a_row >= REJECTED_FIXES
-        return 1.0 if many and is_beside(ahead, beside) else 0.0
+        return float(precision(variance)) if many and is_beside(ahead, beside) else 0.0
     trend = trend_after((record.trend_forward, record.trend_left, record.trend_size), ahead, beside)
     record.trend_forward, record.trend_left, record.trend_size = trend
     speeds = record.tracks.smooth_left, record.tracks.smooth_right
     record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)
-    return float(bias_doubt(trend, *speeds))
+    return float(precision(variance) * bias_doubt(trend, *speeds))
 
 
 def doubt(ekf: IcrEkf, variance: float) -> None:
