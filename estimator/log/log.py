@@ -99,6 +99,22 @@ class Log:
             others=found.others,
         )
 
+    def __repr__(self) -> str:
+        """One line: duration and numbers of samples."""
+        parts = [f"{len(self.tracks.stamps)} track speeds"]
+        if self.imu is not None:
+            parts.append(f"{len(self.imu.stamps)} IMU samples")
+        if self.fixes is not None:
+            parts.append(f"{len(self.fixes.stamps)} fixes")
+        if self.others:
+            parts.append(f"{len(self.others)} others")
+        if self.truth is not None:
+            parts.append(f"{len(self.truth.poses.stamps)} true poses")
+        if self.dropped:
+            parts.append(f"{sum(self.dropped.values())} dropped")
+        lasts = f"{self.duration:.1f} s: " if len(self.tracks.stamps) else ""
+        return f"<Log {self.name!r}, {lasts}{', '.join(parts)}>"
+
     @property
     def start(self) -> int:
         """Stamp of the earliest track speeds or IMU sample [ns]."""

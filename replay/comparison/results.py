@@ -199,8 +199,8 @@ def _findings(comparison: Comparison) -> list[str]:
     if correlated and min(correlated) > CORRELATED:
         notes.append(
             f"successive innovations of the position fixes have a correlation of {min(correlated):.2f}, "
-            "those of fixes with white errors have none: they wander, or come late; icreckon inspect "
-            "proposes wander_sigma and wander_time"
+            "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
+            "wander_time where icreckon inspect proposes them, else least_sigma: 2.0 for plain GPS"
         )
     gyro = next(iter(healths.values())).gyro if healths else None
     if gyro is not None and gyro.times:

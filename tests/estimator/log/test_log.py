@@ -30,6 +30,8 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 
 def stamps(*values):
@@ -356,3 +358,14 @@ def test_a_part_of_a_log_has_what_lies_between():
     assert log.between(log.start, log.end).tracks.speeds.shape == log.tracks.speeds.shape
     bare = replace(log, imu=None, fixes=None, truth=None)
     assert bare.between(begin, end).imu is None
+
+
+def test_a_log_shows_itself_in_one_line() -> None:
+    log = simulate(Scenario(duration=10.0, fix_rate=1.0), load_robot("auriga-alpha"))
+    assert repr(log).endswith(
+        "10.0 s: 501 track speeds, 1001 IMU samples, 11 fixes, 501 true poses>"
+    )
+    empty = TrackSpeedSeries(np.zeros(0, np.int64), np.zeros((0, 2)))
+    assert repr(Log("none", empty, dropped={"tracks: not finite": 3})) == (
+        "<Log 'none', 0 track speeds, 3 dropped>"
+    )
