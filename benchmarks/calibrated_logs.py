@@ -57,7 +57,7 @@ def model_row(name: str, found: Calibration) -> list[str]:
     scores = [
         f"{one.drift_percent:.1f} ({one.drift_with_gyro_percent:.2f})" for one in comparison.scores
     ]
-    return [name, *scores, found.verdict.split(":")[0].removeprefix("The data support ")]
+    return [name, *scores, found.verdict.split(".")[0].removeprefix("The data support ")]
 
 
 def main() -> None:

@@ -4,7 +4,6 @@ The public names of the estimator, the simulator and the replay module stand in 
 checkers read, too. They are imported when first used.
 """
 
-import warnings
 from importlib import import_module
 from typing import Any
 
@@ -12,22 +11,12 @@ from typing import Any
 with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as _stub:  # pathlib takes long to import
     _LINES = [line.split() for line in _stub if line.startswith("from ")]
 _HOMES = {words[5]: (words[1], words[3]) for words in _LINES}
-# Former names, which warn for one version.
-_FORMER = {"Identification": "Calibration", "identify": "calibrate"}
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 - the stub is the one list of names
 __version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> Any:
-    if name in _FORMER:
-        new = _FORMER[name]
-        warnings.warn(
-            f"icreckon.{name} is now icreckon.{new}; the former name goes with the next version",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return __getattr__(new)
     if name not in _HOMES:
         raise AttributeError(f"module 'icreckon' has no attribute {name!r}")
     home, original = _HOMES[name]

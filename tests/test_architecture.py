@@ -178,17 +178,6 @@ def test_the_lazy_names_of_the_front_door_are_real() -> None:
         icreckon.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize(
-    ("former", "name"), [("identify", "calibrate"), ("Identification", "Calibration")]
-)
-def test_former_names_of_the_front_door_warn(former: str, name: str) -> None:
-    import icreckon
-
-    with pytest.warns(DeprecationWarning, match=f"icreckon.{former} is now icreckon.{name};"):
-        assert getattr(icreckon, former) is getattr(icreckon, name)
-    assert former not in icreckon.__all__
-
-
 @pytest.mark.parametrize("package", FLOORS)
 def test_files_are_rooms_not_halls(package: str) -> None:
     for source in sources(package):

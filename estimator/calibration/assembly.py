@@ -492,8 +492,8 @@ def _verdict(comparison: ModelComparison) -> str:
     chosen = comparison.supported
     score = comparison.score(chosen)
     verdict = (
-        f"The data support {CALLED[chosen]}: held-out drift of dead reckoning by the tracks alone is "
-        f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})"
+        f"The data support {CALLED[chosen]}. Held-out drift of dead reckoning by the tracks alone is "
+        f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})."
     )
     parts = []
     names = [one.model for one in comparison.scores]
@@ -515,9 +515,12 @@ def _verdict(comparison: ModelComparison) -> str:
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
         )
     if not parts:
-        return f"{verdict}."
+        return verdict
     undecided = any(" not clearly better " in part for part in parts)
     more = (
-        " What is not clearly better is not refuted: this log does not tell." if undecided else ""
+        " What is not clearly better is not refuted: these logs do not show it."
+        if undecided
+        else ""
     )
-    return f"{verdict}; {', '.join(parts)}.{more}"
+    others = ", ".join(parts)
+    return f"{verdict} {others[0].upper()}{others[1:]}.{more}"

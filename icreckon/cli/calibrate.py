@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 
 import typer
 
 from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import messages, progress, results, results_folder
+from icreckon.cli.console import messages, print_fitting, progress, results_folder
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
@@ -17,13 +18,13 @@ from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.calibration.results import summarise_calibration
-from icreckon.replay.calibration.robot_file import FIRST_WORDS, FORMER_FIRST_WORDS, robot_file_text
+from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 from icreckon.report.calibration.page import write_calibration_page
-from icreckon.report.calibration.tables import calibration_tables
+from icreckon.report.calibration.tables import WIDE_FROM, calibration_tables
 from icreckon.report.drawing import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
@@ -42,13 +43,14 @@ def run_calibrate(
     segment: float,
     out: Path | None,
     as_json: bool,
+    wide: bool,
     overwrite: bool,
 ) -> None:
     """Run `icreckon calibrate`; arguments as in its help."""
     robot_name, robot = the_robot(robot_name, paths[:1])
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
-    starts = (FIRST_WORDS.encode(), FORMER_FIRST_WORDS.encode())
+    starts = (FIRST_WORDS.encode(),)
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
@@ -88,7 +90,7 @@ def run_calibrate(
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:
-            results().print(calibration_tables(summary))
+            print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
     if write is not None:
         text = robot_file_text(found, [log.name for log in logs], robot_name)
         with written_beside(write, overwrite=overwrite, starts=starts) as new:

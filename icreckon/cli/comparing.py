@@ -11,7 +11,7 @@ import typer
 from rich.console import RenderableType
 from rich.table import Table
 
-from icreckon.cli.console import FAILED, messages, progress, results, worker_count
+from icreckon.cli.console import FAILED, messages, print_fitting, progress, results, worker_count
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, Robot, load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
@@ -126,11 +126,7 @@ def show(folder: Path, table: Callable[..., RenderableType], *, as_json: bool, w
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         return
-    console = results()
-    narrow = console.width < WIDE_FROM and not wide
-    console.print(table(narrow=narrow))
-    if narrow:
-        console.print("--wide shows all columns.")
+    print_fitting(table, wide=wide, wide_from=WIDE_FROM)
 
 
 def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:

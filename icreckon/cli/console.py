@@ -56,6 +56,21 @@ def results() -> Console:
     return console
 
 
+def print_fitting(table: Callable[..., RenderableType], *, wide: bool, wide_from: int) -> None:
+    """Print the columns of a table that fit the terminal.
+
+    Args:
+        table: makes the table; its argument `narrow` leaves columns out.
+        wide: whether to print all columns, however narrow the terminal is.
+        wide_from: least width that has room for all columns [characters].
+    """
+    console = results()
+    narrow = console.width < wide_from and not wide
+    console.print(table(narrow=narrow))
+    if narrow:
+        console.print("--wide shows all columns.")
+
+
 @contextmanager
 def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; yield a function of the share done, 0 to 1.

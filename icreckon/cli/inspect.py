@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -10,7 +11,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.console import messages, results
+from icreckon.cli.console import messages, print_fitting, results
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
@@ -40,6 +41,7 @@ def run_inspect(
     message_files: list[Path],
     write: Path | None,
     as_json: bool,
+    wide: bool,
     overwrite: bool,
 ) -> None:
     """Run `icreckon inspect`; arguments as in its help."""
@@ -51,7 +53,7 @@ def run_inspect(
     if as_json:
         typer.echo(json.dumps(_as_plain(found), indent=1))
     else:
-        _show(found, with_file=write is None)
+        _show(found, wide=wide, with_file=write is None)
     if write is not None:
         proposed, taken = found.proposed_robot_file, list[str]()
         if write.exists() and write.stat().st_size:
@@ -78,10 +80,8 @@ def run_inspect(
         )
 
 
-def _show(found: Inspection, *, with_file: bool) -> None:
-    console = results()
+def _topics(found: Inspection, *, narrow: bool) -> Table:
     title = f"{found.path}: {found.duration:.1f} s"
-    narrow = console.width < WIDE_FROM
     table = Table(title=title, title_justify="left", show_lines=narrow)
     for heading in ("topic, type, frame",) if narrow else NAMES:
         table.add_column(heading, overflow="fold")
@@ -93,9 +93,12 @@ def _show(found: Inspection, *, with_file: bool) -> None:
         names = ["\n".join(filter(None, names))] if narrow else names
         cells = _numbers(topic)
         table.add_row(*names, *(cells[place] for place in numbers))
-    console.print(table)
-    if narrow:
-        console.print(f"A terminal of {WIDE_FROM} columns has room for gaps and header-recorded.")
+    return table
+
+
+def _show(found: Inspection, *, wide: bool, with_file: bool) -> None:
+    print_fitting(partial(_topics, found), wide=wide, wide_from=WIDE_FROM)
+    console = results()
     for finding in found.findings:
         console.print(Text(f"Found: {finding}"))
     for what, count in found.dropped.items():

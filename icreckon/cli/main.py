@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import sys
-from functools import wraps
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -27,6 +26,10 @@ Out = Annotated[
     Path | None, typer.Option(help="Folder for the results (default: a new one, printed).")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
+RobotName = Annotated[
+    str | None,
+    typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
+]
 Wide = Annotated[
     bool, typer.Option("--wide", help="Show all columns, however narrow the terminal is.")
 ]
@@ -337,6 +340,7 @@ def inspect(
     msg: Definitions = None,
     _unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    wide: Wide = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
     ] = False,
@@ -344,7 +348,14 @@ def inspect(
     """List what a log holds, and propose a robot file for it."""
     from icreckon.cli.inspect import run_inspect
 
-    run_inspect(paths=log, message_files=msg or [], write=write, as_json=json, overwrite=overwrite)
+    run_inspect(
+        paths=log,
+        message_files=msg or [],
+        write=write,
+        as_json=json,
+        wide=wide,
+        overwrite=overwrite,
+    )
 
 
 @app.command()
@@ -361,10 +372,7 @@ def robots() -> None:
 @app.command()
 def check(
     log: Logs,
-    robot: Annotated[
-        str | None,
-        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
-    ] = None,
+    robot: RobotName = None,
     ros: Annotated[
         Path | None,
         typer.Option(
@@ -380,8 +388,7 @@ def check(
 ) -> None:
     """Check a robot file against a log: units, signs, mounting, latency.
 
-    Says what contradicts the log, worst first, what it costs, and what to set. The exit status is 1 if
-    anything does.
+    Says what contradicts the log, worst first, its cost, and what to set; exit status 1 if anything does.
     """
     from icreckon.cli.check import run_check
 
@@ -406,10 +413,7 @@ def calibrate(
             show_default=False,
         ),
     ],
-    robot: Annotated[
-        str | None,
-        typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
-    ] = None,
+    robot: RobotName = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the robot file with what was found here.")
     ] = None,
@@ -434,6 +438,7 @@ def calibrate(
     _unpacked_limit: UnpackedLimit = 0.5,
     out: Out = None,
     json: Json = False,
+    wide: Wide = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Calibrate a robot from logs with a ground truth.
@@ -452,16 +457,9 @@ def calibrate(
         segment=segment,
         out=out,
         as_json=json,
+        wide=wide,
         overwrite=overwrite,
     )
-
-
-# Former name of the command, which goes with the next version.
-@app.command("identify", hidden=True)
-@wraps(calibrate)
-def _identify(**options: Any) -> None:
-    typer.echo("icreckon identify is now called icreckon calibrate", err=True)
-    calibrate(**options)
 
 
 @app.command()
@@ -479,12 +477,13 @@ def paper(
     ] = None,
     out: Out = None,
     json: Json = False,
+    wide: Wide = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Reproduce the paper: its numbers, its Table II, its figures."""
     from icreckon.cli.paper import run_paper
 
-    run_paper(identify=identify, seed=seed, out=out, as_json=json, overwrite=overwrite)
+    run_paper(identify=identify, seed=seed, out=out, as_json=json, wide=wide, overwrite=overwrite)
 
 
 @app.command()
@@ -528,6 +527,7 @@ def study(
         typer.Option(help="Address of a dask.distributed scheduler to run on, as tcp://host:8786."),
     ] = None,
     json: Json = False,
+    wide: Wide = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace another study that is at --out.")
     ] = False,
@@ -549,6 +549,7 @@ def study(
         engine=engine,
         cluster=cluster,
         as_json=json,
+        wide=wide,
         overwrite=overwrite,
         list_studies=list_studies,
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import typer
 
-from icreckon.cli.console import messages, progress, results, results_folder
+from icreckon.cli.console import messages, print_fitting, progress, results_folder
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -40,7 +41,13 @@ PACKAGES = ("icreckon", "numpy", "scipy", "matplotlib", "msgspec")
 
 
 def run_paper(
-    *, identify: bool, seed: int | None, out: Path | None, as_json: bool, overwrite: bool
+    *,
+    identify: bool,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+    wide: bool,
+    overwrite: bool,
 ) -> None:
     """Run `icreckon paper`; arguments as in its help."""
     if seed is not None and not identify:
@@ -66,8 +73,7 @@ def run_paper(
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:
-            console = results()
-            console.print(paper_tables(summary, narrow=console.width < WIDE_FROM))
+            print_fitting(partial(paper_tables, summary), wide=wide, wide_from=WIDE_FROM)
 
 
 def _identify(seed: int) -> tuple[PaperContact, Results]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -13,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.console import FAILED, messages, results
+from icreckon.cli.console import FAILED, messages, print_fitting, results
 from icreckon.cli.stopping import Stop
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.report.study.folder import PAGE, run_study
@@ -26,6 +27,8 @@ from icreckon.simulation.study.plan import Study, load_study, study_names
 from icreckon.simulation.study.results import Results
 
 FOLDER = "icreckon-study"
+# Width of a terminal from which on tables have all columns [characters].
+WIDE_FROM = 125
 # Interval of the lines of progress if there is no terminal for a bar [s].
 LINE_EVERY = 30.0
 
@@ -39,6 +42,7 @@ def run_study_command(
     engine: str | None,
     cluster: str | None,
     as_json: bool,
+    wide: bool,
     overwrite: bool,
     list_studies: bool,
 ) -> None:
@@ -74,7 +78,7 @@ def run_study_command(
     if as_json:
         typer.echo((folder / RESULTS).read_text(encoding="utf-8"), nl=False)
     else:
-        results().print(_summary(found))
+        print_fitting(partial(_summary, found), wide=wide, wide_from=WIDE_FROM)
     messages().print(
         f"results in {folder}/, the page to read and to send is {folder / PAGE}",
         markup=False,
@@ -151,9 +155,9 @@ def _advice(folder: Path, reporter: _Reporter) -> str:
     )
 
 
-def _summary(found: Results) -> Group:
-    parts: list[Table | Text] = []
-    for one in summary_tables(found):
+def _summary(found: Results, *, narrow: bool) -> Group:
+    parts: list[Table | Text] = [Text(headline(found), style="bold")]
+    for one in summary_tables(found, narrow=narrow):
         table = Table(title=f"{found['name']}: {one.title}", title_justify="left")
         for number, heading in enumerate(one.head):
             table.add_column(
@@ -165,7 +169,7 @@ def _summary(found: Results) -> Group:
         for row in one.rows:
             table.add_row(*(Text(cell) for cell in row))
         parts.append(table)
-    return Group(*parts, *(Text(line) for line in notes(found)), Text(headline(found)))
+    return Group(*parts, *(Text(line) for line in notes(found, narrow=narrow)))
 
 
 def _list_of_studies() -> Table:

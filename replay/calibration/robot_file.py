@@ -10,8 +10,6 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.robot_toml import robot_toml
 
 FIRST_WORDS = "# Calibrated by icreckon"
-# First words of the files of `icreckon identify`, the former name of the command.
-FORMER_FIRST_WORDS = "# Identified by icreckon"
 SIGMAS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
     "gyro_bias_sigma": "of the bias of another log; the previous value counts as one more log",

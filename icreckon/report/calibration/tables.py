@@ -15,20 +15,28 @@ from icreckon.report.terminal import rich_table
 STATUS = {
     "shown": "shown",
     "conditional": "shown, given what is held",
-    "held": "not shown: held",
+    "held": "held, not shown",
 }
+# Width of a terminal from which on tables have all columns [characters].
+WIDE_FROM = 120
 # Correlation from which two estimates can hardly be separated.
 STRONG_CORRELATION = 0.9
 
 
-def calibration_tables(results: Results) -> Group:
-    """Parameters, logs, models, and the verdict, for the terminal."""
-    tables = [parameter_table(results), log_table(results), model_table(results)]
-    lines = [*footnotes(results), "", results["verdict"]]
-    return Group(*map(rich_table, tables), *map(Text, lines))
+def calibration_tables(results: Results, *, narrow: bool) -> Group:
+    """Verdict, models, parameters and logs, for the terminal.
+
+    Args:
+        results: output of `icreckon.replay.calibration.results.summarise_calibration`.
+        narrow: whether to leave columns out, to fit 80 characters.
+    """
+    makers = (model_table, parameter_table, log_table)
+    tables = [rich_table(make(results, narrow=narrow), narrow=narrow) for make in makers]
+    lines = map(Text, footnotes(results))
+    return Group(Text(results["verdict"], style="bold"), *tables, *lines)
 
 
-def parameter_table(results: Results) -> Table:
+def parameter_table(results: Results, *, narrow: bool = False) -> Table:
     """Value, standard error and status of each parameter."""
     rows = []
     for name, one in results["parameters"].items():
@@ -37,19 +45,21 @@ def parameter_table(results: Results) -> Table:
             Cell(_to_error(one["value"], one["sigma"])),
             Cell("" if one["sigma"] is None else f"{one['sigma']:#.2g}"),
             Cell(one["unit"]),
-            Cell(_in_file(one)),
+            Cell(_in_file(one, narrow=narrow)),
             Cell(status, "wrap"),
         ]
         rows.append((name, cells))
-    head = ["parameter", "value", "standard\nerror", "unit", "robot file", "the logs"]
+    file = "robot\nfile" if narrow else "robot file"
+    head = ["parameter", "value", "standard\nerror", "unit", file, "the logs"]
     return Table(f"parameters of {results['robot']['name']}", head, rows)
 
 
-def _in_file(one: Results) -> str:
+def _in_file(one: Results, *, narrow: bool) -> str:
     """Value in the robot file, and whether it is a default."""
     if one["before"] is None:
         return ""
-    return _number(one["before"]) + (" (default)" if one["before_is_default"] else "")
+    mark = " (default)" if one["before_is_default"] and not narrow else ""
+    return _number(one["before"]) + mark
 
 
 def _lag(log: Results) -> str:
@@ -58,7 +68,7 @@ def _lag(log: Results) -> str:
     return f"{log['truth_lag_s']:.3f} ± {log['truth_lag_sigma_s']:.3f}"
 
 
-def log_table(results: Results) -> Table:
+def log_table(results: Results, *, narrow: bool = False) -> Table:
     """Gyro bias, lag of the truth and size of each log."""
     rows = []
     for one in results["logs"]:
@@ -68,7 +78,7 @@ def log_table(results: Results) -> Table:
             f"{one['distance_m']:.0f}",
             f"{one['moving_segments']}, {one['still_segments']}",
         ]
-        rows.append((one["name"], list(map(Cell, cells))))
+        rows.append((one["name"], cells))
     head = [
         "log",
         "gyro bias\nrad/s",
@@ -76,10 +86,19 @@ def log_table(results: Results) -> Table:
         "distance\nm",
         "segments\nmoving, still",
     ]
-    return Table("logs", head, rows)
+    return _table("logs", head, rows, left_out=1 if narrow else 0)
 
 
-def model_table(results: Results) -> Table:
+def _table(
+    title: str, head: list[str], rows: list[tuple[str, list[str]]], *, left_out: int
+) -> Table:
+    """Table of plain texts, without its last columns."""
+    kept = len(head) - 1 - left_out
+    cells = [(name, list(map(Cell, row[:kept]))) for name, row in rows]
+    return Table(title, head[: 1 + kept], cells)
+
+
+def model_table(results: Results, *, narrow: bool = False) -> Table:
     """Held-out scores of each model; the supported one has a star."""
     rows = []
     for name, one in results["models"].items():
@@ -91,7 +110,7 @@ def model_table(results: Results) -> Table:
             f"{one['held_out_log_likelihood_per_segment']:.2f}",
         ]
         star = f"{name} *" if name == results["supported_model"] else name
-        rows.append((star, list(map(Cell, cells))))
+        rows.append((star, cells))
     head = [
         "model",
         "parameters\nfound",
@@ -99,7 +118,8 @@ def model_table(results: Results) -> Table:
         "with the gyro\n% of distance",
         "log likelihood\nof a segment",
     ]
-    return Table("models, predicting what they were not fitted to", head, rows)
+    title = "models, predicting what they were not fitted to"
+    return _table(title, head, rows, left_out=1 if narrow else 0)
 
 
 def footnotes(results: Results) -> list[str]:

@@ -143,20 +143,31 @@ def _failure(one: dict[str, Any]) -> str:
     return f"{where}{one['variant']}: {what}: {'; '.join(reasons)}"
 
 
-def notes(results: Results) -> list[str]:
-    """Explain the numbers in the tables."""
+def notes(results: Results, *, narrow: bool = False) -> list[str]:
+    """Explain the numbers in the tables; arguments as for `summary_tables`."""
     runs, motions = results["runs"], results["true_motions"]
     shared = "" if motions == runs else f" of {motions} true motions"
+    how = "Student's t, over true motions"
+    intervals = (
+        f"± half of the 95 % interval of the mean ({how})"
+        if narrow
+        else f"in brackets 95 % intervals of the mean ({how}; of NEES on a log scale)"
+    )
+    percentile = "" if narrow else ", and 95th percentile of the runs"
     return [
-        f"{runs} runs{shared} in each cell, paired over cells and variants; in brackets 95 % intervals "
-        "of the mean (Student's t, over true motions; of NEES on a log scale).",
-        f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: median, and "
-        "95th percentile of the runs. NEES of the pose: 3 is ideal, more is too sure.",
+        f"{runs} runs{shared} in each cell, paired over cells and variants; {intervals}.",
+        f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: "
+        f"median{percentile}. NEES of the pose at the end: 3 is ideal, more is too sure.",
     ]
 
 
-def summary_tables(results: Results) -> list[TextTable]:
-    """Make tables by cell, or by axis if there are many cells."""
+def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]:
+    """Make tables by cell, or by axis if there are many cells.
+
+    Args:
+        results: output of `icreckon.simulation.study.results.study_results`.
+        narrow: whether to leave columns out, and halves of intervals, to fit 80 characters.
+    """
     cells = results["cells"]
     axes = [axis["name"] for axis in results["axes"]]
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
@@ -168,7 +179,7 @@ def summary_tables(results: Results) -> list[TextTable]:
             )
             for cell in cells
         ]
-        return [_table(results, "by cell" if axes else "", tuple(axes), places)]
+        return [_table(results, "by cell" if axes else "", tuple(axes), places, narrow)]
     tables = []
     for effect in results["effects"]:
         places = [
@@ -176,7 +187,7 @@ def summary_tables(results: Results) -> list[TextTable]:
             for group in effect["groups"]
         ]
         title = f"by {effect['axis']}, over all else that is swept"
-        tables.append(_table(results, title, (effect["axis"],), places))
+        tables.append(_table(results, title, (effect["axis"],), places, narrow))
     return tables
 
 
@@ -199,17 +210,17 @@ def _table(
     title: str,
     axes: tuple[str, ...],
     places: Sequence[tuple[tuple[str, ...], dict[str, Any], tuple[int, ...]]],
+    narrow: bool,
 ) -> TextTable:
     drift = results["drift"]
-    head = (
-        *axes,
-        "variant",
-        f"{title_of(results, drift)}, %",
-        f"ratio to {results['baseline']}",
-        "final error, m",
-        "95th percentile, m",
-        "NEES at the end",
-    )
+    drifts = f"{title_of(results, drift)}, %"
+    if narrow:
+        numbers = [drifts.replace(" after", "\nafter"), "ratio", "final\nerror, m", "NEES"]
+    else:
+        ratios = f"ratio to {results['baseline']}"
+        numbers = [drifts, ratios, "final error, m", "95th percentile, m", "NEES at the end"]
+    head = [*axes, "variant", *numbers]
+    interval = _with_half_interval if narrow else _with_interval
     rows = []
     for values, variants, inside in places:
         for number, (name, one) in enumerate(variants.items()):
@@ -221,25 +232,21 @@ def _table(
                 if found["variant"] == name and found["cell"] in inside
             ]
             if one[FINAL_ERROR]["n"] == 0:
-                rows.append((*place, name, _error(failed), "", "", "", ""))
+                blank = len(head) - len(place) - 2
+                rows.append((*place, name, _error(failed), *[""] * blank))
                 continue
             is_baseline = name == results["baseline"]
             count = sum(found["runs"] for found in failed)
             of = results["runs"] * len(inside)
             if failed:
                 name = f"{name}\n({count} of {of} runs failed: {_first_reason(failed)})"
-            rows.append(
-                (
-                    *place,
-                    name,
-                    _with_interval(summary, "mean"),
-                    "1" if is_baseline else _with_interval(summary, "ratio"),
-                    _number(one[FINAL_ERROR]["median"]),
-                    _number(one[FINAL_ERROR]["p95"]),
-                    _with_interval(one[NEES], "mean"),
-                )
-            )
-    return TextTable(title, head, tuple(rows), len(axes) + 1)
+            row = [*place, name, interval(summary, "mean")]
+            row += ["1" if is_baseline else interval(summary, "ratio")]
+            row += [_number(one[FINAL_ERROR]["median"])]
+            row += [] if narrow else [_number(one[FINAL_ERROR]["p95"])]
+            row += [_number(one[NEES]["mean"]) if narrow else _with_interval(one[NEES], "mean")]
+            rows.append(tuple(row))
+    return TextTable(title, tuple(head), tuple(rows), len(axes) + 1)
 
 
 def _error(failed: Sequence[dict[str, Any]]) -> str:
@@ -260,6 +267,15 @@ def _with_interval(summary: dict[str, Any], key: str) -> str:
     if not _finite(summary[key]):
         return NO_VALUE
     return f"{_number(summary[key])} ({_between(summary, key)})"
+
+
+def _with_half_interval(summary: dict[str, Any], key: str) -> str:
+    """Format a mean and half of its interval, which lies evenly about it."""
+    low, high = summary[f"{key}_low"], summary[f"{key}_high"]
+    if not (_finite(summary[key]) and _finite(low) and _finite(high)):
+        return _number(summary[key]) if _finite(summary[key]) else NO_VALUE
+    form = _form(summary[key])
+    return f"{summary[key]:{form}} ± {(high - low) / 2.0:{form}}"
 
 
 def _between(summary: dict[str, Any], key: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from markupsafe import escape
+from rich.console import Console
 
 from command_line import fails, icreckon
 from icreckon.cli.calibrate import run_calibrate
@@ -24,6 +26,7 @@ from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 from icreckon.report.calibration.page import calibration_page
+from icreckon.report.calibration.tables import calibration_tables
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from readme import code_blocks, run_page
@@ -43,8 +46,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = icreckon("calibrate", "drive", *words, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "The data support inertia-based ICRs" in done.stdout
-    assert "not shown: held" in done.stdout
+    assert "held, not shown" in done.stdout
     return folder
+
+
+def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path) -> None:
+    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    console = Console(width=80, file=io.StringIO())
+    console.print(calibration_tables(results, narrow=True))
+    shown = console.file.getvalue()
+    assert shown.startswith("The data support inertia-based ICRs.")
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "…" not in shown
+    assert "log likelihood" not in shown
+    # What a status says stands once, below the table.
+    assert re.search(r"│ indices.H +│.*│ held ([a-z]) +│", shown)
+    letter = re.search(r"│ indices.H +│.*│ held ([a-z]) +│", shown)[1]
+    assert f"\n{letter}: not shown; " in shown
+    assert shown.count("acts in the literal form only") == 1
 
 
 def test_it_leaves_results_and_a_picture(folder: Path) -> None:
@@ -107,7 +126,7 @@ def calibrated(folder: Path, **options: object) -> None:
     """The command's own function, with what is usual where nothing else is asked for."""
     usual: dict[str, object] = dict.fromkeys(("write", "lever_arm", "models"))
     usual |= {"paths": ["drive"], "robot_name": "auriga-alpha", "out": folder / "none"}
-    usual |= {"message_files": [], "segment": 3.0, "as_json": False, "overwrite": False}
+    usual |= {"message_files": [], "segment": 3.0, "as_json": False, "wide": False, "overwrite": False}
     usual |= options
     usual["paths"] = [folder / str(name) for name in usual["paths"]]
     run_calibrate(**usual)
@@ -122,21 +141,6 @@ def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
         calibrated(folder, write=folder / "mine.toml", overwrite=True, out=folder / "other")
     assert (folder / "found.toml").read_text(encoding="utf-8") == before
     assert not (folder / "other").exists()
-
-
-def test_the_former_name_of_the_command_works_and_is_hidden(folder: Path) -> None:
-    """A robot file that it wrote may be replaced."""
-    former = folder / "former.toml"
-    former.write_text("# Identified by icreckon from drive\n", encoding="utf-8")
-    words = ("drive", "--robot", "auriga-alpha", "--models", "constant", "--out", "former")
-    done = icreckon("identify", *words, "--write", former, "--overwrite", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    assert "icreckon identify is now called icreckon calibrate" in done.stderr.splitlines()
-    assert former.read_text(encoding="utf-8").startswith("# Calibrated by icreckon from drive")
-    assert json.loads((folder / "former" / "results.json").read_text())["command"] == "calibrate"
-    listed = icreckon("--help", cwd=folder).stdout
-    assert "calibrate" in listed
-    assert "identify" not in listed
 
 
 def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:

@@ -256,7 +256,7 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     out = tmp_path / "a"
     words: dict[str, Any] = dict.fromkeys(("runs", "engine", "cluster"))
     words |= {"study": "tiny", "out": out, "workers": 1, "list_studies": False}
-    words |= {"as_json": True, "overwrite": False}
+    words |= {"as_json": True, "wide": False, "overwrite": False}
     if fails:
         with pytest.raises(typer.Exit) as left:
             run_study_command(**words)

@@ -306,6 +306,18 @@ class References(HTMLParser):
         self.text.append(data)
 
 
+def test_narrow_tables_have_half_intervals(results):
+    (wide, *_), (narrow, *_) = summary_tables(results), summary_tables(results, narrow=True)
+    assert narrow.head[-4:] == ("drift\nafter 30 s, %", "ratio", "final\nerror, m", "NEES")
+    assert len(narrow.rows) == len(wide.rows)
+    for full, short in zip(wide.rows, narrow.rows, strict=True):
+        mean, low, high = map(float, re.fullmatch(r"(\S+) \((\S+) to (\S+)\)", full[-5]).groups())
+        shown, half = map(float, short[-4].split(" ± "))
+        assert shown == mean
+        assert half == pytest.approx((high - low) / 2.0, abs=0.011)
+        assert short[-1] == full[-1].split(" ")[0]
+
+
 def test_the_page_holds_all_it_needs(results):
     figures = study_figures(results)
     page = study_page(results, figures)
