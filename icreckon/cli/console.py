@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,6 +26,12 @@ from icreckon.report.printable import printable
 TABLE_WIDTH = 150
 # Exit status of a command that has written incomplete results.
 FAILED = 1
+# What a loader says of a library that memory has no room for.
+UNMAPPED = (
+    "failed to map segment",
+    "annot allocate memory",
+    "cannot create shared object descriptor",
+)
 # Most characters of an error; names from a file may be of any length.
 LONGEST_LINE = 2000
 
@@ -156,6 +163,14 @@ def explain(problem: Exception) -> int:
             line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
         console.print(f"icreckon: {line}", style="red", markup=False, soft_wrap=True)
         return 1
+    if is_out_of_memory(problem):
+        console.print(
+            "icreckon: out of memory: close other programs, take fewer --workers or a shorter log, or "
+            "raise the limit of the shell (ulimit -v)",
+            style="red",
+            soft_wrap=True,
+        )
+        return 1
     from icreckon.replay.base.outputs import NO_ROOM
 
     if isinstance(problem, OSError) and problem.errno in NO_ROOM:
@@ -172,3 +187,11 @@ def explain(problem: Exception) -> int:
         soft_wrap=True,
     )
     return 70
+
+
+def is_out_of_memory(problem: BaseException) -> bool:
+    """Whether memory ran out, also while a library was loaded."""
+    if isinstance(problem, ImportError):
+        return any(words in str(problem) for words in UNMAPPED)
+    of_system = isinstance(problem, OSError) and problem.errno == errno.ENOMEM
+    return of_system or isinstance(problem, MemoryError)

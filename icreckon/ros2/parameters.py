@@ -13,6 +13,7 @@ from icreckon.estimator.base.config import in_words
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.replay.live.base_frame import CENTRE, Pose
 
+FULL_TURN = 2.0 * math.pi
 Reliability = Literal["auto", "reliable", "best_effort"]
 
 
@@ -82,6 +83,11 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"parameter {name} must be three numbers, x, y [m] and yaw [rad], found {list(values)!r}"
             )
         x, y, yaw = values
+        if abs(yaw) > FULL_TURN:
+            raise EstimatorError(
+                f"parameter {name}: a yaw of {yaw:g} rad is more than a full turn; is it in degrees? "
+                f"That would be {math.radians(yaw):.5g} rad"
+            )
         return (x, y, yaw)
 
 

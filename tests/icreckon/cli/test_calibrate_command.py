@@ -126,7 +126,13 @@ def calibrated(folder: Path, **options: object) -> None:
     """The command's own function, with what is usual where nothing else is asked for."""
     usual: dict[str, object] = dict.fromkeys(("write", "lever_arm", "models"))
     usual |= {"paths": ["drive"], "robot_name": "auriga-alpha", "out": folder / "none"}
-    usual |= {"message_files": [], "segment": 3.0, "as_json": False, "wide": False, "overwrite": False}
+    usual |= {
+        "message_files": [],
+        "segment": 3.0,
+        "as_json": False,
+        "wide": False,
+        "overwrite": False,
+    }
     usual |= options
     usual["paths"] = [folder / str(name) for name in usual["paths"]]
     run_calibrate(**usual)

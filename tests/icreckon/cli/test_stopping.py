@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 
 from command_line import icreckon
 from conftest import thorough
+from icreckon.cli.console import explain
 from icreckon.cli.stopping import warned_in_one_line
 from icreckon.replay.base.outputs import is_being_written
 
@@ -143,3 +145,25 @@ def test_warnings_are_one_line_without_source() -> None:
             warnings.formatwarning("so it is", UserWarning, "file.py", 3) == "icreckon: so it is\n"
         )
     assert "file.py" in warnings.formatwarning("so it is", UserWarning, "file.py", 3)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        MemoryError(),
+        OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)),
+        ImportError("lapack.so: failed to map segment from shared object"),
+    ],
+    ids=["allocation", "system", "library"],
+)
+def test_too_little_memory_is_one_line(
+    problem: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert explain(problem) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("icreckon: out of memory: close other programs")
+
+
+def test_a_missing_library_is_not_too_little_memory(capsys: pytest.CaptureFixture[str]) -> None:
+    assert explain(ImportError("No module named 'lapack'")) == 70
+    assert "internal error: ImportError" in capsys.readouterr().err

@@ -188,7 +188,13 @@ def test_what_cannot_be_done_is_said(
 ) -> None:
     monkeypatch.chdir(here)
     asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine", "cluster"))
-    asked |= {"study": "tiny.toml", "as_json": False, "wide": False, "overwrite": False, "list_studies": False}
+    asked |= {
+        "study": "tiny.toml",
+        "as_json": False,
+        "wide": False,
+        "overwrite": False,
+        "list_studies": False,
+    }
     with pytest.raises(SimulationError, match=told):
         run_study_command(**asked | words)
 
