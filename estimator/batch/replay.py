@@ -169,7 +169,7 @@ def work_through_log(
         for one in {id(one): one for one in fronts}.values()
     }
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
-    tables = {one.time_constant: np.zeros((PART, STEP_COLUMNS)) for one in filters}
+    table = np.zeros((PART, STEP_COLUMNS))
     moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
     first_moving = int(moving[0]) if len(moving) else -1
     for begin in range(0, len(steps.kinds), PART):
@@ -177,16 +177,15 @@ def work_through_log(
         part = steps.part(begin, end)
         for front, filled in inputs.values():
             front.fill(begin, end, filled[: end - begin])
-        for tau, table in tables.items():
-            fill_step_constants(table, part.starts, part.ends, part.intervals, tau)
-            if begin <= first_moving < end and not smoothed:
-                table[first_moving - begin, SMOOTHING] = 1.0
+        fill_step_constants(table, part.starts, part.ends, part.intervals)
+        if begin <= first_moving < end and not smoothed:
+            table[first_moving - begin, SMOOTHING] = 1.0
         for one, lanes, of_one, room, front in zip(
             filters, begun, rows, rooms, fronts, strict=True
         ):
             of_part = inputs[id(front)][1][: end - begin]
-            table = tables[one.time_constant][: end - begin]
-            one.work_through(lanes, of_part, part, table, room, all_outputs=True)
+            of_steps = table[: end - begin]
+            one.work_through(lanes, of_part, part, of_steps, room, all_outputs=True)
             of_one.add(begin, end, part, of_part[:, :, 0], room[:, :, 0])
         if progress is not None:
             progress(begin_stamp + int(part.ends[-1]))

@@ -19,6 +19,7 @@ from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
     GATES,
+    SLIP_SHARES,
     TREND,
     TWIST,
     Layout,
@@ -174,7 +175,8 @@ class BatchFilter:
         constants = shared_constants(
             self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
         )
-        lanes[self.rows["slip_factor"]] = lanes[self.rows["trend_size"]] = 1.0
+        for name in ("slip_factor", "present_factor", "trend_size"):
+            lanes[self.rows[name]] = 1.0
         memory = self._model.memory
         for k, value in enumerate(memory):
             lanes[self.rows[f"memory{k}"]] = value
@@ -206,6 +208,7 @@ class BatchFilter:
             workspace[rows[f"memory{k}"]] = value
         workspace[rows["stood"]] = checkpoint.stands
         workspace[rows["slip_factor"]] = checkpoint.slip_factor
+        workspace[rows["present_factor"]] = checkpoint.present_factor
         for name, value in zip(TREND, checkpoint.fix_trend, strict=True):
             workspace[rows[name]] = value
         for gate in GATES:
@@ -343,11 +346,6 @@ class BatchFilter:
         self._work = _worker(self.shape, self.width, needs)
 
     @property
-    def time_constant(self) -> float:
-        """Time constant of the slip [s]."""
-        return self._disturbances.slip.time_constant
-
-    @property
     def start(self) -> Floats:
         """Prior state (SIZE,); states that are not uncertain stay at it."""
         return self._state.copy()
@@ -355,7 +353,7 @@ class BatchFilter:
     def _step_constants(self, steps: Steps) -> Floats:
         """Constants (n, k) of each step, the interval of the IMU last."""
         table = np.zeros((len(steps.starts), STEP_COLUMNS))
-        fill_step_constants(table, steps.starts, steps.ends, steps.intervals, self.time_constant)
+        fill_step_constants(table, steps.starts, steps.ends, steps.intervals)
         moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
         if len(moving) and steps.starts[0] == 0:
             # The first regressors are not smoothed.
@@ -397,6 +395,7 @@ def shared_constants(
         "imu_y": sensors.y,
         "threshold": CHI_SQUARE_1E4[1],
         "position_threshold": CHI_SQUARE_1E4[2],
+        **dict.fromkeys(SLIP_SHARES, 1.0),
         "bias_variance": robot.imu.gyro_bias_sigma**2,
         "patience": settings.gates.patience,
         "bias_margin": settings.standstill.bias_margin,

@@ -15,6 +15,7 @@ from icreckon.estimator.engine.model import (
     is_beside,
     normalised,
     precision,
+    present_factor_after,
     slip_factor_after,
     trend_after,
     turn,
@@ -89,7 +90,8 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     forward, left, size = (lane.row(name) for name in TREND)
     ahead, beside = normalised(z, (xx, xy, yy), turn(values[s.YAW]))
     trended = trend_after((forward, left, size), ahead, beside)
-    after = slip_factor_after(factor, trended, *smooth)
+    present = present_factor_after(lane.row("present_factor"), trended, *smooth)
+    after = slip_factor_after(factor, present, *smooth)
     taken = tested & admitted
     many = tested & ~used & (lane.stores["position_in_a_row"] >= float(REJECTED_FIXES))
     many = many & is_beside(ahead, beside)
@@ -100,6 +102,7 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         P.add(s.YAW, s.GYRO_BIAS, -doubt * DOUBTED_TIME)
     P.add(s.YAW, s.YAW, doubt * DOUBTED_TIME**2)
     lane.stores["slip_factor"] = select(taken, after, factor)
+    lane.stores["present_factor"] = select(taken, present, lane.row("present_factor"))
     for name, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
         lane.stores[name] = select(taken, after_it, before_it)
     lane.stores.update(predicted_x=values[s.X], predicted_y=values[s.Y])
@@ -169,6 +172,6 @@ def _sum(row: Vector, factor: Any, more: Vector) -> Vector:
 def _finished(lane: Lane, name: str, flags: Sequence[Traced], kind: FixKind) -> Kernel:
     if kind.twist:
         speeds = lane.input("now_left"), lane.input("now_right")
-        now = lane.twist_model(1.0, *speeds)
+        now = lane.twist_model(*speeds)
         lane.store_twist(lane.with_smoothed_derivatives(now))
     return lane.kernel(name, flags, with_fast_slip=kind.twist)

@@ -12,7 +12,7 @@ from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
-from icreckon.estimator.filter.ekf import ROUNDING_SHARE, SHARP
+from icreckon.estimator.filter.ekf import ROUNDING_SHARE, SHARP, WHOLE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
@@ -122,10 +122,10 @@ class Lane:
         self.stores.update({f"memory{k}": value for k, value in enumerate(after)})
         self.model_inputs = self.model_inputs._replace(memory=after)
 
-    def twist_model(self, slip_share: Any, left: Any, right: Any) -> TracedTwist:
+    def twist_model(self, left: Any, right: Any, slip_shares: Any = WHOLE) -> TracedTwist:
         """Evaluate the body velocity at track speeds [m/s], see `model.twist_model`."""
         states = self.shape.states
-        return model.twist_model(self.x, self.model_inputs, left, right, slip_share, states)
+        return model.twist_model(self.x, self.model_inputs, left, right, slip_shares, states)
 
     def store_twist(self, now: TracedTwist) -> None:
         """Store a body velocity and its covariance."""

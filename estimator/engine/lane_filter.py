@@ -20,6 +20,7 @@ from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel
+from icreckon.estimator.motion.propagation import Triple
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
@@ -77,9 +78,9 @@ class LaneEkf(IcrEkf):
         self.__dict__.update(state)
         self.compile_step(self.considered)
 
-    def _evaluate(self, left: float, right: float, slip_share: float) -> TwistModel:
+    def _evaluate(self, left: float, right: float, slip_shares: Triple) -> TwistModel:
         if self.compiled is None:
-            return super()._evaluate(left, right, slip_share)
+            return super()._evaluate(left, right, slip_shares)
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(self.x))), np.empty((3, 2))
         zeta, epsilon, eta, u, force = self.compiled.twist(
             self.x,
@@ -87,7 +88,7 @@ class LaneEkf(IcrEkf):
             *self.workspace.arrays,
             float(left),
             float(right),
-            float(slip_share),
+            *map(float, slip_shares),
             twist,
             jacobian,
             by_speeds,

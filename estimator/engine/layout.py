@@ -38,7 +38,8 @@ FIX_INPUTS = (
     "fix_left",
     "fix_mode",
 )
-STEP_CONSTANTS = ("dt", "smoothing", "decay", "mean", "integral", "cross", "final")
+STEP_CONSTANTS = ("dt", "smoothing")
+SLIP_SHARES = ("share_x", "share_y", "share_w")
 CONSTANTS = (
     "gauge",
     "fastest",
@@ -62,6 +63,7 @@ CONSTANTS = (
     "threshold",
     "patience",
     "interval",
+    *SLIP_SHARES,
     "bias_margin",
     "standstill_duration",
     "position_threshold",
@@ -80,10 +82,10 @@ COUNTS = (
     ),
     "standstill",
 )
-# Values from the step before: 1 if the robot stood, the factor on the slip, the trend of the innovations
+# Values from the step before: 1 if the robot stood, the factors on the slip, the trend of the innovations
 # of position fixes, and the predicted position at the newest one.
 TREND = ("trend_forward", "trend_left", "trend_size")
-BEFORE = ("stood", "slip_factor", *TREND, "predicted_x", "predicted_y")
+BEFORE = ("stood", "slip_factor", "present_factor", *TREND, "predicted_x", "predicted_y")
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had

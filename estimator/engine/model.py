@@ -132,7 +132,7 @@ def twist_model(
     inputs: ModelInputs,
     left: Any,
     right: Any,
-    slip_share: Any,
+    slip_shares: Any,
     states: tuple[int, ...],
 ) -> TracedTwist:
     """Evaluate the body velocity, see `IcrEkf.twist_model`.
@@ -142,11 +142,14 @@ def twist_model(
         inputs: inputs of the motion model.
         left: speed of the left track [m/s].
         right: speed of the right track [m/s].
-        slip_share: factor on the slip.
+        slip_shares: (3,) factors on the slip.
         states: uncertain states, by which derivatives are wanted.
     """
     factors = track_factors(x)
-    slip = [slip_share * slow + fast for slow, fast in zip(x[s.SLIP], x[s.FAST_SLIP], strict=True)]
+    slip = [
+        share * slow + fast
+        for share, slow, fast in zip(slip_shares, x[s.SLIP], x[s.FAST_SLIP], strict=True)
+    ]
     in_paper = (-slip[1], slip[0], slip[2])
     of_state = (
         left * factors[0],
@@ -170,7 +173,7 @@ def twist_model(
         row: Vector = {}
         for j in range(3):
             by_slip = sign * PAPER_SIGN[j] * by.by_slip[axis][PAPER_AXIS[j]]
-            row[s.SLIP.start + j] = slip_share * by_slip
+            row[s.SLIP.start + j] = slip_shares[j] * by_slip
             row[s.FAST_SLIP.start + j] = by_slip
         for j in range(s.PARAMETER_COUNT):
             row[s.PARAMETERS.start + j] = sign * by.by_parameters[axis][j]
@@ -244,6 +247,9 @@ _linearise_friction = traced(friction_model.linearise)
 _advanced = traced(lagged_index_model.advanced)
 _turn_along_arc = traced(propagation.turn_along_arc)
 slip_at = traced(process_noise.slip_at)
+slip_times = traced(process_noise.slip_times)
+gauss_markov = traced(propagation.gauss_markov)
+present_factor_after = traced(slip_factor.present_factor_after)
 slip_factor_after = traced(slip_factor.slip_factor_after)
 trend_after = traced(slip_factor.trend_after)
 bias_doubt = traced(slip_factor.bias_doubt)

@@ -17,7 +17,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.friction import motion_steps
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
-from icreckon.estimator.engine.layout import INPUTS, MOTION, STEP_CONSTANTS, TWIST
+from icreckon.estimator.engine.layout import INPUTS, MOTION, SLIP_SHARES, STEP_CONSTANTS, TWIST
 from icreckon.estimator.engine.model import TracedModel, traced_model
 from icreckon.estimator.engine.schedule import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.step import StepKind, step_kernel
@@ -31,8 +31,8 @@ from icreckon.estimator.tracing.jit_kernel import entry
 COUNT = s.PARAMETER_COUNT
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
-# Places of constants of a step, and of inputs of a kernel.
-DT, MEAN = STEP_CONSTANTS.index("dt"), STEP_CONSTANTS.index("mean")
+# Places of a constant of a step, and of inputs of a kernel.
+DT = STEP_CONSTANTS.index("dt")
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
@@ -73,7 +73,7 @@ class LanePlaces(NamedTuple):
         by_state: (3, n) rows of the twist's derivatives by the states.
         fixed: place of the first parameter among the constants.
         interval: place of the interval of the IMU among them.
-        time_constant: place of the time constant of the slip among them.
+        slip_shares: place of the first factor on the slip of an evaluated twist among them.
         row_count: number of rows.
         constant_count: number of constants.
     """
@@ -95,7 +95,7 @@ class LanePlaces(NamedTuple):
     by_state: Any
     fixed: int
     interval: int
-    time_constant: int
+    slip_shares: int
     row_count: int
     constant_count: int
 
@@ -143,7 +143,8 @@ def _one_lane(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
 def _twist_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel that evaluates a body velocity with its derivatives."""
     lane = Lane(shape, with_fast_slip=True)
-    now = lane.twist_model(lane.constant("mean"), lane.input("left"), lane.input("right"))
+    shares = [lane.constant(name) for name in SLIP_SHARES]
+    now = lane.twist_model(lane.input("left"), lane.input("right"), shares)
     lane.store_motion(now)
     return lane.kernel(name, with_fast_slip=True)
 
@@ -178,7 +179,7 @@ def _places(shape: FilterShape) -> LanePlaces:
         np.array([[rows[f"{axis}_by_{i}"] for i in states] for axis in TWIST[:3]]),
         constants[f"fixed{PARAMETERS}"],
         constants["interval"],
-        constants["time_constant"],
+        constants[SLIP_SHARES[0]],
         len(rows),
         len(constants),
     )
@@ -253,8 +254,7 @@ def fill_constants(
 
     The first step does not smooth.
     """
-    dt, time_constant = (stamp - record.stamp) * NANOSECOND, constants[places.time_constant]
-    values = step_constants(dt, time_constant)
+    values = step_constants((stamp - record.stamp) * NANOSECOND)
     for k in range(PER_STEP):
         constants[k] = values[k]
     if is_first:
@@ -382,7 +382,9 @@ def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         constants: Floats,
         left: float,
         right: float,
-        slip_share: float,
+        share_x: float,
+        share_y: float,
+        share_w: float,
         twist: Floats,
         jacobian: Floats,
         by_speeds: Floats,
@@ -397,7 +399,9 @@ def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             constants: constants of the kernel.
             left: speed of the left track [m/s].
             right: speed of the right track [m/s].
-            slip_share: factor on the slip.
+            share_x: factor on the slip of v_x.
+            share_y: that of v_y.
+            share_w: that of w.
             twist: (3,) written to.
             jacobian: (3, SIZE) written to.
             by_speeds: (3, 2) written to.
@@ -413,7 +417,8 @@ def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
             raise ValueError(WRONG_SIZE)
         fill_state(lane, constants, x, memory, places)
         inputs[LEFT, 0], inputs[RIGHT, 0] = left, right
-        constants[MEAN] = slip_share
+        first = places.slip_shares
+        constants[first], constants[first + 1], constants[first + 2] = share_x, share_y, share_w
         kernel(lane, inputs, constants)
         jacobian[:] = 0.0
         for axis in range(3):

@@ -19,7 +19,6 @@ from icreckon.estimator.base.records import NEVER, record_array
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.layout import STEP_CONSTANTS
 from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
-from icreckon.estimator.motion.propagation import fading, gauss_markov_noise
 from icreckon.estimator.robot.settings import LONGEST_TIME, Settings
 from icreckon.estimator.sensors.held_tracks import (
     USUAL_TRACK_INTERVAL,
@@ -511,21 +510,12 @@ walk_entry = entry(walk_stamps)
 # --- constants of steps ------------------------------------------------------------------------------
 
 
-def step_constants(dt: float, time_constant: float) -> Any:
-    """Compute the values of `STEP_CONSTANTS`.
-
-    Args:
-        dt: length of the step [s].
-        time_constant: time constant of the slip [s].
-    """
-    decay, mean = fading(dt, time_constant)
-    integral, cross, final = gauss_markov_noise(dt, time_constant)
-    return dt, smoothing_share(dt, REGRESSOR_SMOOTHING), decay, mean, integral, cross, final
+def step_constants(dt: float) -> Any:
+    """Compute the values of `STEP_CONSTANTS` for a step of `dt` seconds."""
+    return dt, smoothing_share(dt, REGRESSOR_SMOOTHING)
 
 
-def fill_table(
-    table: Floats, starts: Stamps, ends: Stamps, intervals: Floats, time_constant: float
-) -> None:
+def fill_table(table: Floats, starts: Stamps, ends: Stamps, intervals: Floats) -> None:
     """Fill the constants of each step, the interval of the IMU last.
 
     Args:
@@ -533,7 +523,6 @@ def fill_table(
         starts: stamps of the starts of the steps [ns].
         ends: stamps of their ends [ns].
         intervals: time between IMU samples [s].
-        time_constant: time constant of the slip [s].
 
     Raises:
         ValueError: an array has the wrong size.
@@ -544,7 +533,7 @@ def fill_table(
     for k in range(len(starts)):
         elapsed = ends[k] - starts[k]
         if k == 0 or elapsed != ends[k - 1] - starts[k - 1]:
-            constants = step_constants(elapsed * NANOSECOND, time_constant)
+            constants = step_constants(elapsed * NANOSECOND)
             for c in range(PER_STEP):
                 table[k, c] = constants[c]
         else:

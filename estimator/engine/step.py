@@ -12,6 +12,7 @@ from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, x_of
 from icreckon.estimator.engine.layout import IMU_GATES
+from icreckon.estimator.motion.propagation import GaussMarkov
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
@@ -132,7 +133,7 @@ class Step:
         left, right = step_input("left"), step_input("right")
         if kind.moves and lane.shape.model.kind == "index":
             lane.advance_model(constant("dt"), step_input("mean_left"), step_input("mean_right"))
-        self.model = lane.twist_model(1.0, left, right)
+        self.model = lane.twist_model(left, right)
 
     def _sigma(self) -> Any:
         lane = self.lane
@@ -222,7 +223,7 @@ class Step:
         lane.stores["standstill"] = lane.row("standstill") + more
         lane.stores["stood"] = more
         speeds = lane.input("left"), lane.input("right")
-        now = self.lane.twist_model(1.0, *speeds)
+        now = self.lane.twist_model(*speeds)
         self.model = self._with_regressors(now)
 
     def update_gyro(self) -> None:
@@ -297,11 +298,12 @@ class Step:
         """Propagate to the end of the step, see `IcrEkf.predict_motion`."""
         lane = self.lane
         x, P, constant = lane.x, lane.P, lane.constant
-        dt, decay = constant("dt"), constant("decay")
-        sigma = self._sigma()
+        dt, sigma = constant("dt"), self._sigma()
+        times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
+        fades = [model.gauss_markov(dt, tau) for tau in times]
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         left, right = lane.input("mean_left"), lane.input("mean_right")
-        now = self.lane.twist_model(constant("mean"), left, right)
+        now = self.lane.twist_model(left, right, [one.mean for one in fades])
         now = self._with_regressors(now)
         step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])
         states = lane.shape.states
@@ -323,10 +325,10 @@ class Step:
             for j in lane.P.states:
                 moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(3)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
-        with_pose = _noise_of_pose(now.rows, M, walk, sigma, lane)
+        with_pose = _noise_of_pose(now.rows, M, walk, sigma, fades, dt)
         cos, sin = model.turn(step[2])
         kept = exponential(-constant("slope_forgetting") * travel * dt)
-        faded = _transition(lane.P.states, decay, kept * cos, kept * sin)
+        faded = _transition(lane.P.states, fades, kept * cos, kept * sin)
         after: dict[tuple[int, int], Any] = {}
         for i in range(3):
             # The carried row times the derivatives of the twist.
@@ -351,7 +353,7 @@ class Step:
             after[i, i] = after[i, i] + walk.get(i, 0.0) * dt
             if _is_slip(i):
                 axis = i - s.SLIP.start
-                after[i, i] = after[i, i] + sigma[axis] * sigma[axis] * constant("final")
+                after[i, i] = after[i, i] + sigma[axis] * sigma[axis] * fades[axis].final
         if self.kind.fast_slip:
             for j in FAST:
                 for i in lane.P.states:
@@ -367,7 +369,7 @@ class Step:
             x[i] = dot(x_of(before, faded[i]), faded[i])
         for i in range(3):
             x[i] = x[i] + step[i]
-            x[s.SLIP.start + i] = x[s.SLIP.start + i] * decay
+            x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
         self.model = now
 
     def _walks(self, turning: Any, travel: Any) -> Vector:
@@ -388,7 +390,7 @@ class Step:
         """Store the body velocity at the end of the step, and its covariance."""
         lane = self.lane
         speeds = lane.input("now_left"), lane.input("now_right")
-        now = self._with_regressors(lane.twist_model(1.0, *speeds))
+        now = self._with_regressors(lane.twist_model(*speeds))
         if not self.kind.moves:
             # Without a step there is nothing to smooth: the regressors are the present derivatives.
             for axis, row in enumerate(now.rows):
@@ -399,10 +401,14 @@ class Step:
 
 
 def _noise_of_pose(
-    rows: tuple[Vector, Vector, Vector], M: Any, walk: Vector, sigma: Any, lane: Lane
+    rows: tuple[Vector, Vector, Vector],
+    M: Any,
+    walk: Vector,
+    sigma: Any,
+    fades: Sequence[GaussMarkov],
+    dt: Any,
 ) -> dict[tuple[int, int], Any]:
     """Covariances of the pose that random walks and slip add over a step."""
-    dt = lane.constant("dt")
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
     found: dict[tuple[int, int], Any] = {}
     by_state = [
@@ -414,21 +420,26 @@ def _noise_of_pose(
         for j in walk:
             found[i, j] = by_state[i][j] * walk[j] * half
         for axis in range(3):
-            slipped = M[i][axis] * squares[axis] * lane.constant("cross")
+            slipped = M[i][axis] * squares[axis] * fades[axis].cross
             found[i, s.SLIP.start + axis] = slipped
         for k in range(i, 3):
             walked = sum((by_state[i][j] * by_state[k][j] * walk[j] for j in walk), start=0.0)
-            slipped = sum((M[i][a] * M[k][a] * squares[a] for a in range(3)), start=0.0)
-            found[i, k] = walked * third + slipped * lane.constant("integral")
+            slipped = sum(
+                (M[i][a] * M[k][a] * (squares[a] * fades[a].integral) for a in range(3)), start=0.0
+            )
+            found[i, k] = walked * third + slipped
     return found
 
 
-def _transition(states: Sequence[int], decay: Any, cos: Any, sin: Any) -> dict[int, Vector]:
+def _transition(
+    states: Sequence[int], fades: Sequence[GaussMarkov], cos: Any, sin: Any
+) -> dict[int, Vector]:
     """Rows of the transition of all states but the pose.
 
     Slip fades, and gravity turns back.
     """
-    rows: dict[int, Vector] = {i: {i: decay if _is_slip(i) else trace.lift(1.0)} for i in states}
+    rows: dict[int, Vector] = {i: {i: trace.lift(1.0)} for i in states}
+    rows |= {i: {i: fades[i - s.SLIP.start].decay} for i in states if _is_slip(i)}
     rows[s.GRAVITY_X] = {s.GRAVITY_X: cos, s.GRAVITY_Y: sin}
     rows[s.GRAVITY_Y] = {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos}
     return rows

@@ -76,6 +76,7 @@ class FilterCheckpoint(
         regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.IcrEkf`; None before its
             first step.
         slip_factor: factor on the slip that position fixes have shown.
+        present_factor: that of the newest fixes alone.
         fix_trend: mean of the normalised innovations of position fixes, to the front and to the left,
             and of their squares.
         noise: record of the noise of the IMU.
@@ -100,6 +101,7 @@ class FilterCheckpoint(
     rejected_fixes: tuple[RejectedFix, ...] = ()
     stood_at: int | None = None
     slip_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
+    present_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     fix_trend: tuple[float, float, float] = (0.0, 0.0, 1.0)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     wander_stamp: int | None = None
@@ -118,7 +120,7 @@ class FilterCheckpoint(
         record.stamp = NEVER if self.stamp is None else self.stamp
         record.stood_at = NEVER if self.stood_at is None else self.stood_at
         record.step_under_way, record.stands = self.step_under_way, self.stands
-        record.slip_factor = self.slip_factor
+        record.slip_factor, record.present_factor = self.slip_factor, self.present_factor
         record.trend_forward, record.trend_left, record.trend_size = self.fix_trend
         record.wander_stamp = NEVER if self.wander_stamp is None else self.wander_stamp
         assign(record.positions, self.positions)

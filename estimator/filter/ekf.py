@@ -32,8 +32,7 @@ from icreckon.estimator.motion.motion_model import (
 )
 from icreckon.estimator.motion.propagation import (
     Triple,
-    fading,
-    gauss_markov_noise,
+    gauss_markov,
     step_on_se2,
     turn,
 )
@@ -47,6 +46,8 @@ IDENTITY = np.eye(s.WANDER.stop)
 # A measurement whose variance is below this share of its innovation's is sharp. Such an update may leave
 # less of the variances than rounding does: each is inflated by a share of what it was before.
 SHARP, ROUNDING_SHARE = 1e-7, 2.0**-46
+# Factors on the slip for its present value.
+WHOLE = (1.0, 1.0, 1.0)
 # Ends of the derivatives by slip, parameters and track speeds among those of a twist.
 PARTS = (3, 3 + s.PARAMETER_COUNT, 5 + s.PARAMETER_COUNT)
 # Paper's axes to REP-103: forward is the paper's second, left is minus its first.
@@ -58,15 +59,32 @@ class ProcessNoise(NamedTuple):
 
     Attributes:
         slip_sigma: (3,) stationary standard deviation of the slip [m/s, m/s, rad/s].
-        time_constant: correlation time of the slip [s].
+        time_constants: (3,) correlation times of the slip [s].
         walk: (SIZE,) random-walk densities of the states, per √s.
         forgetting: rate at which gravity along the ground returns to zero [1/s].
     """
 
     slip_sigma: Floats
-    time_constant: float
+    time_constants: Triple
     walk: Floats
     forgetting: float = 0.0
+
+
+class SlipFading(NamedTuple):
+    """Transition of the slip over a step: (3,) each, see `motion.propagation.GaussMarkov`."""
+
+    decay: Floats
+    mean: Triple
+    integral: Floats
+    cross: Floats
+    final: Floats
+
+
+def slip_fading(dt: float, noise: ProcessNoise) -> SlipFading:
+    """Transition of the slip over `dt` seconds."""
+    axes = [gauss_markov(dt, tau) for tau in noise.time_constants]
+    decay, mean, integral, cross, final = zip(*axes, strict=True)
+    return SlipFading(np.array(decay), mean, *map(np.array, (integral, cross, final)))
 
 
 class Observer(Protocol):
@@ -162,32 +180,33 @@ class IcrEkf:
         if self.observer is not None:
             self.observer.wandered(decay, variance)
 
-    def twist_model(self, left: float, right: float, slip_share: float = 1.0) -> TwistModel:
+    def twist_model(self, left: float, right: float, slip_shares: Triple = WHOLE) -> TwistModel:
         """Body velocity and its Jacobian at the present state; do not change them.
 
         Args:
             left: measured speed of the left track [m/s].
             right: measured speed of the right track [m/s].
-            slip_share: factor on the slip, for its mean over a step.
+            slip_shares: factors on the slip, for its mean over a step.
         """
-        at = self._inputs(left, right, slip_share)
+        at = self._inputs(left, right, slip_shares)
         if at != self._evaluated_at:
-            model = self._evaluate(left, right, slip_share)
+            model = self._evaluate(left, right, slip_shares)
             if self.regressors is not None:
                 model.jacobian[:, s.PARAMETERS] = self.regressors
             self._evaluated, self._evaluated_at = model, at
         return self._evaluated
 
-    def _inputs(self, left: float, right: float, slip_share: float) -> tuple[float | bytes, ...]:
+    def _inputs(self, left: float, right: float, slip_shares: Triple) -> tuple[float | bytes, ...]:
         """Inputs of an evaluation of the twist model."""
         smoothed = b"" if self.regressors is None else self.regressors.tobytes()
-        return (left, right, slip_share, self.x.tobytes(), self.model.memory.tobytes(), smoothed)
+        return (left, right, *slip_shares, self.x.tobytes(), self.model.memory.tobytes(), smoothed)
 
-    def _evaluate(self, left: float, right: float, slip_share: float) -> TwistModel:
+    def _evaluate(self, left: float, right: float, slip_shares: Triple) -> TwistModel:
         x = self.x.tolist()
         of_left, of_right = track_factors(x)
         forward, sideways, turning = (
-            slip_share * slow + fast for slow, fast in zip(x[s.SLIP], x[s.FAST_SLIP], strict=True)
+            share * slow + fast
+            for share, slow, fast in zip(slip_shares, x[s.SLIP], x[s.FAST_SLIP], strict=True)
         )
         # REP-103 slip in the paper's axes: right is minus left.
         slip = (-sideways, forward, turning)
@@ -201,7 +220,7 @@ class IcrEkf:
         by_slip, by_parameters, by_speeds, by_gravity = np.split(by_all, PARTS, axis=1)
         by_slip = by_slip.dot(TO_REP103.T)
         jacobian = np.zeros((3, len(x)))
-        jacobian[:, s.SLIP] = slip_share * by_slip
+        jacobian[:, s.SLIP] = by_slip * slip_shares
         jacobian[:, s.FAST_SLIP] = by_slip
         jacobian[:, s.PARAMETERS] = by_parameters
         jacobian[:, s.TRACK_SCALE] = by_speeds.dot((left, right))
@@ -213,7 +232,7 @@ class IcrEkf:
 
     def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
         """Propagate over `dt` seconds with constant track speeds [m/s]."""
-        model = self.twist_model(left, right, fading(dt, noise.time_constant).mean)
+        model = self.twist_model(left, right, slip_fading(dt, noise).mean)
         clones = self.clones
         if clones is None:
             self._move(dt, model, noise)
@@ -245,19 +264,19 @@ class IcrEkf:
         Returns:
             The twist model with the smoothed derivatives, as `twist_model` returns it.
         """
-        model = self._evaluate(left, right, 1.0)
+        model = self._evaluate(left, right, WHOLE)
         now, before = model.jacobian[:, s.PARAMETERS], self.regressors
         if before is not None:
             now -= before
             now *= smoothing_share(dt, REGRESSOR_SMOOTHING)
             now += before
         self.regressors = now.copy()
-        self._evaluated, self._evaluated_at = model, self._inputs(left, right, 1.0)
+        self._evaluated, self._evaluated_at = model, self._inputs(left, right, WHOLE)
         return model
 
     def _move(self, dt: float, model: TwistModel, noise: ProcessNoise) -> Triple:
         """Propagate at the mean twist of a step; return the increment of the pose."""
-        decay = fading(dt, noise.time_constant).decay
+        fades = slip_fading(dt, noise)
         step, by_yaw, rows = step_on_se2(self.x.item(s.YAW), (model.twist * dt).tolist())
         by_motion = np.array(rows)
 
@@ -267,7 +286,7 @@ class IcrEkf:
         self.F = F = IDENTITY[:size, :size].copy()
         F[s.POSE] += by_state * dt
         F[s.POSITION, s.YAW] += by_yaw
-        F.ravel()[of_slip] = decay
+        F.ravel()[of_slip] = fades.decay
         cos, sin = turn(step[2])
         back = math.exp(-noise.forgetting * dt) * np.array([[cos, sin], [-sin, cos]])
         F[s.GRAVITY, s.GRAVITY] = back
@@ -276,21 +295,20 @@ class IcrEkf:
         walk, slip = noise.walk**2, noise.slip_sigma**2
         if self.wanders:
             walk = np.append(walk, (0.0, 0.0))
-        integral, cross, final = gauss_markov_noise(dt, noise.time_constant)
         walked, slipped = by_state * walk, by_motion * slip
         with_pose = walked * (dt**2 / 2.0)
-        with_pose[:, s.SLIP] += slipped * cross
+        with_pose[:, s.SLIP] += slipped * fades.cross
         self.Q = Q = np.zeros((size, size))
         Q[s.POSE] = with_pose
         Q[:, s.POSE] = with_pose.T
         Q[s.POSE, s.POSE] = walked.dot(by_state.T) * (dt**3 / 3.0)
-        Q[s.POSE, s.POSE] += (slipped * integral).dot(by_motion.T)
+        Q[s.POSE, s.POSE] += (slipped * fades.integral).dot(by_motion.T)
         Q.ravel()[diagonal] += walk * dt
-        Q.ravel()[of_slip] += slip * final
+        Q.ravel()[of_slip] += slip * fades.final
 
         self._next_x = self.x.copy()
         self._next_x[s.POSE] += step
-        self._next_x[s.SLIP] *= decay
+        self._next_x[s.SLIP] *= fades.decay
         self._next_x[s.GRAVITY] = back.dot(self.x[s.GRAVITY])
         self._predict()
         self.P = 0.5 * (self.P + self.P.T)

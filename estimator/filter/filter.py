@@ -223,6 +223,7 @@ class Reckoning:
             self._rejected_fixes,
             or_none(record.stood_at),
             float(record.slip_factor),
+            float(record.present_factor),
             (float(record.trend_forward), float(record.trend_left), float(record.trend_size)),
             plain_copy(NoiseRecord, record.noise),
             or_none(record.wander_stamp),
@@ -571,7 +572,8 @@ class Reckoning:
         self._begin_step(stamp)
         if record.stamp >= stamp:
             return
-        noise = self._disturbances.of_step(self._tracks, self.slip_sigma())
+        sigma, factor = self.slip_sigma(), record.slip_factor
+        noise = self._disturbances.of_step(self._tracks, sigma, factor=factor)
         self.ekf.predict_motion(*self._mean_motion(stamp), noise)
         record.stamp = stamp
         record.step_under_way = False

@@ -27,6 +27,7 @@ class FilterRecord(msgspec.Struct):
         stands: 1 if the robot was found standing at the newest IMU sample.
         step_under_way: 1 if the fast slip of the next step has begun, and the pose is still at its start.
         slip_factor: factor on the slip that position fixes have shown.
+        present_factor: that of the newest fixes alone.
         trend_forward: mean of the normalised innovations of position fixes, to the front of the robot.
         trend_left: to its left.
         trend_size: mean of their squares; 1 if they are as large as expected.
@@ -48,6 +49,7 @@ class FilterRecord(msgspec.Struct):
     stands: int = 0
     step_under_way: int = 0
     slip_factor: float = 1.0
+    present_factor: float = 1.0
     trend_forward: float = 0.0
     trend_left: float = 0.0
     trend_size: float = 1.0

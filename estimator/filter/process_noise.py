@@ -24,6 +24,8 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 PUSHED_W = 0.3
 # Least difference of track speeds at which parameters walk at their full rate [m/s].
 FULL_TURNING = 0.1
+# Correlation time of what other ground adds to the slip [s].
+GROUND_TIME = 2.0
 # Sideways motion that may begin in a gap, as a share of forward motion.
 SIDEWAYS_IN_GAP = 0.1
 
@@ -125,8 +127,8 @@ class Disturbances:
         )
         return np.array(density)
 
-    def of_step(self, tracks: TrackRecord, sigma: Vector3) -> ProcessNoise:
-        """Process noise of a step at a `slip_sigma`.
+    def of_step(self, tracks: TrackRecord, sigma: Vector3, *, factor: float = 1.0) -> ProcessNoise:
+        """Process noise of a step at a `slip_sigma` and the factor on the slip that it has.
 
         The random walk of the parameters has its full rate in turns, where they are observable, and none
         when driving straight or standing. The slope changes with the distance that the tracks travel.
@@ -136,7 +138,8 @@ class Disturbances:
         travel = travel_speed(left, right)
         walk += self._slope_walk * math.sqrt(travel)
         forgetting = self.slope_forgetting * travel
-        return ProcessNoise(np.array(sigma), self._slip.time_constant, walk, forgetting)
+        times = slip_times(self._slip.time_constant, factor)
+        return ProcessNoise(np.array(sigma), times, walk, forgetting)
 
 
 def slip_at(
@@ -161,6 +164,23 @@ def slip_at(
     """
     forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
     return factor * forward, factor * sideways, select(pushed, PUSHED_W, factor * turning)
+
+
+def slip_times(time_constant: float, factor: float) -> Vector3:
+    """Correlation times of the slip of v_x, v_y and w [s].
+
+    What a factor adds to the slip along the tracks lasts longer than what bends make: as long as the
+    robot is on that ground. The time is the mean of both, weighted by their variances. The others stay:
+    to the side the robot slips in bends, and a long slip could be a wrong yaw; the gyro shows that of w,
+    and a long one could be its bias.
+
+    Args:
+        time_constant: that of the slip without the factor [s].
+        factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
+    """
+    own = 1.0 / (factor * factor)
+    mean = own * time_constant + (1.0 - own) * GROUND_TIME
+    return mean, time_constant, time_constant
 
 
 def change_density(sigma: float, time_constant: float) -> float:

@@ -41,6 +41,8 @@ OF_WHITE = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
 FULL_SIZE = 0.8
 # Weight of a position fix in the factor on the slip, at speeds above this [m/s].
 FACTOR_WEIGHT, MOVING = 1.0 / 30.0, 0.1
+# Fixes while moving in which what was added to the slip fades by 1/e.
+MEMORY = 300.0
 # Share of the variances that rounding may leave of a component that the other one determines.
 ROUNDING = 1e-12
 # Normalised square of a trend at which the factor stays: a quarter more than that of white innovations,
@@ -93,8 +95,8 @@ def trend_after(trend: tuple[Any, Any, Any], ahead: Any, beside: Any) -> tuple[A
     )
 
 
-def slip_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
-    """Factor on the slip after a position fix that the gate admitted.
+def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
+    """Factor on the slip by the newest fixes, after a position fix that the gate admitted.
 
     The normalised square of the trend is 1 in the mean if the innovations are white. The factor grows
     with more, so slowly that single fixes hardly count, and is at least 1: fixes whose noise is smaller
@@ -115,6 +117,22 @@ def slip_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right
         * (1.0 + share * (min(LARGEST_SQUARE, size * size * square) - EXPECTED_SQUARE))
     )
     return min(LARGEST_FACTOR, max(1.0, math.sqrt(grown)))
+
+
+def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
+    """Factor on the slip after a position fix that the gate admitted.
+
+    Ground that has been met is met again. So the factor is the largest of late, which is forgotten
+    slowly.
+
+    Args:
+        factor: the factor before.
+        present: see `present_factor_after`, this fix included.
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+    """
+    forgotten = min(1.0, travel_speed(left, right) / MOVING) / MEMORY
+    return max(present, factor - forgotten * (factor - 1.0))
 
 
 def bias_doubt(trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
@@ -169,7 +187,8 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float, variance: fl
     trend = trend_after((record.trend_forward, record.trend_left, record.trend_size), ahead, beside)
     record.trend_forward, record.trend_left, record.trend_size = trend
     speeds = record.tracks.smooth_left, record.tracks.smooth_right
-    record.slip_factor = slip_factor_after(record.slip_factor, trend, *speeds)
+    record.present_factor = present_factor_after(record.present_factor, trend, *speeds)
+    record.slip_factor = slip_factor_after(record.slip_factor, record.present_factor, *speeds)
     return float(precision(variance) * bias_doubt(trend, *speeds))
 
 

@@ -14,6 +14,10 @@ from icreckon.estimator.base.choices import select
 from icreckon.estimator.base.frames import arc_factors
 
 Triple = tuple[float, float, float]
+# Steps of a Gauss-Markov process up to this share of its time constant are computed by series.
+SHORT = 0.1
+# Coefficients of the integral's variance over the cube of that share, the highest power first.
+INTEGRAL = tuple((-1) ** n * (4 - 2**n) / math.factorial(n) for n in range(10, 2, -1))
 
 
 class PoseStep(NamedTuple):
@@ -30,16 +34,22 @@ class PoseStep(NamedTuple):
     by_motion: tuple[Triple, Triple, Triple]
 
 
-class Fading(NamedTuple):
-    """Decay of a Gauss-Markov process over a step.
+class GaussMarkov(NamedTuple):
+    """Transition of a Gauss-Markov process of unit variance over a step, and its noise.
 
     Attributes:
         decay: factor on its value at the end of the step [-].
         mean: its mean over the step as a share of its initial value [-].
+        integral: variance that noise adds to its integral [s²].
+        cross: covariance that noise adds to integral and value [s].
+        final: variance that noise adds to its value [-].
     """
 
     decay: float
     mean: float
+    integral: float
+    cross: float
+    final: float
 
 
 def arc_with_slopes(angle: float) -> tuple[float, float, float, float]:
@@ -83,26 +93,27 @@ def turn_along_arc(angle: float, arc: Any) -> tuple[float, float]:
     return 1.0 - angle * arc[1], angle * arc[0]
 
 
-def fading(dt: float, tau: float) -> Fading:
-    """Decay of a Gauss-Markov process with time constant `tau` over `dt` [s]."""
-    ratio = dt / tau
-    if ratio > 0.0:
-        return Fading(math.exp(-ratio), -math.expm1(-ratio) / ratio)
-    return Fading(1.0, 1.0)
+def gauss_markov(dt: float, tau: float) -> GaussMarkov:
+    """Transition over `dt` of a Gauss-Markov process of unit variance, with time constant `tau` [s].
 
-
-def gauss_markov_noise(dt: float, tau: float) -> Triple:
-    """Process noise over `dt` of a unit Gauss-Markov process and its integral.
-
-    The process has unit variance.
-
-    Returns:
-        Variance of the integral [s²], covariance of integral and value [s], variance of the value.
+    Where differences of nearly equal numbers would be left, series in dt / tau take their place.
     """
     ratio = dt / tau
-    decay, lost = math.exp(-ratio), -math.expm1(-ratio)
-    if ratio < 1e-3:
-        integral = 2.0 / 3.0 * tau * tau * (ratio * ratio * ratio) * (1.0 - 0.75 * ratio)
-    else:
-        integral = 2.0 * tau * tau * (ratio - 2.0 * lost + 0.5 * lost * (1.0 + decay))
-    return integral, tau * lost * lost, lost * (1.0 + decay)
+    short, long = min(ratio, SHORT), max(ratio, SHORT)
+    decay = math.exp(-ratio)
+    lost = 1.0 - math.exp(-long)
+    faded = 1.0
+    for divisor in (8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0):
+        faded = 1.0 - short / divisor * faded
+    integral = 0.0
+    for coefficient in INTEGRAL:
+        integral = coefficient + short * integral
+    is_short = ratio < SHORT
+    mean = select(is_short, faded, lost / long)
+    integral = select(
+        is_short,
+        short * short * short * integral,
+        2.0 * (long - 2.0 * lost) + lost * (2.0 - lost),
+    )
+    lost = mean * ratio
+    return GaussMarkov(decay, mean, tau * tau * integral, tau * lost * lost, lost * (1.0 + decay))

@@ -141,12 +141,12 @@ class _Step(NamedTuple):
 
     Attributes:
         pose_rows: rows of F for the pose.
-        decay: decay factor of the slip.
+        decay: (3,) decay factors of the slip.
         back: (2, 2) turn of gravity.
     """
 
     pose_rows: Floats
-    decay: float
+    decay: Floats
     back: Floats
 
 
@@ -221,7 +221,7 @@ class _Tape:
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
-        decay, back = F.item(s.SLIP_X, s.SLIP_X), F[s.GRAVITY, s.GRAVITY].copy()
+        decay, back = np.diag(F)[s.SLIP].copy(), F[s.GRAVITY, s.GRAVITY].copy()
         self._tape.append(_Step(F[s.POSE].copy(), decay, back))
         if P[s.YAW, s.YAW] > LOST_YAW**2:
             self._renew([s.X, s.Y, s.YAW], self._optimal_P[s.POSE, s.POSE].copy())

@@ -24,7 +24,7 @@ INERTIA, FRICTION = find_variant("inertia-online"), find_variant("friction-onlin
 LINEAR = find_variant("full-linear")
 VEHICLE = motion_model(ALPHA, INERTIA).vehicle
 ENGINES = [IcrEkf, LaneEkf]
-NO_NOISE = ProcessNoise(np.zeros(3), 1.0, np.zeros(s.SIZE))
+NO_NOISE = ProcessNoise(np.zeros(3), (1.0, 1.0, 0.5), np.zeros(s.SIZE))
 # Standard deviations that a filter may have in the states, in their own units.
 SCALES = np.zeros(s.SIZE)
 SCALES[s.POSE] = 0.1, 0.1, 0.05
@@ -93,8 +93,8 @@ def assert_jacobian(found, expected, scales):
     assert np.abs(error).max() < 1e-6 * np.abs(expected * size).max()
 
 
-def noise(sigma=(0.03, 0.01, 0.1), time_constant=1.0, walk=None):
-    return ProcessNoise(np.array(sigma), time_constant, 0.1 * SCALES if walk is None else walk)
+def noise(sigma=(0.03, 0.01, 0.1), times=(1.5, 1.2, 1.0), walk=None):
+    return ProcessNoise(np.array(sigma), times, 0.1 * SCALES if walk is None else walk)
 
 
 MODELS = pytest.mark.parametrize(
@@ -112,14 +112,14 @@ def moving(rng, variant):
 
 @MODELS
 def test_jacobian_of_the_twist_is_its_derivative_by_the_state(variant):
-    rng = np.random.default_rng(1)
+    rng, shares = np.random.default_rng(1), (0.9, 0.8, 0.7)
     for _ in range(20):
         ekf = moving(rng, variant)
         left, right = rng.uniform(-1.0, 1.0, 2)
-        model = ekf.twist_model(left, right, 0.9)
+        model = ekf.twist_model(left, right, shares)
 
         def twist(x, ekf=ekf, left=left, right=right):
-            return at(ekf, x).twist_model(left, right, 0.9).twist
+            return at(ekf, x).twist_model(left, right, shares).twist
 
         scales = scales_of(ekf)
         assert_jacobian(model.jacobian, derivative(twist, ekf.x, scales), scales)
@@ -214,7 +214,7 @@ def test_transition_where_the_arc_becomes_a_line():
     for turn in (0.0, 0.9e-4, 1.1e-4, 1e-3):
         ekf = make()
         ekf.x[s.SLIP_W] = turn / 0.1
-        noise_free = ProcessNoise(np.zeros(3), 1e9, np.zeros(s.SIZE))
+        noise_free = ProcessNoise(np.zeros(3), (1e9, 1e9, 1e9), np.zeros(s.SIZE))
         ekf.predict_motion(0.1, 0.5, 0.5, noise_free)
         # d(y) / d(w) of a chord of 0.05 m: half of it times dt, to 1e-6 of it.
         assert ekf.F[s.Y, s.SLIP_W] == pytest.approx(0.05 * 0.1 / 2, rel=1e-6)
@@ -276,7 +276,9 @@ def test_slip_becomes_the_uncertainty_of_an_integrated_gauss_markov_process(step
     T, tau, sigma = 3.0, 0.7, 0.05
     ekf = make()
     for _ in range(steps):
-        ekf.predict_motion(T / steps, 0.5, 0.5, noise((sigma, 0, 0), tau, np.zeros(s.SIZE)))
+        ekf.predict_motion(
+            T / steps, 0.5, 0.5, noise((sigma, 0, 0), (tau, 1.0, 1.0), np.zeros(s.SIZE))
+        )
     density = 2.0 * sigma**2 / tau
 
     def response(t):
@@ -293,7 +295,7 @@ def test_slip_becomes_the_uncertainty_of_an_integrated_gauss_markov_process(step
 @pytest.mark.parametrize("ratio", [1e-9, 1e-6, 0.9999e-3, 1.0001e-3, 0.1, 5.0])
 def test_noise_of_a_step_on_both_sides_of_the_switch_to_the_series(ratio):
     ekf = make()
-    ekf.predict_motion(ratio, 0.5, 0.5, noise((1.0, 0.0, 0.0), 1.0, np.zeros(s.SIZE)))
+    ekf.predict_motion(ratio, 0.5, 0.5, noise((1.0, 0.0, 0.0), (1.0, 1.0, 1.0), np.zeros(s.SIZE)))
     integral = quad(lambda t: 2.0 * np.expm1(-t) ** 2, 0.0, ratio, epsabs=0.0)[0]
     # The series leaves out 0.35 ratio², the closed form loses 1e-16 of ratio against ratio³ / 3.
     assert ekf.Q[s.X, s.X] == pytest.approx(integral, rel=1e-6, abs=0.0)
@@ -306,7 +308,7 @@ def test_random_walks_reach_the_pose_within_the_step(steps):
     walk[s.FAST_SLIP] = 0.3, 0.0, 0.0
     ekf = make()
     for _ in range(steps):
-        ekf.predict_motion(5.0 / steps, 0.5, 0.5, noise((0, 0, 0), 1.0, walk))
+        ekf.predict_motion(5.0 / steps, 0.5, 0.5, noise((0, 0, 0), (1.0, 1.0, 1.0), walk))
     fast = s.FAST_SLIP.start
     assert ekf.P[s.X, s.X] == pytest.approx(0.09 * 5.0**3 / 3)
     assert ekf.P[s.X, fast] == pytest.approx(0.09 * 5.0**2 / 2)

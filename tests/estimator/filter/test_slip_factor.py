@@ -17,14 +17,17 @@ from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.health import REJECTED
+from icreckon.estimator.filter.process_noise import GROUND_TIME, slip_times
 from icreckon.estimator.filter.slip_factor import (
     FACTOR_WEIGHT,
     LARGEST_FACTOR,
+    MEMORY,
     REJECTED_FIXES,
     TREND_WEIGHT,
     bias_doubt,
     follow_fix,
     normalised,
+    present_factor_after,
     slip_factor_after,
     trend_after,
 )
@@ -80,38 +83,57 @@ def test_components_that_determine_each_other_are_no_error() -> None:
     assert np.isfinite(normalised((1.0, 1.0), (1e12, 1e12, 1e12), (1.0, 0.0))).all()
 
 
-def factor_of(innovations: np.ndarray, factor: float = 1.0) -> float:
-    """Factor after normalised innovations (n, 2) of a robot that moves."""
-    trend = NEW
+def factors_of(innovations: np.ndarray, factor: float = 1.0) -> tuple[float, float]:
+    """Factor on the slip, and that of the newest fixes alone, of a robot that moves.
+
+    The innovations (n, 2) are normalised.
+    """
+    trend, present = NEW, factor
     for z in innovations.tolist():
         trend = trend_after(trend, *normalised(tuple(z), (1.0, 0.0, 1.0), (1.0, 0.0)))
-        factor = slip_factor_after(factor, trend, 0.5, 0.5)
-    return factor
+        present = present_factor_after(present, trend, 0.5, 0.5)
+        factor = slip_factor_after(factor, present, 0.5, 0.5)
+    return factor, present
 
 
 def test_white_innovations_leave_the_factor_at_one() -> None:
     rng = np.random.default_rng(1)
-    factors = [factor_of(rng.standard_normal((300, 2))) for _ in range(200)]
-    assert np.mean(factors) < 1.25
-    off = [factor_of(rng.standard_normal((300, 2)) + np.array([0.8, 0.0])) for _ in range(20)]
-    assert min(off) > 3.0
+    factors = np.array([factors_of(rng.standard_normal((300, 2))) for _ in range(200)])
+    assert (factors.mean(axis=0) < (1.6, 1.25)).all()
+    off = [factors_of(rng.standard_normal((300, 2)) + np.array([0.8, 0.0])) for _ in range(20)]
+    assert np.min(off) > 3.0
 
 
 def test_small_errors_to_one_side_are_the_fixes_own() -> None:
     """Plain GPS wanders within the size that it states."""
     rng = np.random.default_rng(1)
     wandering = [
-        factor_of(0.3 * rng.standard_normal((300, 2)) + np.array([0.4, 0.0])) for _ in range(20)
+        factors_of(0.3 * rng.standard_normal((300, 2)) + np.array([0.4, 0.0])) for _ in range(20)
     ]
-    assert max(wandering) < 1.2
+    assert np.max(wandering) < 1.2
 
 
 def test_the_factor_is_bounded_slow_and_rests_with_the_robot() -> None:
     far = 4.0 * np.ones((1000, 2))
-    assert factor_of(far) == LARGEST_FACTOR
-    assert factor_of(far[:1]) < 1.0 + 0.5 * 10.0 * FACTOR_WEIGHT
-    assert factor_of(np.zeros((300, 2)), factor=6.0) == 1.0
-    assert slip_factor_after(3.0, (2.0, 2.0, 1.0), 0.0, 0.0) == pytest.approx(3.0)
+    assert factors_of(far) == (LARGEST_FACTOR, LARGEST_FACTOR)
+    assert max(factors_of(far[:1])) < 1.0 + 0.5 * 10.0 * FACTOR_WEIGHT
+    assert present_factor_after(3.0, (2.0, 2.0, 1.0), 0.0, 0.0) == pytest.approx(3.0)
+    assert slip_factor_after(3.0, 1.0, 0.0, 0.0) == 3.0
+
+
+def test_ground_that_was_met_is_remembered() -> None:
+    """Other ground is forgotten at once by the newest fixes, and in some minutes by the filter."""
+    factor, present = factors_of(np.zeros((120, 2)), factor=6.0)
+    assert present == 1.0
+    assert factor == pytest.approx(1.0 + 5.0 * math.exp(-120.0 / MEMORY), rel=0.05)
+    assert factors_of(np.zeros((2000, 2)), factor=6.0)[0] < 1.01
+
+
+def test_what_other_ground_adds_to_the_slip_lasts_longer() -> None:
+    assert slip_times(0.5, 1.0) == (0.5, 0.5, 0.5)
+    # Variances of 1 for 0.5 s, and of 3 for the time of the ground.
+    longer = (0.5 + 3.0 * GROUND_TIME) / 4.0
+    assert slip_times(0.5, 2.0) == pytest.approx((longer, 0.5, 0.5))
 
 
 def test_only_a_clear_trend_to_one_side_makes_the_bias_doubtful() -> None:
