@@ -172,7 +172,7 @@ class Calibration:
         correlations: (c, c) of the estimates of the model with most index parameters.
         logs: parameters and segments of each log.
         comparison: comparison of the models.
-        verdict: conclusion, one sentence.
+        verdict: conclusion; its first sentence names the model.
         residuals: residuals for a figure.
         notes: remarks for the user.
     """

@@ -136,8 +136,8 @@ def test_the_difference_does_not_disturb_what_else_is_found(case: Case, found: C
 def test_the_model_that_is_true_is_supported(found: Calibration) -> None:
     comparison = found.comparison
     assert comparison.supported == "inertia"
-    assert found.verdict.startswith("The data support inertia-based ICRs")
-    assert found.verdict.count(". ") == 0
+    first = found.verdict.split(". ")[0]
+    assert first == "The data support inertia-based ICRs"
     assert comparison.difference("inertia", "constant").drift_high < 0.0
     assert comparison.score("constant").drift_percent < 0.5 * (
         comparison.score("differential").drift_percent
