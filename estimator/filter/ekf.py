@@ -71,7 +71,7 @@ class ProcessNoise(NamedTuple):
 
 
 class SlipFading(NamedTuple):
-    """Transition of the slip over a step: (3,) each, see `motion.propagation.GaussMarkov`."""
+    """Transition of the slip: (3,) each, see `motion.propagation.GaussMarkov`."""
 
     decay: Floats
     mean: Triple

@@ -25,7 +25,7 @@ PUSHED_W = 0.3
 # Least difference of track speeds at which parameters walk at their full rate [m/s].
 FULL_TURNING = 0.1
 # Correlation time of what other ground adds to the slip [s].
-GROUND_TIME = 2.0
+GROUND_TIME = 1.0
 # Sideways motion that may begin in a gap, as a share of forward motion.
 SIDEWAYS_IN_GAP = 0.1
 
@@ -128,7 +128,7 @@ class Disturbances:
         return np.array(density)
 
     def of_step(self, tracks: TrackRecord, sigma: Vector3, *, factor: float = 1.0) -> ProcessNoise:
-        """Process noise of a step at a `slip_sigma` and the factor on the slip that it has.
+        """Process noise of a step at a `slip_sigma`, and the factor in that.
 
         The random walk of the parameters has its full rate in turns, where they are observable, and none
         when driving straight or standing. The slope changes with the distance that the tracks travel.

@@ -96,7 +96,7 @@ def trend_after(trend: tuple[Any, Any, Any], ahead: Any, beside: Any) -> tuple[A
 
 
 def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
-    """Factor on the slip by the newest fixes, after a position fix that the gate admitted.
+    """Factor on the slip by the newest fixes, after one that the gate admitted.
 
     The normalised square of the trend is 1 in the mean if the innovations are white. The factor grows
     with more, so slowly that single fixes hardly count, and is at least 1: fixes whose noise is smaller

@@ -35,7 +35,7 @@ class PoseStep(NamedTuple):
 
 
 class GaussMarkov(NamedTuple):
-    """Transition of a Gauss-Markov process of unit variance over a step, and its noise.
+    """Transition of a Gauss-Markov process of unit variance, and its noise.
 
     Attributes:
         decay: factor on its value at the end of the step [-].
@@ -94,9 +94,13 @@ def turn_along_arc(angle: float, arc: Any) -> tuple[float, float]:
 
 
 def gauss_markov(dt: float, tau: float) -> GaussMarkov:
-    """Transition over `dt` of a Gauss-Markov process of unit variance, with time constant `tau` [s].
+    """Transition of a Gauss-Markov process of unit variance over a step.
 
     Where differences of nearly equal numbers would be left, series in dt / tau take their place.
+
+    Args:
+        dt: length of the step [s].
+        tau: time constant of the process [s].
     """
     ratio = dt / tau
     short, long = min(ratio, SHORT), max(ratio, SHORT)

@@ -190,7 +190,7 @@ def explain(problem: Exception) -> int:
 
 
 def is_out_of_memory(problem: BaseException) -> bool:
-    """Whether memory ran out, also while a library was loaded."""
+    """Return True if memory ran out, also while a library was loaded."""
     if isinstance(problem, ImportError):
         return any(words in str(problem) for words in UNMAPPED)
     of_system = isinstance(problem, OSError) and problem.errno == errno.ENOMEM

@@ -41,7 +41,7 @@ def rich_table(of: Table, *, narrow: bool = False) -> RichTable:
 
 
 def _with_letter(text: str, letters: dict[str, str]) -> str:
-    """Keep the first words of a text; the letters are those of the texts that follow such words."""
+    """Keep the first words of a text, and a letter for the rest of it."""
     first, *more = _MORE.split(text, maxsplit=1)
     if not more or (more[0] not in letters and len(letters) == len(ascii_lowercase)):
         return text
