@@ -150,17 +150,16 @@ class LinearisedModel:
         if self._as_filter:
             self._ekf.smooth_regressors(self._dt, left, right)
 
-    def twist_model(self, x: Floats, left: float, right: float, share: float = 1.0) -> TwistModel:
+    def twist_model(self, x: Floats, left: float, right: float) -> TwistModel:
         """The body velocity and its derivatives at a state.
 
         Args:
             x: (SIZE,) the state.
             left: speed of the left track as measured [m/s].
             right: of the right track [m/s].
-            share: factor on the slip.
         """
         self._ekf.x = np.array(x, dtype=float)
-        return self._ekf.twist_model(left, right, share)
+        return self._ekf.twist_model(left, right)
 
     def step(
         self, x: Floats, left: float, right: float, after: Floats | None = None
