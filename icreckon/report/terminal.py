@@ -29,13 +29,11 @@ def rich_table(of: Table, *, narrow: bool = False) -> RichTable:
         table.add_column(heading, justify="left" if words else "right", no_wrap=narrow)
     letters: dict[str, str] = {}
     for name, row in of.rows:
-        texts = [cell.text for cell in row]
-        if narrow:
-            texts = [
-                _with_letter(cell.text, letters) if cell.kind == "wrap" else cell.text
-                for cell in row
-            ]
-        table.add_row(name, *texts)
+        shortened = (
+            _with_letter(cell.text, letters) if narrow and cell.kind == "wrap" else cell.text
+            for cell in row
+        )
+        table.add_row(name, *shortened)
     table.caption = "\n".join(f"{letter}: {more}" for more, letter in letters.items())
     return table
 
@@ -43,6 +41,10 @@ def rich_table(of: Table, *, narrow: bool = False) -> RichTable:
 def _with_letter(text: str, letters: dict[str, str]) -> str:
     """Keep the first words of a text, and a letter for the rest of it."""
     first, *more = _MORE.split(text, maxsplit=1)
-    if not more or (more[0] not in letters and len(letters) == len(ascii_lowercase)):
+    if not more:
         return text
-    return f"{first} {letters.setdefault(more[0], ascii_lowercase[len(letters)])}"
+    if more[0] not in letters:
+        if len(letters) == len(ascii_lowercase):
+            return text
+        letters[more[0]] = ascii_lowercase[len(letters)]
+    return f"{first} {letters[more[0]]}"

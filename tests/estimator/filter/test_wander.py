@@ -287,7 +287,7 @@ def test_arrays_are_fed_one_by_one_and_lanes_say_so(log: Log) -> None:
 
 
 def test_a_lost_heading_is_found_by_fixes_that_wander() -> None:
-    """How long it takes depends on the drive: 5 to 59 s after the turn, on ten of them."""
+    """How long it takes depends on the drive."""
     made = simulate(Scenario(duration=120.0, seed=4, fix_rate=2.0, fixes=GPS), ALPHA)
     fixes, truth = made.fixes, made.truth
     assert fixes is not None

@@ -6,6 +6,7 @@ import pytest
 
 from icreckon.report.calibration.tables import parameter_table
 from icreckon.report.pages import Cell, Table, render
+from icreckon.report.terminal import rich_table
 
 
 @pytest.mark.parametrize(
@@ -30,6 +31,19 @@ def test_values_end_at_the_second_digit_of_their_error(
     table = parameter_table({"parameters": {"a": one}, "robot": {"name": "r"}})
     (_, cells) = table.rows[0]
     assert tuple(cell.text for cell in cells[:2]) == texts
+
+
+def test_long_texts_of_a_narrow_table_stand_below_it_once() -> None:
+    """There are 26 letters; what comes later stays whole."""
+    texts = [f"shown; reason {number % 27}" for number in range(54)]
+    rows = [(f"row {number}", [Cell(text, "wrap")]) for number, text in enumerate(texts)]
+    table = rich_table(Table("t", ["name", "status"], rows), narrow=True)
+    cells = list(table.columns[1].cells)
+    assert cells[0] == cells[27] == "shown a"
+    assert cells[25] == cells[52] == "shown z"
+    assert cells[26] == cells[53] == "shown; reason 26"
+    assert str(table.caption).splitlines()[0] == "a: reason 0"
+    assert len(str(table.caption).splitlines()) == 26
 
 
 def test_names_break_after_dots_and_underscores_and_stay_escaped() -> None:
