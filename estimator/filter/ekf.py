@@ -232,13 +232,14 @@ class IcrEkf:
 
     def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
         """Propagate over `dt` seconds with constant track speeds [m/s]."""
-        model = self.twist_model(left, right, slip_fading(dt, noise).mean)
+        fades = slip_fading(dt, noise)
+        model = self.twist_model(left, right, fades.mean)
         clones = self.clones
         if clones is None:
-            self._move(dt, model, noise)
+            self._move(dt, model, noise, fades)
         else:
             yaw, P = self.x.item(s.YAW), self.P.copy()
-            step = self._move(dt, model, noise)
+            step = self._move(dt, model, noise, fades)
             by_state = self.F[s.POSE].copy()
             by_state[:, s.POSE] = 0.0
             self.clones = clones.moved(yaw, np.array(step), by_state, P, self.F, self.Q)
@@ -274,9 +275,8 @@ class IcrEkf:
         self._evaluated, self._evaluated_at = model, self._inputs(left, right, WHOLE)
         return model
 
-    def _move(self, dt: float, model: TwistModel, noise: ProcessNoise) -> Triple:
+    def _move(self, dt: float, model: TwistModel, noise: ProcessNoise, fades: SlipFading) -> Triple:
         """Propagate at the mean twist of a step; return the increment of the pose."""
-        fades = slip_fading(dt, noise)
         step, by_yaw, rows = step_on_se2(self.x.item(s.YAW), (model.twist * dt).tolist())
         by_motion = np.array(rows)
 

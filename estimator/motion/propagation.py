@@ -105,7 +105,7 @@ def gauss_markov(dt: float, tau: float) -> GaussMarkov:
     ratio = dt / tau
     short, long = min(ratio, SHORT), max(ratio, SHORT)
     decay = math.exp(-ratio)
-    lost = 1.0 - math.exp(-long)
+    lost = 1.0 - decay
     faded = 1.0
     for divisor in (8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0):
         faded = 1.0 - short / divisor * faded
