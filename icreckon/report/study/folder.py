@@ -15,7 +15,7 @@ from icreckon.simulation.running.store import write_files
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results
 
-PAGE = "report.html"
+PAGE = "page.html"
 
 
 def run_study(

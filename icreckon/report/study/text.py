@@ -219,7 +219,7 @@ def _table(
     else:
         ratios = f"ratio to {results['baseline']}"
         numbers = [drifts, ratios, "final error, m", "95th percentile, m", "NEES at the end"]
-    head = [*axes, "variant", *numbers]
+    head = [*(_last_parts(axes) if narrow else axes), "variant", *numbers]
     interval = _with_half_interval if narrow else _with_interval
     rows = []
     for values, variants, inside in places:
@@ -247,6 +247,12 @@ def _table(
             row += [_number(one[NEES]["mean"]) if narrow else _with_interval(one[NEES], "mean")]
             rows.append(tuple(row))
     return TextTable(title, tuple(head), tuple(rows), len(axes) + 1)
+
+
+def _last_parts(axes: tuple[str, ...]) -> tuple[str, ...]:
+    """Keep what follows the last dot of each name, unless two then have the same one."""
+    last = tuple(axis.rsplit(".", 1)[-1] for axis in axes)
+    return last if len(set(last)) == len(last) else axes
 
 
 def _error(failed: Sequence[dict[str, Any]]) -> str:

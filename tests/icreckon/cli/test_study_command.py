@@ -83,7 +83,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.returncode == 0, done.stderr
     assert "drift after 4 s" in done.stdout
     assert "Over 2 cells of 10 runs each, constant-online drifts" in " ".join(done.stdout.split())
-    assert "report.html" in done.stderr
+    assert "page.html" in done.stderr
     return folder
 
 

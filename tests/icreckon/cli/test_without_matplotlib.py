@@ -79,7 +79,7 @@ def test_a_study_has_its_tables(tmp_path: Path) -> None:
     done = without_matplotlib("study", "small.toml", "--workers", "1", "--out", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert LINE in done.stderr
-    assert (tmp_path / "out" / "report.html").stat().st_size > 1000
+    assert (tmp_path / "out" / "page.html").stat().st_size > 1000
 
 
 def test_another_module_that_is_missing_is_no_matter_of_figures() -> None:

@@ -105,7 +105,7 @@ def test_it_leaves_what_it_promises(undisturbed):
         "results.json",
         "results.parquet",
         "runs.parquet",
-        "report.html",
+        "page.html",
         "consistency.png",
         "drift-gyro-factor.png",
         "final-error-gyro-factor.png",

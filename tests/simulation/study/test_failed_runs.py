@@ -200,7 +200,7 @@ def test_a_cell_without_a_result_is_an_error_and_all_others_are_there(
     errors = [row for row in table.rows if "ERROR" in "".join(row)]
     error = "ERROR: LinAlgError: Singular matrix"
     assert errors == [("", "inertia-online", error, "", "", "", "")]
-    page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+    page = (tmp_path / "a" / "page.html").read_text(encoding="utf-8")
     assert page.index(told[0]) < page.index(told[1]) < page.index('class="headline"')
     assert f'<td class="error" colspan="5">{error}</td>' in page
 
@@ -240,7 +240,7 @@ def test_a_study_without_any_result_still_has_a_page(
     assert headline(results).startswith(
         "ERROR: over 2 cells of 4 runs each, constant-online has no"
     )
-    assert "the vehicle tips over" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+    assert "the vehicle tips over" in (tmp_path / "a" / "page.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("fails", [True, False])
@@ -268,7 +268,7 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     assert told == json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert told["failed"]["runs"] == int(fails)
     assert ("ERROR: 1 of 16 runs failed" in shown.err) == fails
-    assert (out / "report.html").exists()
+    assert (out / "page.html").exists()
 
 
 def test_a_failed_run_stays_failed_when_the_study_goes_on(

@@ -308,6 +308,8 @@ class References(HTMLParser):
 
 def test_narrow_tables_have_half_intervals(results):
     (wide, *_), (narrow, *_) = summary_tables(results), summary_tables(results, narrow=True)
+    assert wide.head[:3] == ("gyro.factor", "noise", "variant")
+    assert narrow.head[:3] == ("factor", "noise", "variant")
     assert narrow.head[-4:] == ("drift\nafter 30 s, %", "ratio", "final\nerror, m", "NEES")
     assert len(narrow.rows) == len(wide.rows)
     for full, short in zip(wide.rows, narrow.rows, strict=True):
@@ -316,6 +318,16 @@ def test_narrow_tables_have_half_intervals(results):
         assert shown == mean
         assert half == pytest.approx((high - low) / 2.0, abs=0.011)
         assert short[-1] == full[-1].split(" ")[0]
+
+
+def test_axes_with_one_last_name_keep_their_full_names():
+    sweep = Sweep(grid={"gyro.factor": [1.0, 10.0], "accelerometer.factor": [1.0, 10.0]})
+    found = stubbed(msgspec.structs.replace(STUDY, sweep=sweep))
+    results = study_results(
+        found, manifest(found.plan, ENGINES["streaming"]), cell_summaries(found)
+    )
+    (narrow,) = summary_tables(results, narrow=True)
+    assert narrow.head[:2] == ("gyro.factor", "accelerometer.factor")
 
 
 def test_the_page_holds_all_it_needs(results):
