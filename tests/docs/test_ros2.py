@@ -25,6 +25,7 @@ from readme import ROOT, blocks, code_blocks, run_page
 LIVE, NODE = "docs/tutorials/live.md", "docs/reference/ros2-node.md"
 FROM_A_BAG, WITHOUT_ROS = "A robot file from a bag", "Without a ROS installation"
 DOCKERFILE = ROOT / "ros2" / "Dockerfile"
+OF_COMMANDS = ROOT / "Dockerfile"
 
 
 def page() -> str:
@@ -132,10 +133,10 @@ def test_the_messages_that_are_explained_are_those_of_the_log() -> None:
 # --- the image --------------------------------------------------------------------------------------
 
 
-def copied() -> dict[str, str]:
-    """Places in the image of what the Dockerfile copies, by path in the repository."""
+def copied(dockerfile: Path = DOCKERFILE) -> dict[str, str]:
+    """Places in the image of what a Dockerfile copies, by path in the repository."""
     places = {}
-    for line in re.findall(r"^COPY (.*)$", DOCKERFILE.read_text(encoding="utf-8"), re.MULTILINE):
+    for line in re.findall(r"^COPY (.*)$", dockerfile.read_text(encoding="utf-8"), re.MULTILINE):
         *sources, target = line.split()
         for source in sources:
             places[source] = target + source if target.endswith("/") else target
@@ -153,6 +154,13 @@ def test_the_image_copies_what_exists_and_starts_what_it_installs() -> None:
     assert set(started) == set(made) == {"/opt/icreckon/venv"}
     assert text.index("ENV NUMBA_CACHE_DIR=") < text.index("icreckon prepare")
     assert 'icreckon", "ros2-node"]' in text
+
+
+def test_the_image_of_the_commands_is_made_of_the_same_files() -> None:
+    text = OF_COMMANDS.read_text(encoding="utf-8")
+    assert copied(OF_COMMANDS) == copied()
+    assert set(re.findall(r"([\w/]+)/bin/icreckon", text)) == {"/opt/icreckon/venv"}
+    assert text.index("ENV NUMBA_CACHE_DIR=") < text.index("icreckon prepare")
 
 
 @pytest.mark.slow
