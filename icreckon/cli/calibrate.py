@@ -9,16 +9,23 @@ from pathlib import Path
 import typer
 
 from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import messages, print_fitting, progress, results_folder
-from icreckon.estimator.calibration import calibrate
+from icreckon.cli.console import (
+    print_fitting,
+    progress,
+    results_folder,
+    working,
+    write_file,
+)
+from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.base.outputs import check_replaceable
 from icreckon.replay.calibration.results import summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
+from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
@@ -38,6 +45,7 @@ def run_calibrate(
     message_files: list[Path],
     robot_name: str | None,
     write: Path | None,
+    ros: Path | None,
     lever_arm: str | None,
     models: str | None,
     segment: float,
@@ -50,9 +58,11 @@ def run_calibrate(
     robot_name, robot = the_robot(robot_name, paths[:1])
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
-    starts = (FIRST_WORDS.encode(),)
+    starts, of_ros = (FIRST_WORDS.encode(),), (ROS_FIRST_WORDS.encode(),)
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
+    if ros is not None:
+        check_replaceable(ros, overwrite=overwrite, starts=of_ros)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
     arm = None if lever_arm is None else _pair(lever_arm)
     definitions = read_definitions(message_files)
@@ -81,9 +91,9 @@ def run_calibrate(
             inputs={str(path): path for path in [*paths, *message_files]},
         )
         summary = json_types(summary)
-        write_results(folder / RESULTS_FILE, summary)
-        write_calibration_page(folder / PAGE_FILE, summary)
-        with unless_missing():
+        with working("writing page and figure"), unless_missing():
+            write_results(folder / RESULTS_FILE, summary)
+            write_calibration_page(folder / PAGE_FILE, summary)
             from icreckon.report.calibration.figure import write_calibration_figure
 
             write_calibration_figure(folder / FIGURE_FILE, summary)
@@ -93,9 +103,18 @@ def run_calibrate(
             print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
     if write is not None:
         text = robot_file_text(found, [log.name for log in logs], robot_name)
-        with written_beside(write, overwrite=overwrite, starts=starts) as new:
-            new.write_text(text, encoding="utf-8")
-        messages().print(f"robot file in {write}", markup=False, soft_wrap=True)
+        write_file(write, text, what="robot file", overwrite=overwrite, starts=starts)
+    if ros is not None:
+        settings = ros_settings(logs, found.robot, source=_origin(found))
+        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=of_ros)
+
+
+def _origin(found: Calibration) -> str:
+    """Origin of the multiplier of the wheel separation, with its standard error."""
+    track = next((one for one in found.parameters if one.name == "effective_track"), None)
+    if track is None or track.sigma is None:
+        return "of the robot file"
+    return f"calibrated ± {track.sigma / found.robot.vehicle.track_gauge:.2g}"
 
 
 def _read(path: Path, robot: Robot, definitions: Definitions) -> Log:

@@ -12,11 +12,11 @@ import typer
 from rich.text import Text
 
 from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import FAILED, messages, progress, results
+from icreckon.cli.console import FAILED, progress, results, write_file
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.base.outputs import check_replaceable
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
@@ -26,8 +26,8 @@ from icreckon.replay.inspection.inspect import guess_mapping
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
 
-# Smallest cost that counts [% of the distance].
-LEAST_COST = 0.05
+# Smallest cost that counts [% of the distance], and as a share of the drift [-].
+LEAST_COST, LEAST_SHARE = 0.05, 0.2
 
 
 def run_check(
@@ -61,9 +61,8 @@ def run_check(
     else:
         _show(log, checks, worth, left_out)
     if ros is not None:
-        with written_beside(ros, overwrite=overwrite, starts=starts) as new:
-            new.write_text(ros_settings(log, robot), encoding="utf-8")
-        messages().print(f"settings for ROS in {ros}", soft_wrap=True)
+        settings = ros_settings([log], robot)
+        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=starts)
     if any(one.problem for one in checks):
         raise typer.Exit(FAILED)
 
@@ -138,7 +137,7 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
     if not is_wrong or math.isnan(worth.mended):
         return f"Drift {of}: {as_it_is}."
     text = f"Drift {of}: {as_it_is}, with all of this mended {worth.mended:.1f} %."
-    if worth.mended >= worth.as_it_is + LEAST_COST:
+    if worth.mended >= worth.as_it_is + max(LEAST_COST, LEAST_SHARE * worth.as_it_is):
         text += " Mended it is worse: the file has an error that these checks do not see."
     return text
 

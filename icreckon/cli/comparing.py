@@ -11,7 +11,15 @@ import typer
 from rich.console import RenderableType
 from rich.table import Table
 
-from icreckon.cli.console import FAILED, messages, print_fitting, progress, results, worker_count
+from icreckon.cli.console import (
+    FAILED,
+    messages,
+    print_fitting,
+    progress,
+    results,
+    worker_count,
+    working,
+)
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, Robot, load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
@@ -69,21 +77,24 @@ def compare_and_write(
             workers=worker_count(workers),
             progress=report_progress,
         )
-    drifts = comparison_drifts(comparison)
-    summary = summarise(
-        comparison,
-        robot,
-        command=command,
-        configuration=configuration,
-        seed=seed,
-        inputs=inputs,
-        drifts=drifts,
-    )
-    scored = None if case is None else case_scores(case, comparison, summary, drifts)
-    write_exports(folder, comparison, robot, formats)
+    with working(f"scoring {log.name}"):
+        drifts = comparison_drifts(comparison)
+        summary = summarise(
+            comparison,
+            robot,
+            command=command,
+            configuration=configuration,
+            seed=seed,
+            inputs=inputs,
+            drifts=drifts,
+        )
+        scored = None if case is None else case_scores(case, comparison, summary, drifts)
+    with working("writing trajectories, tables and odometry"):
+        write_exports(folder, comparison, robot, formats)
     # Free the runs: for a long log they take most of the memory.
     del comparison
-    write_views(folder, summary)
+    with working("writing page and figure"):
+        write_views(folder, summary)
     return summary, scored
 
 

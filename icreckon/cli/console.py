@@ -13,6 +13,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     Progress,
+    SpinnerColumn,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -95,7 +96,10 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=messages(), transient=True) as bar:
+    console = messages()
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task(title, total=1.0, reached="")
 
         def report(done: float) -> None:
@@ -108,6 +112,22 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
             bar.update(task, completed=done, reached=reached)
 
         yield report
+
+
+@contextmanager
+def working(title: str) -> Iterator[None]:
+    """Show a spinner with the elapsed time for work of unknown length.
+
+    Args:
+        title: name of the work.
+    """
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    console = messages()
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        bar.add_task(title, total=None)
+        yield
 
 
 @contextmanager
@@ -137,6 +157,28 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
     page, figure = folder / PAGE_FILE, folder / FIGURE_FILE
     hint = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
     messages().print(f"results in {folder}/, {hint}", markup=False, soft_wrap=True)
+
+
+def write_file(
+    path: Path, text: str, *, what: str, overwrite: bool, starts: tuple[bytes, ...]
+) -> None:
+    """Write a text file in one step, and print where it is.
+
+    Args:
+        path: the file.
+        text: its content.
+        what: name of the content, for the message.
+        overwrite: whether an earlier file may be replaced.
+        starts: first bytes of the files that may be.
+
+    Raises:
+        ReplayError: the path exists and may not be replaced.
+    """
+    from icreckon.replay.base.outputs import written_beside
+
+    with written_beside(path, overwrite=overwrite, starts=starts) as new:
+        new.write_text(text, encoding="utf-8")
+    messages().print(f"{what} in {path}", markup=False, soft_wrap=True)
 
 
 def _first_free(default: str) -> Path:

@@ -11,13 +11,16 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.console import messages, print_fitting, results
+from icreckon.cli.console import messages, print_fitting, results, working, write_file
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.checking.proposed_settings import proposed_ros_settings
+from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS
 from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
 from icreckon.replay.inspection.robot_file import FIRST_WORDS, has_tracks
 from icreckon.replay.inspection.topic_survey import TopicReport
+from icreckon.replay.reading.gather import source_name
 from icreckon.report.printable import printable
 
 NAMES = ("topic or column", "type", "frame or file")
@@ -40,6 +43,7 @@ def run_inspect(
     paths: list[Path],
     message_files: list[Path],
     write: Path | None,
+    ros: Path | None,
     as_json: bool,
     wide: bool,
     overwrite: bool,
@@ -48,14 +52,19 @@ def run_inspect(
     starts = (FIRST_WORDS.encode(),)
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
+    of_ros = (ROS_FIRST_WORDS.encode(),)
+    if ros is not None:
+        check_replaceable(ros, overwrite=overwrite, starts=of_ros)
     gauge = None if write is None else filled_in_gauge(write)
-    found = inspect(paths, definitions=read_definitions(message_files), track_gauge=gauge)
+    definitions = read_definitions(message_files)
+    with working(f"reading {source_name(paths)}"):
+        found = inspect(paths, definitions=definitions, track_gauge=gauge)
+    proposed, taken = found.proposed_robot_file, list[str]()
     if as_json:
         typer.echo(json.dumps(_as_plain(found), indent=1))
     else:
         _show(found, wide=wide, with_file=write is None)
     if write is not None:
-        proposed, taken = found.proposed_robot_file, list[str]()
         if write.exists() and write.stat().st_size:
             former = write.read_bytes()
             proposed, taken = with_filled_in(proposed, write)
@@ -78,6 +87,10 @@ def run_inspect(
             markup=False,
             soft_wrap=True,
         )
+    if ros is not None:
+        with working("measuring wheels and covariances"):
+            settings = proposed_ros_settings(proposed, paths, definitions)
+        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=of_ros)
 
 
 def _topics(found: Inspection, *, narrow: bool) -> Table:

@@ -30,11 +30,17 @@ RobotName = Annotated[
     str | None,
     typer.Option(help="Name of a robot that ships with icreckon, or a TOML file. Required."),
 ]
+Ros = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write settings for ROS here: diff_drive_controller, covariances, IMU frame."
+    ),
+]
 Wide = Annotated[
     bool, typer.Option("--wide", help="Show all columns, however narrow the terminal is.")
 ]
 Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace what icreckon wrote to --out before.")
+    bool, typer.Option("--overwrite", help="Replace what icreckon wrote there before.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 Duration = Annotated[float, typer.Option(help="Length of the run in seconds.")]
@@ -334,16 +340,13 @@ def replay(
 @app.command()
 def inspect(
     log: Logs,
-    write: Annotated[
-        Path | None, typer.Option(help="Write the proposed robot file here, to be completed.")
-    ] = None,
+    write: Annotated[Path | None, typer.Option(help="Write the proposed robot file here.")] = None,
+    ros: Ros = None,
     msg: Definitions = None,
     _unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
     wide: Wide = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an earlier proposal at --write.")
-    ] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
     from icreckon.cli.inspect import run_inspect
@@ -352,6 +355,7 @@ def inspect(
         paths=log,
         message_files=msg or [],
         write=write,
+        ros=ros,
         as_json=json,
         wide=wide,
         overwrite=overwrite,
@@ -373,18 +377,11 @@ def robots() -> None:
 def check(
     log: Logs,
     robot: RobotName = None,
-    ros: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write settings for ROS here, as YAML: diff_drive_controller, covariances, IMU frame."
-        ),
-    ] = None,
+    ros: Ros = None,
     msg: Definitions = None,
     _unpacked_limit: UnpackedLimit = 0.5,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace earlier settings at --ros.")
-    ] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Check a robot file against a log: units, signs, mounting, latency.
 
@@ -417,6 +414,7 @@ def calibrate(
     write: Annotated[
         Path | None, typer.Option(help="Write the robot file with what was found here.")
     ] = None,
+    ros: Ros = None,
     lever_arm: Annotated[
         str | None,
         typer.Option(
@@ -452,6 +450,7 @@ def calibrate(
         message_files=msg or [],
         robot_name=robot,
         write=write,
+        ros=ros,
         lever_arm=lever_arm,
         models=models,
         segment=segment,

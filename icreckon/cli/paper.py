@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import typer
 
-from icreckon.cli.console import messages, print_fitting, progress, results_folder
+from icreckon.cli.console import messages, print_fitting, progress, results_folder, working
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -57,14 +57,15 @@ def run_paper(
         guess, found = load_paper_contact(), None
         if identify:
             guess, found = _identify(seed)
-        reproduced = reproduce(guess)
+        with working("reproducing tables and figures"):
+            reproduced = reproduce(guess)
         summary = json_types(_summary(reproduced, seed if identify else None, found))
         comment = "Contact of Auriga-alpha and reading of the paper, as `icreckon paper` used them."
         if identify:
             comment = f"Found by: icreckon paper --identify --seed {seed}"
         text = as_toml(guess, comment)
         (folder / CONTACT_FILE).write_text(text, encoding="utf-8")
-        with unless_missing():
+        with working("drawing figures"), unless_missing():
             from icreckon.report.paper.figures import write_figures
 
             write_figures(folder, reproduced, FIGURE_FILE)

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import typer
 from rich.console import Group
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -100,6 +100,7 @@ class _Reporter:
         self.done: Done | None = None
         self._shown_at = 0.0
         self._bar = Progress(
+            SpinnerColumn(),
             TextColumn(name),
             BarColumn(),
             TextColumn("{task.fields[text]}"),
@@ -128,6 +129,8 @@ class _Reporter:
         if done.runs and elapsed > 0.0:
             rate = done.runs / elapsed
             text += f", {rate:.3g} runs/s, {duration(done.runs_left / rate)} left"
+        if done.blocks == done.all_blocks:
+            text += ", writing tables and page"
         share = done.blocks / max(1, done.all_blocks)
         self._bar.update(self._task, completed=share, text=text)
         if not self._bar.console.is_terminal and elapsed - self._shown_at > LINE_EVERY:

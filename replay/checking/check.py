@@ -70,6 +70,12 @@ def in_rates_of(robot: Robot) -> bool:
     return in_rates(topic_map(robot, robot.name)) if robot.log else True
 
 
+def from_twist(robot: Robot) -> bool:
+    """True if the track speeds of a robot's logs are computed from speed and yaw rate."""
+    tracks = topic_map(robot, robot.name).tracks if robot.log else None
+    return tracks is not None and not tracks.left
+
+
 def still_samples(log: Log) -> NDArray[np.bool_] | None:
     """IMU samples (n,) at standstill, None if there are too few."""
     if log.imu is None or len(log.imu.stamps) < 2 or not tracks_usable(log):

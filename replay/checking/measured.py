@@ -50,13 +50,17 @@ def effective_track(robot: Robot) -> float:
     return robot.constant_indices.eta0 * robot.vehicle.track_gauge
 
 
-def measured_track(log: Log, robot: Robot) -> float | None:
-    """Effective track by gyro and tracks [m]; None if they turn too little."""
+def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
+    """Effective track by gyro and tracks, and its standard error or None [m].
+
+    None if they turn too little.
+    """
     if log.imu is None or not tracks_usable(log):
         return None
     vertical = in_base(log.imu, robot)[0]
     correlation = turning_correlation(log.tracks, log.imu, vertical)
-    return wheel_estimates(log, vertical, correlation).track_ratio
+    found = wheel_estimates(log, vertical, correlation)
+    return None if found.track_ratio is None else (found.track_ratio, found.track_sigma)
 
 
 def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:

@@ -1,4 +1,4 @@
-"""Settings for ROS from a robot file and a log, as YAML with comments.
+"""Settings for ROS from a robot and its logs, as YAML with comments.
 
 Parameters of `diff_drive_controller` (ros2_controllers), covariances for `robot_localization`, and the
 mounting of the IMU as a static transform.
@@ -7,6 +7,7 @@ mounting of the IMU as a static transform.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.checking.check import in_base, in_rates_of, tracks_usable
+from icreckon.replay.checking.check import from_twist, in_base, in_rates_of, tracks_usable
 from icreckon.replay.checking.measured import (
     effective_track,
     measured_scale,
@@ -34,7 +35,8 @@ WINDOW = 1.0
 # Error of v_x and w without anything to compare with, as a share of their usual size [-].
 SHARE_FORWARD, SHARE_TURNING = 0.03, 0.2
 
-NOT_SEEN = "of the robot file; this log does not show it"
+Estimate = tuple[float, float | None]
+"""Estimate and its standard error, None if unknown."""
 
 
 class TwistErrors(NamedTuple):
@@ -42,9 +44,9 @@ class TwistErrors(NamedTuple):
 
     Attributes:
         forward: of v_x [m/s].
-        forward_by: what it was compared with, empty for nothing.
+        forward_by: reference of v_x, empty for none.
         turning: of w [rad/s].
-        turning_by: what it was compared with, empty for nothing.
+        turning_by: reference of w, empty for none.
     """
 
     forward: float
@@ -53,66 +55,61 @@ class TwistErrors(NamedTuple):
     turning_by: str
 
 
-def ros_settings(log: Log, robot: Robot) -> str:
+def ros_settings(
+    logs: Sequence[Log], robot: Robot, *, source: str = "of the robot file", proposed: bool = False
+) -> str:
     """Format settings for ROS as YAML.
 
     Args:
-        log: a log that was read with this robot.
+        logs: logs that were read with this robot.
         robot: the robot; its effective track is that of constant ICRs.
+        source: origin of the effective track, for a comment.
+        proposed: True if the effective track is that of the logs, and the gauge a stand-in for one that
+            nobody has measured.
     """
-    vehicle, tracks = robot.vehicle, robot.tracks
-    errors = twist_errors(log, robot)
-    multiplier, multiplier_by = _multiplier(log, robot)
-    twist = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
+    names = ", ".join(_word(log.name) for log in logs)
     lines = [
-        f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {_word(log.name)}. Every line is in SI units.",
-        "# ros2_controllers, diff_drive_controller: merge into its parameters.",
-        "diff_drive_controller:",
-        "  ros__parameters:",
-        f"    wheel_separation: {_number(vehicle.track_gauge)}  # m, between the centrelines",
-        f"    wheel_separation_multiplier: {_number(multiplier)}  # {multiplier_by}",
-        f"    # Effective wheel separation: {multiplier * vehicle.track_gauge:.3g} m.",
-        *_radius_lines(log, robot),
-        f"    left_wheel_radius_multiplier: {1.0 - 0.5 * tracks.difference:.4f}",
-        f"    right_wheel_radius_multiplier: {1.0 + 0.5 * tracks.difference:.4f}",
-        f"    # v_x: {errors.forward:.2g} m/s {_by(errors.forward_by)}; "
-        f"w: {errors.turning:.2g} rad/s {_by(errors.turning_by)}",
-        f"    twist_covariance_diagonal: {_numbers(twist)}",
-        "# robot_localization: fuse v_x and v_yaw of this odometry (not its pose) and v_yaw of the IMU.",
+        f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {names}. Every line is in SI units.",
     ]
-    latency = robot.log.get("tracks", {}).get("latency", 0.0)
-    if latency:
-        lines.append(
-            f"# Track speeds are stamped {latency:.3g} s late: take that off their stamps."
-        )
-    return "\n".join([*lines, *_imu_lines(log, robot)]) + "\n"
+    if any(len(log.tracks.stamps) for log in logs):
+        lines += _controller_lines(logs, robot, source=source, proposed=proposed)
+    with_imu = next((log for log in logs if log.imu is not None and len(log.imu.stamps) > 1), None)
+    if with_imu is not None:
+        lines += _imu_lines(with_imu, robot)
+    return "\n".join(lines) + "\n"
 
 
-def twist_errors(log: Log, robot: Robot) -> TwistErrors:
-    """Estimate errors of wheel odometry with the effective track of a robot file.
+def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
+    """Estimate errors of wheel odometry with the effective track of a robot.
 
     Args:
-        log: a log that was read with this robot.
+        logs: logs that were read with this robot.
         robot: the robot.
     """
     track = effective_track(robot)
-    speeds = log.tracks.speeds if len(log.tracks.speeds) else np.zeros((1, 2))
+    speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     usual = np.sqrt(np.mean(speeds**2, axis=0))
     forward, forward_by = SHARE_FORWARD * float(usual.mean()), ""
     turned = (speeds[:, 1] - speeds[:, 0]) / track
     turning, turning_by = SHARE_TURNING * float(np.sqrt(np.mean(turned**2))), ""
-    if log.imu is not None and tracks_usable(log):
-        rate = in_base(log.imu, robot)[0]
-        own = np.interp(log.imu.stamps, log.tracks.stamps, turned)
-        size = np.abs(speeds).max(axis=1)
-        moving = np.interp(log.imu.stamps, log.tracks.stamps, size) > 0.0
-        if moving.any():
-            off = (own - rate)[moving]
-            turning, turning_by = float(np.std(off)), "against the gyro"
-    found = _forward_errors(log, robot)
+    off = np.concatenate([_turning_errors(log, robot) for log in logs])
+    if len(off):
+        turning, turning_by = float(np.sqrt(np.mean(off**2))), "against the gyro"
+    found = np.concatenate([_forward_errors(log, robot) for log in logs])
     if len(found):
         forward, forward_by = float(np.sqrt(np.mean(found**2))), "against the truth"
     return TwistErrors(forward, forward_by, turning, turning_by)
+
+
+def _turning_errors(log: Log, robot: Robot) -> Floats:
+    """Errors (n,) of the yaw rate about their mean while tracks move, by the gyro."""
+    if log.imu is None or not tracks_usable(log):
+        return np.zeros(0)
+    left, right = (np.interp(log.imu.stamps, log.tracks.stamps, one) for one in log.tracks.speeds.T)
+    size = np.abs(log.tracks.speeds).max(axis=1)
+    moving = np.interp(log.imu.stamps, log.tracks.stamps, size) > 0.0
+    off = ((right - left) / effective_track(robot) - in_base(log.imu, robot)[0])[moving]
+    return np.asarray(off - off.mean() if len(off) else off)
 
 
 def _forward_errors(log: Log, robot: Robot) -> Floats:
@@ -139,9 +136,35 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
     return np.asarray((speed - true_speed)[driving])
 
 
+def _controller_lines(
+    logs: Sequence[Log], robot: Robot, *, source: str, proposed: bool
+) -> list[str]:
+    """Parameters of the controller, and the latency of its speeds."""
+    errors, difference = twist_errors(logs, robot), robot.tracks.difference
+    twist = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
+    lines = [
+        "# ros2_controllers, diff_drive_controller: merge into its parameters.",
+        "diff_drive_controller:",
+        "  ros__parameters:",
+        *(_proposed_separation(logs, robot) if proposed else _separation(logs, robot, source)),
+        *_radius_lines(logs, robot),
+        f"    left_wheel_radius_multiplier: {1.0 - 0.5 * difference:.4f}",
+        f"    right_wheel_radius_multiplier: {1.0 + 0.5 * difference:.4f}",
+        f"    # v_x: {errors.forward:.2g} m/s {_by(errors.forward_by)}; "
+        f"w: {errors.turning:.2g} rad/s {_by(errors.turning_by)}",
+        f"    twist_covariance_diagonal: {_numbers(twist)}",
+        "# robot_localization: fuse v_x and v_yaw of this odometry (not its pose) and v_yaw of the IMU.",
+    ]
+    latency = robot.log.get("tracks", {}).get("latency", 0.0)
+    if latency:
+        lines.append(
+            f"# Track speeds are stamped {latency:.3g} s late: take that off their stamps."
+        )
+    return lines
+
+
 def _imu_lines(log: Log, robot: Robot) -> list[str]:
-    if log.imu is None or len(log.imu.stamps) < 2:
-        return []
+    assert log.imu is not None  # noqa: S101 - checked by the caller
     imu = robot.imu
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
     rate = imu.gyro_noise_density**2 / step
@@ -160,35 +183,83 @@ def _imu_lines(log: Log, robot: Robot) -> list[str]:
     ]
 
 
-def _multiplier(log: Log, robot: Robot) -> tuple[float, str]:
-    """Effective track over the gauge, and a comment.
+def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
+    """Wheel separation and its multiplier.
 
-    It is the log's where that contradicts the file.
+    The multiplier is that of the logs where they contradict the robot.
     """
-    in_file, found = robot.constant_indices.eta0, measured_track(log, robot)
-    if found is None:
-        return in_file, NOT_SEEN
-    seen = found / robot.vehicle.track_gauge
-    if is_other_track(seen / in_file):
-        return seen, f"by the gyro of this log, which contradicts the robot file's {in_file:.4g}"
-    return in_file, f"of the robot file; by the gyro of this log {seen:.4g}"
+    gauge, multiplier = robot.vehicle.track_gauge, robot.constant_indices.eta0
+    seen = _multipliers(logs, robot)
+    comment = f"{source}; {_not_seen(logs)}"
+    if seen:
+        shown, ratio = _shown(logs, "gyro", seen), float(np.mean([one for one, _ in seen]))
+        comment = f"{source}; {shown}"
+        if is_other_track(ratio / multiplier):
+            comment = f"{shown}, which contradicts {multiplier:.4g} {source}"
+            multiplier = ratio
+    if from_twist(robot):
+        comment += "; times that of the controller which made this odometry"
+    return [
+        f"    wheel_separation: {_number(gauge)}  # m, between the centrelines",
+        f"    wheel_separation_multiplier: {_number(multiplier)}  # {comment}",
+        f"    # Effective wheel separation: {multiplier * gauge:.3g} m.",
+    ]
 
 
-def _radius_lines(log: Log, robot: Robot) -> list[str]:
-    """Effective radius, unless the track speeds of the file are no rates."""
+def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
+    """Effective wheel separation of logs, where nobody has measured the gauge."""
+    seen = _multipliers(logs, robot)
+    if not seen:
+        return [f"    # wheel_separation and its multiplier: {_not_seen(logs)}."]
+    if from_twist(robot):
+        return [
+            "    # wheel_separation_multiplier: that of the controller which made this odometry, times "
+            f"{seen[0][0]:.4g}{_error(seen[0][1])}, {_shown(logs, 'gyro', [])}"
+        ]
+    track, sigma = _times(seen[0], robot.vehicle.track_gauge)
+    return [
+        f"    wheel_separation: {_number(track)}  # m, effective{_error(sigma)}, by the gyro of this log",
+        "    wheel_separation_multiplier: 1.0",
+        "    # With the separation between the centrelines: the effective one over that.",
+    ]
+
+
+def _multipliers(logs: Sequence[Log], robot: Robot) -> list[Estimate]:
+    """Effective track over the gauge, of each log that shows it."""
+    found = [measured_track(log, robot) for log in logs]
+    return [_times(one, 1.0 / robot.vehicle.track_gauge) for one in found if one is not None]
+
+
+def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
+    """Effective radius, unless the track speeds are no rates."""
     if not in_rates_of(robot):
         return []
     radius = robot.vehicle.sprocket_radius
-    return [f"    wheel_radius: {_number(radius)}  # m, effective: {_seen_radius(log, robot)}"]
+    scales = [measured_scale(log, robot, bends=True) for log in logs]
+    found = [one for one in scales if one is not None]
+    comment = _not_seen(logs)
+    if found:
+        seen = [_times((one.ratio, one.sigma), radius) for one in found]
+        comment = _shown(logs, found[0].source, seen)
+    return [f"    wheel_radius: {_number(radius)}  # m, effective: {comment}"]
 
 
-def _seen_radius(log: Log, robot: Robot) -> str:
-    found = measured_scale(log, robot, bends=True)
-    if found is None:
-        return NOT_SEEN
-    radius = robot.vehicle.sprocket_radius
-    error = "" if found.sigma is None else f" ± {found.sigma * radius:.2g}"
-    return f"by the {found.source} of this log {found.ratio * radius:.4g}{error}"
+def _times(one: Estimate, factor: float) -> Estimate:
+    return one[0] * factor, None if one[1] is None else one[1] * factor
+
+
+def _shown(logs: Sequence[Log], by: str, values: Sequence[Estimate]) -> str:
+    """Text of estimates of one quantity, one for each log."""
+    shown = ", ".join(f"{value:.4g}{_error(sigma)}" for value, sigma in values)
+    return f"by the {by} of {'this log' if len(logs) == 1 else 'these logs'} {shown}".rstrip()
+
+
+def _not_seen(logs: Sequence[Log]) -> str:
+    return "this log does not show it" if len(logs) == 1 else "these logs do not show it"
+
+
+def _error(sigma: float | None) -> str:
+    return "" if sigma is None else f" ± {sigma:.2g}"
 
 
 def _by(source: str) -> str:

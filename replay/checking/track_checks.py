@@ -336,15 +336,17 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
     if log.imu is None or not tracks_usable(log):
         return
-    track = measured_track(log, robot)
+    found = measured_track(log, robot)
     in_file = effective_track(robot)
-    if track is None:
+    if found is None:
         yield Check(
             TRACK, f"{in_file:.2f} m", "not seen: tracks and gyro turn too little, or not alike"
         )
         return
+    track, sigma = found
     ratio = track / in_file
-    shown = f"{track:.2f} m by the gyro, {ratio:.2f} times"
+    error = "" if sigma is None else f" ± {sigma:.1g}"
+    shown = f"{track:.2f}{error} m by the gyro, {ratio:.2f} times"
     gauge = robot.vehicle.track_gauge
     if not is_other_track(ratio) and track > 0.9 * gauge:
         yield Check(TRACK, f"{in_file:.2f} m", shown)

@@ -29,6 +29,7 @@ from icreckon.estimator.streaming.lost import LostFilter, described, loss_of
 from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
+from icreckon.estimator.tracing.kernel_cache import kernel_files
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.fixes import (
     OF_FIXES,
@@ -49,6 +50,11 @@ POLL_SECONDS = 0.2
 # IMU samples from which the batch engine pays off: the streaming filter runs through these in the time
 # of compiling a variant for the first time.
 MANY_SAMPLES = 200_000
+# Measurements of all variants together from which processes pay off, if the kernels are compiled: one
+# process runs through these in the time in which two start.
+MANY_MEASUREMENTS = 60_000
+# Time of smoothing over that of filtering.
+OF_SMOOTHING = 3
 ENGINES = ("auto", "batch", "streaming")
 
 Progress = Callable[[float], None]
@@ -304,13 +310,21 @@ def _in_any_way(
     """Run the variants: a batch of those that support it, then the others one by one."""
     together = _side_by_side(task, variants, progress)
     others = [name for name in variants if name not in together]
-    if workers > 1 and len(others) > 1:
+    if workers > 1 and len(others) > 1 and _processes_pay_off(task, len(others)):
         runs = _in_processes(task, others, workers, progress)
     else:
         runs = _here(task, others, progress)
     found = {name: task.checked((one,)) for name, one in together.items()}
     found |= dict(zip(others, runs, strict=True))
     return [found[name] for name in variants]
+
+
+def _processes_pay_off(task: _Task, variants: int) -> bool:
+    """Compare the work with the start of processes, which compile side by side, too."""
+    log = task.log
+    count = len(log.tracks.stamps) + (0 if log.imu is None else len(log.imu.stamps))
+    work = variants * count * (OF_SMOOTHING if task.smooth else 1)
+    return work >= MANY_MEASUREMENTS or not kernel_files()
 
 
 def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> dict[str, Run]:

@@ -58,6 +58,11 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
     return "\n".join(lines) + "\n", taken
 
 
+def has_stand_in_gauge(proposed: str) -> bool:
+    """Return True if the track gauge of a proposal is the effective track of the log."""
+    return UNTOUCHED_GAUGE.search(proposed) is not None
+
+
 def filled_in_gauge(path: Path) -> float | None:
     """Track gauge of an earlier proposal [m]; None if there is none that can be read."""
     try:

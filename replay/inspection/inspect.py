@@ -373,15 +373,16 @@ def _findings(
 
 def _of_track(estimates: WheelEstimates, mapping: TopicMap) -> str:
     """Report the effective track by the gyro, as settings of a controller have it."""
-    ratio = estimates.track_ratio
+    ratio, sigma = estimates.track_ratio, estimates.track_sigma
+    error = "" if sigma is None else f" (± {sigma:.1g})"
     if mapping.tracks is not None and not mapping.tracks.left:
         return (
-            f"tracks: the odometry turns {ratio:.2f} times as far as the gyro: multiply the "
+            f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"
         )
     unit = "times the effective radius" if in_rates(mapping) else "m"
     return (
-        f"tracks: the effective track is {ratio:.3g} {unit}, by the gyro; divided by the wheel "
+        f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
     )
 

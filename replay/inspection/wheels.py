@@ -36,6 +36,8 @@ STRAIGHT = 1.0
 """Largest turning within a window at which its path is assumed an arc [rad]."""
 WINDOWS = {"truth": 2.0, "fixes": 10.0}
 FEWEST_WINDOWS = 5
+FEWEST_SAMPLES = 100
+"""Samples from which on a standard error of the effective track is estimated."""
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
 """Course over ground: least distance [m], longest time [s]; least mean vector of its offsets [-]."""
 
@@ -50,12 +52,14 @@ class WheelEstimates(NamedTuple):
         track_ratio: V_r - V_l over the yaw rate: effective track over effective radius [-] if track
             speeds are rates, otherwise the effective track [m].
         way_sigma: standard error of `way_ratio`, or None.
+        track_sigma: standard error of `track_ratio`, or None.
     """
 
     way_ratio: float | None
     way_source: str
     track_ratio: float | None
     way_sigma: float | None = None
+    track_sigma: float | None = None
 
 
 def wheel_estimates(
@@ -69,7 +73,7 @@ def wheel_estimates(
         correlation: correlation of that rate with V_r - V_l, or None.
         straight: largest turning of windows that count for the radius [rad].
     """
-    track_ratio = None
+    track_ratio = track_sigma = None
     speeds = log.tracks.speeds
     usable = len(speeds) > 1 and np.abs(speeds).max() <= ABSURD
     if (
@@ -79,18 +83,32 @@ def wheel_estimates(
         and (correlation or 0.0) > CLEAR_TURNING
     ):
         difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
-        slope = np.cov(vertical, difference)[0, 1] / np.var(difference, ddof=1)
-        track_ratio = float(1.0 / slope)
+        track_ratio, track_sigma = _turning_ratio(vertical, difference)
+    nothing = WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
     if not usable or vertical is None or log.imu is None:
-        return WheelEstimates(None, "", track_ratio)
+        return nothing
     if log.truth is not None:
         source, stamps, places = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
     elif log.fixes is not None:
         source, stamps, places = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
     else:
-        return WheelEstimates(None, "", track_ratio)
+        return nothing
     ratio, sigma = _distance_ratio(log, vertical, stamps, places, WINDOWS[source], straight)
-    return WheelEstimates(ratio, source, track_ratio, sigma)
+    return WheelEstimates(ratio, source, track_ratio, sigma, track_sigma)
+
+
+def _turning_ratio(vertical: Floats, difference: Floats) -> tuple[float, float | None]:
+    """Ratio of V_r - V_l to the yaw rate by linear regression, and its standard error."""
+
+    def ratio(rate: Floats, turning: Floats) -> float:
+        return float(np.var(turning, ddof=1) / np.cov(rate, turning)[0, 1])
+
+    sigma = None
+    if len(vertical) >= FEWEST_SAMPLES:
+        blocks = np.array_split(np.arange(len(vertical)), BLOCKS)
+        without = [ratio(np.delete(vertical, one), np.delete(difference, one)) for one in blocks]
+        sigma = jackknife_sigma(np.array(without))
+    return ratio(vertical, difference), sigma
 
 
 def _distance_ratio(

@@ -394,7 +394,10 @@ def test_processes_are_for_what_cannot_run_side_by_side(monkeypatch: pytest.Monk
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
     variants = ("constant-online", "friction-online")
     compare(log, ROBOT, variants, workers=3)
+    # A short log is worth no processes, unless they are to compile.
+    compare(replace(log, others=others), ROBOT, variants, workers=3)
     assert asked == []
+    monkeypatch.setattr(comparison, "kernel_files", list)
     found = compare(replace(log, others=others), ROBOT, variants, workers=3)
     assert tuple(found.runs) == variants
     assert asked == [(variants, 3)]

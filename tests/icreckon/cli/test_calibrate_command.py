@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scenario = Scenario(duration=90.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
     write_log(simulate(scenario, robot), folder / "drive", "mcap", robot)
     words = ("--robot", "auriga-alpha", "--models", "differential,constant,inertia")
-    words = (*words, "--write", "found.toml", "--out", "results")
+    words = (*words, "--write", "found.toml", "--ros", "ros.yaml", "--out", "results")
     done = icreckon("calibrate", "drive", *words, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "The data support inertia-based ICRs" in done.stdout
@@ -64,6 +64,16 @@ def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path
     letter = re.search(r"│ indices.H +│.*│ held ([a-z]) +│", shown)[1]
     assert f"\n{letter}: not shown; " in shown
     assert shown.count("acts in the literal form only") == 1
+
+
+def test_settings_for_ros_have_the_calibrated_track_and_its_error(folder: Path) -> None:
+    text = (folder / "ros.yaml").read_text(encoding="utf-8")
+    found = load_robot(folder / "found.toml")
+    shown = re.search(r"wheel_separation_multiplier: (\S+)  # calibrated ± (\S+);", text)
+    assert float(shown[1]) == pytest.approx(found.constant_indices.eta0, rel=1e-3)
+    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    sigma = results["parameters"]["effective_track"]["sigma"]
+    assert float(shown[2]) == pytest.approx(sigma / found.vehicle.track_gauge, rel=0.05)
 
 
 def test_it_leaves_results_and_a_picture(folder: Path) -> None:
@@ -124,7 +134,7 @@ def test_the_robot_file_loads_and_replays(folder: Path) -> None:
 
 def calibrated(folder: Path, **options: object) -> None:
     """The command's own function, with what is usual where nothing else is asked for."""
-    usual: dict[str, object] = dict.fromkeys(("write", "lever_arm", "models"))
+    usual: dict[str, object] = dict.fromkeys(("write", "ros", "lever_arm", "models"))
     usual |= {"paths": ["drive"], "robot_name": "auriga-alpha", "out": folder / "none"}
     usual |= {
         "message_files": [],

@@ -28,16 +28,21 @@ def log() -> Log:
 
 
 def parsed(log: Log, robot: Robot) -> dict:
-    return YAML(typ="safe").load(ros_settings(log, robot))
+    return YAML(typ="safe").load(ros_settings([log], robot))
 
 
 def controller(log: Log, robot: Robot = ALPHA) -> dict:
     return parsed(log, robot)["diff_drive_controller"]["ros__parameters"]
 
 
+def parameters_of(file: Path) -> dict:
+    found = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
+    return found["diff_drive_controller"]["ros__parameters"]
+
+
 def with_track_of_the_log(log: Log) -> Robot:
     """Robot with the effective track that the gyro shows."""
-    text = ros_settings(log, ALPHA)
+    text = ros_settings([log], ALPHA)
     shown = float(text.partition("by the gyro of this log ")[2].split()[0])
     return with_values(
         ALPHA, constant_icr=None, indices=with_values(ALPHA.indices, eta0=shown, epsilon0=0.0)
@@ -72,7 +77,7 @@ def test_numbers_are_floats_for_ros_and_yaml(log: Log):
     robot = with_values(
         ALPHA, constant_icr=None, vehicle=with_values(ALPHA.vehicle, track_gauge=1.0)
     )
-    text = ros_settings(log, robot)
+    text = ros_settings([log], robot)
     lines = [line.partition("#")[0] for line in text.splitlines()]
     values = re.findall(r"(?<![\w.])-?\d[\w.+-]*", " ".join(line for line in lines if ":" in line))
     assert len(values) > 10
@@ -86,7 +91,7 @@ def test_a_contradicted_multiplier_is_that_of_the_log(log: Log):
     assert right == pytest.approx(ALPHA.constant_indices.eta0, rel=1e-3)
     wrong = with_values(ALPHA, constant_icr=None, indices=with_values(ALPHA.indices, eta0=1.0))
     assert controller(log, wrong)["wheel_separation_multiplier"] == pytest.approx(right, rel=0.1)
-    assert "which contradicts the robot file's 1" in ros_settings(log, wrong)
+    assert "which contradicts 1 of the robot file" in ros_settings([log], wrong)
 
 
 def test_covariances_are_the_errors_of_that_odometry(log: Log):
@@ -114,21 +119,18 @@ def test_speeds_that_are_no_rates_need_no_radius(log: Log):
     tracks = {"topic": "/speeds", "left": ["data[0]"], "right": ["data[1]"], "unit": "m/s"}
     robot = with_values(ALPHA, log={"tracks": {**tracks, "latency": 0.2}})
     assert "wheel_radius" not in controller(log, robot)
-    assert "stamped 0.2 s late" in ros_settings(log, robot)
+    assert "stamped 0.2 s late" in ros_settings([log], robot)
 
 
 def test_without_truth_and_imu_the_errors_are_said_to_be_defaults(log: Log):
     bare = replace(log, truth=None, imu=None)
-    errors = twist_errors(bare, ALPHA)
+    errors = twist_errors([bare], ALPHA)
     assert errors.forward_by == errors.turning_by == ""
     assert errors.forward > 0.0
     assert errors.turning > 0.0
-    text = ros_settings(bare, ALPHA)
+    text = ros_settings([bare], ALPHA)
     assert text.count("with nothing to compare with") == 2
     assert "imu_driver" not in text
-    none = np.zeros(0, dtype=np.int64)
-    empty = replace(bare, tracks=TrackSpeedSeries(none, np.zeros((0, 2))))
-    assert controller(empty)["wheel_separation"] == pytest.approx(0.42)
 
 
 def test_names_stay_comments(log: Log):
@@ -147,3 +149,62 @@ def test_the_command_writes_them_and_replaces_only_its_own(log: Log, tmp_path: P
     (tmp_path / "ros.yaml").write_text("mine: 1\n", encoding="utf-8")
     assert icreckon(*words, "--overwrite", cwd=tmp_path).returncode == 1
     assert (tmp_path / "ros.yaml").read_text(encoding="utf-8") == "mine: 1\n"
+
+
+def test_inspect_writes_them_without_a_robot_file(log: Log, tmp_path: Path):
+    """The effective separation needs no gauge, the radius a truth: nobody has measured either."""
+    write_log(log, tmp_path / "drive", "mcap", ALPHA)
+    assert icreckon("inspect", "drive", "--ros", "ros.yaml", cwd=tmp_path).returncode == 0
+    settings = parameters_of(tmp_path / "ros.yaml")
+    separation = settings["wheel_separation"] * settings["wheel_separation_multiplier"]
+    by_the_log = controller(log, with_track_of_the_log(log))["wheel_separation_multiplier"]
+    assert separation == pytest.approx(by_the_log * ALPHA.vehicle.track_gauge, rel=0.03)
+    assert settings["wheel_radius"] == pytest.approx(ALPHA.vehicle.sprocket_radius, rel=0.03)
+
+    without_truth = replace(log, truth=None)
+    write_log(without_truth, tmp_path / "drive-2", "mcap", ALPHA)
+    done = icreckon("inspect", "drive-2", "--ros", "ros-2.yaml", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "fill in sprocket_radius" in done.stderr
+    assert not (tmp_path / "ros-2.yaml").exists()
+
+
+def test_inspect_uses_what_was_filled_in(log: Log, tmp_path: Path):
+    write_log(log, tmp_path / "drive", "mcap", ALPHA)
+    words = ("inspect", "drive", "--write", "robot.toml")
+    assert icreckon(*words, cwd=tmp_path).returncode == 0
+    file = tmp_path / "robot.toml"
+    proposed = file.read_text(encoding="utf-8")
+    file.write_text(
+        re.sub(r"track_gauge = [\d.]+", "track_gauge = 0.42", proposed), encoding="utf-8"
+    )
+    assert icreckon(*words, "--overwrite", "--ros", "ros.yaml", cwd=tmp_path).returncode == 0
+    settings = parameters_of(tmp_path / "ros.yaml")
+    assert settings["wheel_separation"] == 0.42
+    by_the_log = controller(log, with_track_of_the_log(log))["wheel_separation_multiplier"]
+    assert settings["wheel_separation_multiplier"] == pytest.approx(by_the_log, rel=0.03)
+
+
+def test_odometry_from_a_twist_gets_a_factor_of_its_controllers(log: Log):
+    """Its speeds are those of a controller whose own multiplier no log shows."""
+    robot = with_values(ALPHA, log={"tracks": {"topic": "/odom"}})
+    assert "times that of the controller" in ros_settings([log], robot)
+    proposed = ros_settings([log], robot, proposed=True)
+    assert re.search(r"made this odometry, times 2\.\d+ ± 0\.0\d+", proposed)
+    assert "wheel_separation:" not in proposed
+
+
+def test_without_track_speeds_there_is_only_the_imu(log: Log):
+    none = np.zeros(0, dtype=np.int64)
+    empty = replace(log, tracks=TrackSpeedSeries(none, np.zeros((0, 2))))
+    assert parsed(empty, ALPHA).keys() == {"imu_driver"}
+
+
+def test_several_logs_are_pooled(log: Log):
+    """Each log shows a track; the covariances are those of all logs together."""
+    faster = replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, 1.1 * log.tracks.speeds))
+    one, other = (twist_errors([each], ALPHA).forward for each in (log, faster))
+    both = twist_errors([log, faster], ALPHA).forward
+    assert both == pytest.approx(np.sqrt(0.5 * (one**2 + other**2)), rel=0.05)
+    text = ros_settings([log, faster], ALPHA)
+    assert re.search(r"of these logs 2\.\d+ ± 0\.\d+, 2\.\d+ ± 0\.\d+", text)
