@@ -5,7 +5,8 @@ heading, and the gyro's bias. These are fitted to the fixes in each window. What
 the fixes, as far as the fit has not taken it: white noise, and a Gauss-Markov process of one standard
 deviation and one correlation time for all windows. They are found by restricted maximum likelihood, which
 accounts for the fit (Patterson and Thompson, Biometrika 58, 1971). Errors of odometry look like wander,
-too: one that is not clearly larger than these is not proposed.
+too: one that is not clearly larger than these is not proposed, unless the fixes state it themselves: a
+receiver that states 0.8 m, and whose fixes scatter by 2 cm, has slow errors of the size that it states.
 
 Places are complex numbers x + i y. So turn and scale are one factor, and both axes have one likelihood.
 """
@@ -38,6 +39,9 @@ CLEAR = 25.0
 """Twice the gain of the log likelihood over white noise alone from which a wander is clear."""
 AS_GOOD = 4.0
 """Twice the loss of the log likelihood up to which another correlation time fits as well."""
+STATED, STATED_AT_MOST = 3.0, 5.0
+"""Stated standard deviation over that of the white part from which on the rest is slow, and the largest
+wander over the stated one of which that is evidence [-]."""
 ODOMETRY_ERROR = 0.03
 """Error of odometry that looks like wander, as a share of the way driven in its time [-]."""
 SLOWEST_SLIP = 30.0
@@ -55,6 +59,7 @@ class FixWanderEstimate(NamedTuple):
         time: its correlation time [s].
         times: shortest and longest candidate time that fits as well [s].
         reason: reason not to propose it, empty if there is none.
+        stated: standard deviation that the fixes state, if this alone shows that they wander [m].
     """
 
     white: float
@@ -62,6 +67,7 @@ class FixWanderEstimate(NamedTuple):
     time: float
     times: tuple[float, float]
     reason: str
+    stated: float | None = None
 
     @property
     def text(self) -> str:
@@ -75,7 +81,13 @@ class FixWanderEstimate(NamedTuple):
         )
         if self.reason:
             return f"{white}, and a slow part of {slow}; {self.reason}: no wander is proposed"
-        return f"their error wanders, by {slow}, besides {white}"
+        text = f"their error wanders, by {slow}, besides {white}"
+        if self.stated is None:
+            return text
+        return (
+            f"{text}: that is less than the {self.stated:.2g} m that they state, so the rest changes "
+            "slowly (some of it may be odometry's)"
+        )
 
 
 class _Window(NamedTuple):
@@ -130,18 +142,21 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
     alike = [one for one in TIMES if 2.0 * (found[best].likelihood - by_time[one]) <= AS_GOOD]
     gain = 2.0 * (found[best].likelihood - white.likelihood)
     driven = _driven(windows, max(time, SLOWEST_SLIP))
-    reason = ""
+    reason, stated = "", float(np.sqrt(np.median(log.fixes.variances[:, 0])))
+    states_it = STATED * ratio * sigma < stated and sigma < STATED_AT_MOST * stated
+    shown_by_odometry = sigma >= ODOMETRY_ERROR * driven
     if gain < CLEAR:
         reason = "white noise alone explains them"
     elif alike[0] > 0.5 * WINDOW:
         reason = f"it changes too slowly for spans of {WINDOW:.0f} s, as errors of odometry do"
-    elif sigma < ODOMETRY_ERROR * driven:
+    elif not (shown_by_odometry or states_it):
         reason = f"odometry may be off by as much over {driven:.0f} m of driving"
     if gain < CLEAR:
         sigma, white_sigma = 0.0, float(np.sqrt(white.variance))
     else:
         white_sigma = ratio * sigma
-    return FixWanderEstimate(white_sigma, sigma, time, (alike[0], alike[-1]), reason)
+    by_them = None if reason or shown_by_odometry else stated
+    return FixWanderEstimate(white_sigma, sigma, time, (alike[0], alike[-1]), reason, by_them)
 
 
 def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:

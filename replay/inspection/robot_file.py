@@ -366,8 +366,10 @@ def _wander_lines(wander: FixWanderEstimate | None) -> list[str]:
     if wander is None or wander.reason:
         return []
     shortest, longest = wander.times
+    white = f"position_sigma = {wander.white:.2g}    # m, what is new in each fix, against odometry"
     return [
-        f"position_sigma = {wander.white:.2g}    # m, the part that is new in each fix, against odometry",
+        # Where odometry does not tell the parts apart, what the fixes state stays.
+        *([white] if wander.stated is None else []),
         f"wander_sigma = {wander.sigma:.2g}    # m, the part that changes slowly",
         f"wander_time = {wander.time:g}    # s; {shortest:g} to {longest:g} s fit as well",
     ]

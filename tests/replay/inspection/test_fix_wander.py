@@ -100,3 +100,18 @@ def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path, robot: Robot) ->
     white = inspect(write_log(driven(FixSpec(sigma=0.3)), tmp_path / "white", "mcap", robot))
     assert any("no wander is proposed" in finding for finding in white.findings)
     assert "wander_sigma" not in white.proposed_robot_file
+
+
+@pytest.mark.parametrize(("stated", "proposed"), [(1.0, True), (0.05, False), (10.0, True)])
+def test_fixes_that_state_more_than_they_scatter_wander(stated: float, proposed: bool) -> None:
+    """Here odometry may be off by as much; only what a receiver states tells the two apart."""
+    log = driven(FixSpec(sigma=0.02, wander_sigma=0.8, wander_time=60.0), seed=3)
+    assert log.fixes is not None
+    variances = np.column_stack(
+        [np.full(len(log.fixes.stamps), stated**2), log.fixes.variances[:, 1]]
+    )
+    faster = replace(log, fixes=replace(log.fixes, variances=variances))
+    found = found_in(faster)
+    assert isinstance(found, FixWanderEstimate)
+    assert (not found.reason) == proposed
+    assert ("that they state" in found.text) == proposed
