@@ -23,7 +23,9 @@ from _study import bootstrap, spread, study_parser, table, told
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses, pose_nees
+from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.streaming.run import run
@@ -60,19 +62,24 @@ def score(job: Job) -> Floats:
     for white, sigma, correlated in TREATMENTS.values():
         fixes = replace(log.fixes, variances=np.full_like(log.fixes.variances, white**2))
         settings = Settings(wander=FixWander(sigma, correlated))
-        found = run(replace(log, fixes=fixes), robot, variant, settings=settings).trajectory
-        truth = log.truth.poses
-        settled = found.stamps > log.start + round(SETTLED * 1e9)
-        off = found.poses[settled] - interpolate_poses(truth, found.stamps[settled])
-        nees = pose_nees(found, truth)
-        rows.append(
-            [
-                nees[round(len(nees) * SETTLED / DURATION) :].mean(),
-                np.sqrt(np.mean(off[:, :2] ** 2) * 2.0),
-                np.degrees(np.sqrt(np.mean(wrap_angle(off[:, 2]) ** 2))),
-            ]
-        )
+        found = run(replace(log, fixes=fixes), robot, variant, settings=settings)
+        rows.append(pose_scores(found.trajectory, log))
     return np.array(rows)
+
+
+def pose_scores(found: Trajectory, log: Log) -> list[float]:
+    """NEES of the pose, RMS errors of position [m] and yaw [deg], from `SETTLED` on."""
+    if log.truth is None:
+        raise ValueError("a simulated log has a truth")
+    truth = log.truth.poses
+    settled = found.stamps > log.start + round(SETTLED * 1e9)
+    off = found.poses[settled] - interpolate_poses(truth, found.stamps[settled])
+    nees = pose_nees(found, truth)
+    return [
+        float(nees[round(len(nees) * SETTLED / DURATION) :].mean()),
+        float(np.sqrt(np.mean(off[:, :2] ** 2) * 2.0)),
+        float(np.degrees(np.sqrt(np.mean(wrap_angle(off[:, 2]) ** 2)))),
+    ]
 
 
 def main() -> None:
@@ -87,7 +94,7 @@ def main() -> None:
     for variant, of_variant in zip(arguments.variants, found, strict=True):
         for number, name in enumerate(TREATMENTS):
             scores = [
-                told(*bootstrap(_mean, of_variant[:, number, [column]]), form)
+                told(*bootstrap(mean_of_runs, of_variant[:, number, [column]]), form)
                 for column, form in ((0, ".1f"), (1, ".2f"), (2, ".2f"))
             ]
             rows.append([f"`{variant}`", name, *scores])
@@ -95,7 +102,8 @@ def main() -> None:
     table(("variant", "fixes taken for", *heads), rows)
 
 
-def _mean(samples: Floats) -> Floats:
+def mean_of_runs(samples: Floats) -> Floats:
+    """Mean over the runs (..., n, 1)."""
     return np.asarray(samples[..., 0].mean(axis=-1))
 
 

@@ -21,6 +21,7 @@ from icreckon.estimator.filter.health import JudgedInnovation as JudgedInnovatio
 from icreckon.estimator.filter.health import NoiseHealth as NoiseHealth
 from icreckon.estimator.filter.health import OddWheel as OddWheel
 from icreckon.estimator.filter.health import ParameterHealth as ParameterHealth
+from icreckon.estimator.filter.health import ScatterHealth as ScatterHealth
 from icreckon.estimator.filter.health import SensorHealth as SensorHealth
 from icreckon.estimator.filter.health import Slide as Slide
 from icreckon.estimator.filter.health import SlipHealth as SlipHealth

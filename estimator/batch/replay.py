@@ -13,7 +13,7 @@ from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
-from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
+from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, needs_streaming
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.layout import INPUTS
@@ -221,10 +221,10 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
     fix_stamps = NO_STAMPS if fixes is None else fixes.stamps
     if any((np.diff(one) <= 0).any() for one in (log.tracks.stamps, imu.stamps, fix_stamps)):
         raise BatchError(f"the stamps of {log.name!r} do not rise")
-    if has_absurd_readings(log, robot.vehicle.max_track_speed):
+    if needs_streaming(log, [robot]):
         raise BatchError(
-            f"the log {log.name!r} holds readings that no such sensor gives, or IMU samples without "
-            "forces among others, which filters side by side do not check"
+            f"the log {log.name!r} holds readings that no such sensor gives, IMU samples without forces "
+            "among others, or fixes that scatter, which filters side by side do not check"
         )
     values = np.zeros((0, FIX_VALUES)) if fixes is None else fix_rows(fixes)
     headings = np.isfinite(values[:, 2])

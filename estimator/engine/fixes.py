@@ -12,7 +12,9 @@ from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import TREND
 from icreckon.estimator.engine.model import (
     bias_doubt,
+    factor_after_rejection,
     is_beside,
+    is_moving,
     normalised,
     precision,
     present_factor_after,
@@ -94,15 +96,17 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     after = slip_factor_after(factor, present, *smooth)
     taken = tested & admitted
     many = tested & ~used & (lane.stores["position_in_a_row"] >= float(REJECTED_FIXES))
-    many = many & is_beside(ahead, beside)
-    doubt = select(taken, bias_doubt(trended, *smooth), trace.truth_as_number(many))
-    doubt = doubt * precision(lane.input("fix_variance")) * lane.constant("bias_variance")
+    precise, to_a_side = precision(lane.input("fix_variance")), is_beside(ahead, beside)
+    doubt = select(taken, bias_doubt(trended, *smooth), trace.truth_as_number(many & to_a_side))
+    doubt = doubt * precise * lane.constant("bias_variance")
+    raised = precise * is_moving(*smooth) * trace.truth_as_number(many & ~to_a_side)
     if s.GYRO_BIAS in P.states and s.GYRO_BIAS not in shape.considered:
         P.add(s.GYRO_BIAS, s.GYRO_BIAS, doubt)
         P.add(s.YAW, s.GYRO_BIAS, -doubt * DOUBTED_TIME)
     P.add(s.YAW, s.YAW, doubt * DOUBTED_TIME**2)
-    lane.stores["slip_factor"] = select(taken, after, factor)
-    lane.stores["present_factor"] = select(taken, present, lane.row("present_factor"))
+    doubled = factor_after_rejection(lane.row("present_factor"), raised)
+    lane.stores["slip_factor"] = select(taken, after, maximum(factor, doubled))
+    lane.stores["present_factor"] = select(taken, present, doubled)
     for name, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
         lane.stores[name] = select(taken, after_it, before_it)
     lane.stores.update(predicted_x=values[s.X], predicted_y=values[s.Y])

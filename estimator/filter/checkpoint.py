@@ -10,8 +10,9 @@ from msgspec.structs import replace
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import NEVER, Count, assign
+from icreckon.estimator.base.records import NEVER, Count, assign, or_none, plain_copy
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
+from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
@@ -39,6 +40,7 @@ class FilterMemory(NamedTuple):
         gates: counts of the gates of fixes, None before the first.
         counts: counts of all but the gates.
         rejected_fixes: position fixes that were rejected since one was used.
+        scatter: scatter of the newest position fixes.
     """
 
     state: Floats
@@ -51,6 +53,7 @@ class FilterMemory(NamedTuple):
     gates: tuple[GateRecord | None, ...]
     counts: Health
     rejected_fixes: tuple[RejectedFix, ...]
+    scatter: Scatter
 
 
 class FilterCheckpoint(
@@ -83,6 +86,7 @@ class FilterCheckpoint(
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
         positions: newest place of the position fixes.
         poses: newest place of the pose fixes.
+        scatter: scatter of the newest position fixes.
     """
 
     stamp: int | None
@@ -107,6 +111,7 @@ class FilterCheckpoint(
     wander_stamp: int | None = None
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
+    scatter: Scatter = Scatter()
 
     def __post_init__(self) -> None:
         size = s.WANDER.stop if self.state.shape == (s.WANDER.stop,) else s.SIZE
@@ -114,6 +119,8 @@ class FilterCheckpoint(
             raise ValueError(f"{size} states and the rows of their covariance are needed")
         if self.regressors is not None and self.regressors.shape != (3, 9):
             raise ValueError("three rows of nine derivatives by the parameters are needed")
+        if len(self.scatter.moved) not in {0, s.SIZE}:
+            raise ValueError(f"{s.SIZE} corrections by the fixes are needed")
 
     def fill(self, record: FilterRecord) -> None:
         """Copy all that is in the record of a filter, except standstill and gates."""
@@ -146,4 +153,26 @@ class FilterCheckpoint(
             noise=self.noise.shifted(by),
             positions=self.positions.shifted(by),
             poses=self.poses.shifted(by),
+            scatter=self.scatter.shifted(by),
         )
+
+
+def of_record(record: FilterRecord) -> dict[str, Any]:
+    """Fields of a checkpoint that `FilterCheckpoint.fill` copies back."""
+    return {
+        "stamp": or_none(record.stamp),
+        "stood_at": or_none(record.stood_at),
+        "step_under_way": bool(record.step_under_way),
+        "stands": bool(record.stands),
+        "slip_factor": float(record.slip_factor),
+        "present_factor": float(record.present_factor),
+        "fix_trend": tuple(
+            map(float, (record.trend_forward, record.trend_left, record.trend_size))
+        ),
+        "wander_stamp": or_none(record.wander_stamp),
+        "positions": plain_copy(PlaceRecord, record.positions),
+        "poses": plain_copy(PlaceRecord, record.poses),
+        "tracks": plain_copy(TrackRecord, record.tracks),
+        "imu": ClockRecord(record.imu.stamp, record.imu.interval),
+        "noise": plain_copy(NoiseRecord, record.noise),
+    }

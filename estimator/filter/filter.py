@@ -8,29 +8,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, assign, copied, or_none, plain_copy
-from icreckon.estimator.faults.repeating_fixes import PlaceRecord, repeats
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
+from icreckon.estimator.base.records import NEVER, assign, copied, or_none
+from icreckon.estimator.faults.repeating_fixes import repeats
+from icreckon.estimator.faults.scattering_fixes import Scatter
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory, of_record
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
-from icreckon.estimator.filter.gate import Gate, GateRecord
+from icreckon.estimator.filter.gate import GateRecord, gates_of
 from icreckon.estimator.filter.health import (
     Health,
     Judged,
     SensorHealth,
     add_estimates,
+    add_fix_faults,
     add_gyro_faults,
-    add_repeated_fixes,
     noise_health,
     slip_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.reacquisition import RejectedFix, beside_wander, relocation
+from icreckon.estimator.filter.reacquisition import (
+    RejectedFix,
+    beside_wander,
+    follow_scatter,
+    relocation,
+)
 from icreckon.estimator.filter.slip_factor import doubt, follow_fix
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
@@ -50,21 +57,18 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import (
-    TrackRecord,
     is_hole,
     mean_speeds,
     speeds_at,
     take_motion,
 )
 from icreckon.estimator.sensors.imu_clock import (
-    ClockRecord,
     interval_start,
     is_alive,
     is_due_after,
     take_stamp,
 )
 from icreckon.estimator.sensors.imu_noise import (
-    NoiseRecord,
     measure_noise,
     measured_noise,
     noise_of_step,
@@ -152,13 +156,10 @@ class Reckoning:
         self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
-        of_imu = (self._gyro.name, *ACCELEROMETERS)
-        counts = {name: getattr(self._record, name) for name in of_imu}
-        self._gates: dict[str, Gate] = {}
-        for name, components in innovation_components().items():
-            of_gate = counts.get(name) or engine.make_record(GateRecord())
-            self._gates[name] = Gate(len(components), settings.gates, of_gate)
-        self._fix_gates = [gate for name, gate in self._gates.items() if name not in counts]
+        self._scatter = Scatter()
+        of_imu = {name: getattr(self._record, name) for name in (self._gyro.name, *ACCELEROMETERS)}
+        self._gates = gates_of(innovation_components(), settings.gates, of_imu, engine.make_record)
+        self._fix_gates = [gate for name, gate in self._gates.items() if name not in of_imu]
         self._at_once = engine.make_step(
             self.ekf, self._disturbances, robot, settings, self._record, self._readings
         )
@@ -180,7 +181,7 @@ class Reckoning:
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
         health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
         add_gyro_faults(health, self._tracks)
-        add_repeated_fixes(health, record.positions, record.poses)
+        add_fix_faults(health, record.positions, record.poses, self._scatter)
         add_estimates(health, self.ekf.x, self.ekf.P, self._prior)
         return health
 
@@ -205,29 +206,19 @@ class Reckoning:
 
     def checkpoint(self) -> FilterCheckpoint:
         """Copy the state of the filter and of its inputs."""
-        record = self._record
+        ekf, gates = self.ekf, self._gates.items()
         return FilterCheckpoint(
-            self.stamp,
-            self.ekf.x.copy(),
-            self.ekf.P.copy(),
-            bool(record.step_under_way),
-            self.stands,
-            plain_copy(TrackRecord, self._tracks),
-            self._readings.memory(record.still),
-            ClockRecord(record.imu.stamp, record.imu.interval),
-            {name: gate.counts.rejected_in_a_row for name, gate in self._gates.items()},
-            self._judged_counts(),
-            self.ekf.clones,
-            self.ekf.model.memory,
-            None if self.ekf.regressors is None else self.ekf.regressors.copy(),
-            self._rejected_fixes,
-            or_none(record.stood_at),
-            float(record.slip_factor),
-            float(record.present_factor),
-            (float(record.trend_forward), float(record.trend_left), float(record.trend_size)),
-            plain_copy(NoiseRecord, record.noise),
-            or_none(record.wander_stamp),
-            *(plain_copy(PlaceRecord, one) for one in (record.positions, record.poses)),
+            **of_record(self._record),
+            state=ekf.x.copy(),
+            covariance=ekf.P.copy(),
+            standstill=self._readings.memory(self._record.still),
+            rejected_in_a_row={name: gate.counts.rejected_in_a_row for name, gate in gates},
+            health=self._judged_counts(),
+            clones=ekf.clones,
+            model=ekf.model.memory,
+            regressors=None if ekf.regressors is None else ekf.regressors.copy(),
+            rejected_fixes=self._rejected_fixes,
+            scatter=self._scatter,
         )
 
     def memory(self) -> FilterMemory:
@@ -244,6 +235,7 @@ class Reckoning:
             tuple(copied(gate.counts) if gate.counts.judged else None for gate in self._fix_gates),
             self._counts.copy(),
             self._rejected_fixes,
+            self._scatter,
         )
 
     def recall(self, memory: FilterMemory) -> None:
@@ -257,6 +249,7 @@ class Reckoning:
         for gate, counts in zip(self._fix_gates, memory.gates, strict=True):
             assign(gate.counts, counts or GateRecord())
         self._counts, self._rejected_fixes = memory.counts.copy(), memory.rejected_fixes
+        self._scatter = memory.scatter
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
         """Restore a checkpoint."""
@@ -268,7 +261,7 @@ class Reckoning:
         self.ekf.model.recall(checkpoint.model)
         regressors = checkpoint.regressors
         self.ekf.regressors = None if regressors is None else regressors.copy()
-        self._rejected_fixes = checkpoint.rejected_fixes
+        self._rejected_fixes, self._scatter = checkpoint.rejected_fixes, checkpoint.scatter
         sensors = checkpoint.health.sensors
         for name, gate in self._gates.items():
             gate.restore(sensors.get(name, SensorHealth()), 0)
@@ -311,11 +304,12 @@ class Reckoning:
         Args:
             pushed: the robot may be turning with its tracks at rest; None to decide by the inputs.
         """
-        ekf = self.ekf
-        eta = ekf.model.steering_efficiency(ekf.x[s.PARAMETERS])
-        may_be = self._may_be_pushed() if pushed is None else pushed
-        factor = self._record.slip_factor
-        return self._disturbances.slip_sigma(self._tracks, eta, pushed=may_be, factor=factor)
+        record = self._record
+        eta = self.ekf.model.steering_efficiency(self.ekf.x[s.PARAMETERS])
+        if pushed is None:
+            pushed = not record.stands and may_be_pushed(record)
+        factor = record.slip_factor
+        return self._disturbances.slip_sigma(self._tracks, eta, pushed=pushed, factor=factor)
 
     # --- inputs ----------------------------------------------------------------------------------
 
@@ -454,7 +448,10 @@ class Reckoning:
 
         # Gate, update and record; relocate after rejected position fixes.
         if isinstance(m, PositionFix):
-            x, y, _ = point_on_robot(predicted, m.forward, m.left).values.tolist()
+            fix, x_before = (m.stamp, m.x, m.y, m.variance), ekf.x.copy()
+            x, y, _ = at = point_on_robot(predicted, m.forward, m.left).values.tolist()
+            if not ekf.wanders:
+                m = replace(m, variance=self._scatter.of_fix(m.variance))
             before = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
             self._rejected_fixes += (RejectedFix(m.x, m.y, max(m.variance, before), x, y),)
             if ekf.wanders:
@@ -466,10 +463,16 @@ class Reckoning:
 
         if isinstance(m, PositionFix):
             fixes, yaw = self._gates[model.name].counts, float(predicted.values[s.YAW])
-            share = follow_fix(record, fixes, yaw, m.variance)
+            share = follow_fix(record, fixes, yaw, m.variance + self._wander.sigma**2)
+            if not ekf.wanders:
+                now = point_on_robot(self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left)
+                moved = at, now.values.tolist(), ekf.x - x_before
+                self._scatter = follow_scatter(ekf, self._scatter, fix, *moved, admitted=used)
+                share *= self._scatter.is_trusted
             doubt(ekf, share * self._prior.gyro_bias_sigma**2)
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
+            self._scatter = Scatter() if isinstance(m, PoseFix) else self._scatter
         if model.standing and not used:
             record.stood_at = stood_at
         elif model.standing and ahead:
@@ -523,10 +526,6 @@ class Reckoning:
         variance = wander.sigma**2 * (1.0 - decay * decay)
         self.ekf.let_wander(decay, variance)
         return variance
-
-    def _may_be_pushed(self) -> bool:
-        """Return True if the robot may be turning with its tracks at rest."""
-        return not self._record.stands and may_be_pushed(self._record)
 
     def _waits_for_imu(self, stamp: int) -> bool:
         """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""

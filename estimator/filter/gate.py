@@ -5,6 +5,8 @@ A wrong measurement cannot capture the filter, and a right one cannot be rejecte
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sized
+
 import msgspec
 import numpy as np
 
@@ -203,3 +205,23 @@ class Gate:
             ):
                 raise ValueError(f"an innovation of {n} components and its verdict are needed")
             self.keep(stamp, verdict, z, S)
+
+
+def gates_of(
+    components: Mapping[str, Sized],
+    settings: GateSettings,
+    records: Mapping[str, GateRecord],
+    make_record: Callable[[GateRecord], GateRecord],
+) -> dict[str, Gate]:
+    """Make the gates of all sensors, by name.
+
+    Args:
+        components: names of the innovations' components, by sensor.
+        settings: settings of the gates.
+        records: counts that exist already, by sensor.
+        make_record: makes the others from new ones.
+    """
+    return {
+        name: Gate(len(found), settings, records.get(name) or make_record(GateRecord()))
+        for name, found in components.items()
+    }

@@ -14,6 +14,7 @@ from icreckon.estimator.base.records import NEVER, Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
+from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.motion.icr import GRAVITY
@@ -345,8 +346,41 @@ def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
             health.sensor("gyro").rejected[reason] = count
 
 
-def add_repeated_fixes(health: Health, positions: PlaceRecord, poses: PlaceRecord) -> None:
-    """Add the numbers of fixes that repeat a position to health."""
+@dataclass(frozen=True)
+class ScatterHealth:
+    """Position fixes that scatter more than they say.
+
+    Attributes:
+        sigma: standard deviation with which fixes are used now that state a smaller one, 0 if they
+            scatter as they say [m].
+        wanders: their errors resemble those of the fixes before.
+        used: number of fixes that were used with a larger standard deviation than they state.
+    """
+
+    sigma: Size = 0.0
+    wanders: bool = False
+    used: Count = 0
+
+    @property
+    def text(self) -> str:
+        """Text for people."""
+        if not self.sigma:
+            return "as they say"
+        return f"sigma {self.sigma:.2g} m" + ", wandering" * self.wanders
+
+
+def add_fix_faults(
+    health: Health, positions: PlaceRecord, poses: PlaceRecord, scatter: Scatter
+) -> None:
+    """Add the scatter of the fixes, and how many repeat a position, to health.
+
+    Args:
+        health: health, changed in place.
+        positions: newest place of the position fixes.
+        poses: newest place of the pose fixes.
+        scatter: scatter of the position fixes.
+    """
+    health.scatter = ScatterHealth(math.sqrt(scatter.variance), scatter.wanders, scatter.used)
     for name, place in (("position", positions), ("pose", poses)):
         if place.rejected:
             health.sensor(name).rejected[REPEATED] = place.rejected
@@ -434,6 +468,7 @@ class Health:
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         slip: slip beyond what bends explain: a track that spins.
         wander: estimated wander of the position fixes; None if it is not estimated.
+        scatter: scatter of position fixes beyond what they say.
         gyro: fault of the gyro.
         tilt: tilt of the IMU beyond that of the robot file; None while it is not known.
     """
@@ -447,6 +482,7 @@ class Health:
     noise: dict[str, NoiseHealth] = field(default_factory=dict)
     slip: SlipHealth = SlipHealth()
     wander: WanderHealth | None = None
+    scatter: ScatterHealth = ScatterHealth()
     gyro: GyroHealth = GyroHealth()
     tilt: TiltHealth | None = None
 

@@ -13,8 +13,8 @@ A gyro's bias that jumped turns the pose. Fixes then lie beside the path, more a
 filter is sure of yaw and bias. From a trend to one side on, and when fixes beside the path are rejected,
 both are made uncertain. They are so together, since the yaw is off by the bias times a time: what fixes
 teach of the yaw, they teach of the bias. Fixes that are rejected ahead or behind show nothing of it: on
-other ground the robot goes more or less far than estimated. Nor do fixes of plain GPS, whose errors
-wander.
+other ground the robot goes more or less far than estimated. These double the factor, until the gate
+admits fixes again. Fixes of plain GPS, whose errors wander, do neither.
 
 Functions of plain numbers are written for plain Python and, traced, for lanes.
 """
@@ -110,7 +110,7 @@ def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, ri
     """
     square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * OF_WHITE)
     size = min(1.0, trend[2] / FULL_SIZE)
-    share = FACTOR_WEIGHT * min(1.0, travel_speed(left, right) / MOVING)
+    share = FACTOR_WEIGHT * is_moving(left, right)
     grown = (
         factor
         * factor
@@ -131,8 +131,28 @@ def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
         left: speed of the left track [m/s].
         right: speed of the right track [m/s].
     """
-    forgotten = min(1.0, travel_speed(left, right) / MOVING) / MEMORY
+    forgotten = is_moving(left, right) / MEMORY
     return max(present, factor - forgotten * (factor - 1.0))
+
+
+def factor_after_rejection(factor: Any, share: Any) -> Any:
+    """Factor on the slip after another position fix that is rejected ahead or behind.
+
+    Args:
+        factor: the factor before.
+        share: share of a doubling, 0 to 1.
+    """
+    return min(LARGEST_FACTOR, factor * (1.0 + share))
+
+
+def is_moving(left: Any, right: Any) -> Any:
+    """Return 1 for a moving robot and 0 for one at rest, and less than 1 between.
+
+    Args:
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+    """
+    return min(1.0, travel_speed(left, right) / MOVING)
 
 
 def bias_doubt(trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
@@ -148,7 +168,7 @@ def bias_doubt(trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
     size = min(1.0, trend[2] / FULL_SIZE)
     square = size * size * trend[1] * trend[1] / OF_WHITE
     share = max(0.0, min(1.0, (square - DOUBT) / (FULL_DOUBT - DOUBT)))
-    return share * min(1.0, travel_speed(left, right) / MOVING)
+    return share * is_moving(left, right)
 
 
 def is_beside(ahead: Any, beside: Any) -> Any:
@@ -165,13 +185,13 @@ def precision(variance: Any) -> Any:
 
 
 def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float, variance: float) -> float:
-    """Adapt the factor to the newest position fix, if the gate admitted it.
+    """Adapt the factor to the newest position fix.
 
     Args:
         record: record of the filter, changed in place.
         fixes: gate of the position fixes.
         yaw: yaw at the fix [rad].
-        variance: variance of each coordinate of the fix [m²].
+        variance: variance of each coordinate of the fix, wander included [m²].
 
     Returns:
         Share of the gyro's initial variance of bias to be added, see `bias_doubt`.
@@ -181,12 +201,17 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float, variance: fl
         (fixes.S[0], fixes.S[1], fixes.S[3]),
         (math.cos(yaw), math.sin(yaw)),
     )
+    speeds = record.tracks.smooth_left, record.tracks.smooth_right
     if fixes.verdict != ADMITTED:
-        many = fixes.rejected_in_a_row >= REJECTED_FIXES
-        return float(precision(variance)) if many and is_beside(ahead, beside) else 0.0
+        share = precision(variance) if fixes.rejected_in_a_row >= REJECTED_FIXES else 0.0
+        if is_beside(ahead, beside):
+            return float(share)
+        share *= is_moving(*speeds)
+        record.present_factor = factor_after_rejection(record.present_factor, share)
+        record.slip_factor = max(record.slip_factor, record.present_factor)
+        return 0.0
     trend = trend_after((record.trend_forward, record.trend_left, record.trend_size), ahead, beside)
     record.trend_forward, record.trend_left, record.trend_size = trend
-    speeds = record.tracks.smooth_left, record.tracks.smooth_right
     record.present_factor = present_factor_after(record.present_factor, trend, *speeds)
     record.slip_factor = slip_factor_after(record.slip_factor, record.present_factor, *speeds)
     return float(precision(variance) * bias_doubt(trend, *speeds))

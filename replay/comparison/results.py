@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.filter.health import ScatterHealth
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
@@ -189,14 +190,16 @@ def _findings(comparison: Comparison) -> list[str]:
     found = [f"{name} {one.wander.text}" for name, one in healths.items() if one.wander is not None]
     if found:
         notes.append(f"wander of the fixes at the newest of them: {'; '.join(found)}")
+    notes += _scatter_note([one.scatter for one in healths.values()])
     tilts = [one.tilt for one in healths.values() if one.tilt is not None and one.tilt.is_wrong]
     if tilts:
         notes.append(
             f"the accelerometers show the IMU tilted by {tilts[0].text} beyond rotation_rpy_deg of "
             "[imu]: correct it, as its gyro turns with it"
         )
-    correlated = [found for found in map(fix_correlation, comparison.runs.values()) if found]
-    if correlated and min(correlated) > CORRELATED:
+    correlated = [one for one in map(fix_correlation, comparison.runs.values()) if one]
+    # With a wander in the robot file they are correlated where the stated sigma is beyond the white part.
+    if correlated and min(correlated) > CORRELATED and not found:
         notes.append(
             f"successive innovations of the position fixes have a correlation of {min(correlated):.2f}, "
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
@@ -212,6 +215,18 @@ def _findings(comparison: Comparison) -> list[str]:
     if carries:
         notes.append(f"shaken {_times(carries)} with the tracks at rest: was the robot carried?")
     return notes
+
+
+def _scatter_note(found: list[ScatterHealth]) -> list[str]:
+    used = max((one.used for one in found), default=0)
+    if not used:
+        return []
+    sigmas = sorted(one.sigma for one in found if one.sigma)
+    at_end = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
+    return [
+        f"position fixes scatter more than they say: {used} were used with a larger sigma{at_end}; set "
+        "least_sigma in [log.fixes], or wander_sigma and wander_time where inspect proposes them"
+    ]
 
 
 def fix_correlation(one: Run) -> float | None:

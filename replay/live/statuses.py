@@ -9,6 +9,7 @@ from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.filter.health import (
     GyroHealth,
     OddWheel,
+    ScatterHealth,
     SensorHealth,
     SlipHealth,
     TiltHealth,
@@ -29,8 +30,8 @@ CHANGED_LATENCY = 0.05
 """Difference of latencies from which a latency is reported as changed [s]."""
 MANY_REJECTED = 0.1
 """Share of rejected measurements between two reports from which a sensor is reported as WARN."""
-GYRO, IMU = "gyro", "imu"
-"""Sensor whose use shows that the IMU works, and the stream that counts rejected samples."""
+GYRO, IMU, POSITION = "gyro", "imu", "position"
+"""Sensor whose use shows that the IMU works, the stream that counts rejected samples, and the fixes."""
 LARGE_FACTOR = 3.0
 """Factor on the slip that is reported, see `SlipHealth.factor`."""
 
@@ -77,6 +78,8 @@ class LiveStatuses:
             statuses.append(gyro_status(newest.health.gyro, is_silent=gyro_now == 0))
         if newest.health.tilt is not None:
             statuses.append(tilt_status(newest.health.tilt))
+        if POSITION in sensors:
+            statuses.append(scatter_status(newest.health.scatter))
         statuses += [self._messages(), self._clocks(), self._latency(newest)]
         return statuses
 
@@ -324,6 +327,18 @@ def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
     if not tilt.is_wrong:
         return DiagnosticStatus(OK, name, "as in the robot file", values)
     text = f"tilted by {tilt.text} beyond rotation_rpy_deg of [imu]"
+    return DiagnosticStatus(WARN, name, text, values)
+
+
+def scatter_status(scatter: ScatterHealth) -> DiagnosticStatus:
+    """Scatter of the position fixes beyond what they say."""
+    name, values = "icreckon: scatter of fixes", {"used_with_more": str(scatter.used)}
+    if not scatter.sigma:
+        return DiagnosticStatus(OK, name, "as they say", values)
+    values["sigma_m"] = f"{scatter.sigma:.3g}"
+    text = f"more than they say: used with a sigma of {scatter.sigma:.2g} m"
+    if scatter.wanders:
+        text += ", as their errors wander"
     return DiagnosticStatus(WARN, name, text, values)
 
 

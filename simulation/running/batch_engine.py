@@ -15,7 +15,7 @@ from msgspec import msgpack
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
-from icreckon.estimator.batch.inputs import has_absurd_readings, measured_of
+from icreckon.estimator.batch.inputs import measured_of, needs_streaming
 from icreckon.estimator.batch.runs import Worked, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
@@ -97,14 +97,14 @@ def block(
     ]
     schedule = _schedule(cell)
     width = made[0].width
-    slowest = min(one.robot.vehicle.max_track_speed for one in filters)
+    robots = [one.robot for one in filters]
     for begin in range(0, count, width):
         here = min(width, count - begin)
         # A group that is not full runs its last run more than once.
         runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
         truths = [_truth(cell, run) for run in runs]
         logs = [_log(cell, run, truth) for run, truth in zip(runs, truths, strict=True)]
-        doubtful = [lane for lane in range(here) if has_absurd_readings(logs[lane], slowest)]
+        doubtful = [lane for lane in range(here) if needs_streaming(logs[lane], robots)]
         worked = work_through_runs(
             made,
             _measured(logs, filters, schedule.track_stamps),

@@ -32,9 +32,10 @@ from icreckon.estimator.filter.slip_factor import (
     trend_after,
 )
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -169,6 +170,30 @@ def test_fixes_that_are_rejected_ahead_leave_the_bias_alone(robot: Robot) -> Non
     assert follow_fix(record, fixes, yaw, 0.0025) == 0.0
 
 
+def test_fixes_that_are_rejected_ahead_double_the_factor(robot: Robot) -> None:
+    """The gate admits no fixes on ground that is slippery for a filter sure of its slip."""
+
+    def factors(ahead: float, left: float, speed: float, variance: float) -> list[float]:
+        settings = input_settings(robot, Settings(), find_variant("constant-online"))
+        record, fixes = FilterRecord(settings), GateRecord()
+        record.tracks.smooth_left = record.tracks.smooth_right = speed
+        fixes.verdict, fixes.S[0], fixes.S[3] = REJECTED, 0.01, 0.01
+        fixes.z[0], fixes.z[1], found = ahead, left, []
+        for fixes.rejected_in_a_row in range(1, REJECTED_FIXES + 5):
+            follow_fix(record, fixes, 0.0, variance)
+            found.append(record.slip_factor)
+        assert record.present_factor == found[-1]
+        return found
+
+    for ahead in (1.0, -1.0):
+        assert factors(ahead, 0.5, 0.5, 0.0025) == [1.0, 1.0, 2.0, 4.0, *[LARGEST_FACTOR] * 3]
+    none = [1.0] * (REJECTED_FIXES + 4)
+    # To a side, at rest, and of plain GPS.
+    assert factors(0.5, 1.0, 0.5, 0.0025) == none
+    assert factors(1.0, 0.5, 0.0, 0.0025) == none
+    assert factors(1.0, 0.5, 0.5, 0.1) == none
+
+
 BIAS, JUMPS_AT = 0.02, 30
 
 
@@ -234,6 +259,40 @@ def test_ground_that_changes_is_not_taken_for_a_bias(variant: str, robot: Robot)
         true = interpolate_poses(log.truth.poses, one.stamps)
         off.append(wrap_angle(one.trajectory.poses[:, 2] - true[:, 2])[2000:])
     assert np.sqrt(np.mean(np.square(np.concatenate(off)))) < math.radians(2.0)
+
+
+def test_slippery_ground_raises_it_also_if_the_gate_admits_no_fix(robot: Robot) -> None:
+    """A filter that is sure of its slip rejected ten fixes, and went on with a factor of 1.3."""
+    thirds = ((0.9, 0.07), (0.6, 0.03), (0.4, 0.1))
+    ground = tuple(
+        Patch(time=(20.0 * k, 20.0 * (k + 1)), friction=friction, rolling_resistance=rolling)
+        for k, (friction, rolling) in enumerate(thirds)
+    )
+    scenario = Scenario(duration=60.0, seed=31_337, trajectory="random", patches=ground)
+    log = simulate(scenario, robot, run_index=7)
+    one = run(log, robot, "friction-online")
+    assert REJECTED_FIXES < one.health.sensors["position"].rejected["gate"] < 10
+    assert one.health.slip.factor > 4.0
+
+
+def test_a_wander_that_is_estimated_is_no_sign_of_a_bias(robot: Robot) -> None:
+    """Rejected fixes with little white noise, whose slow error the robot file states."""
+    sigmas = []
+    for wander in (None, FixWander(sigma=2.5, time=120.0)):
+        one = PoseEstimator(
+            robot,
+            variant="constant-online",
+            settings=Settings(wander=wander),
+        )
+        for k in range(1, 1501):
+            stamp = 10_000_000 * k
+            one.feed(TrackSpeeds(stamp, 0.5, 0.5))
+            one.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
+            if k % 100 == 0:
+                one.feed(PositionFix(stamp, 0.005 * k, 0.0 if k < 1000 else 60.0, 0.0025))
+        assert one.health.sensors["position"].rejected["gate"] > REJECTED_FIXES
+        sigmas.append(one.covariance[GYRO_BIAS, GYRO_BIAS] ** 0.5)
+    assert sigmas[1] < 0.5 * sigmas[0]
 
 
 def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:

@@ -131,7 +131,8 @@ def test_between_imu_samples_the_estimate_stays_where_it_is_and_the_step_goes_on
     assert one.stamp == other.stamp == stamp + STEP
     assert sigma_of(one, s.GYRO_BIAS) < 0.8 * sigma_of(other, s.GYRO_BIAS)
     # One step later it may be pushed again, as far as is known.
-    assert one._reckoning._may_be_pushed()
+    pushed, resting = (one._reckoning.slip_sigma(pushed=may_be)[2] for may_be in (True, False))
+    assert one._reckoning.slip_sigma()[2] == pushed > resting
 
 
 def test_a_robot_that_moves_is_not_believed_to_stand_and_nothing_changes():

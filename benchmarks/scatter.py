@@ -1,0 +1,91 @@
+"""Position fixes that scatter more than they say: pose with their covariance believed, and measured.
+
+    python benchmarks/scatter.py [--runs N] [--variants NAMES]
+
+Everyday driving of 300 s with friction as truth, from a known pose. Fixes state a sigma; their errors are
+white, or wander as a first-order Gauss-Markov process with a time of 60 s. Each drive is replayed twice:
+with the covariance that the fixes state, and with the scatter that the filter measures by default.
+
+NEES of the pose (ideal 3), and RMS errors of position and yaw, from 60 s on, of each run; means over the
+runs with 95 % bootstrap intervals. `used`: share of fixes that were used with more than they state.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from unittest.mock import patch
+
+import numpy as np
+from _study import bootstrap, spread, study_parser, table, told
+from wander import DURATION, SETTLED, mean_of_runs, pose_scores
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.faults import scattering_fixes
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+SEED = 20_262
+# Stated sigma, white noise, wander [m], and rate [Hz].
+FIXES = {
+    "0.05 m, true": (0.05, 0.05, 0.0, 1.0),
+    "0.05 m, white 0.15 m": (0.05, 0.15, 0.0, 1.0),
+    "0.05 m, white 0.5 m": (0.05, 0.5, 0.0, 1.0),
+    "0.05 m, white 0.5 m, 5 Hz": (0.05, 0.5, 0.0, 5.0),
+    "0.05 m, wanders 1.2 m": (0.05, 0.05, 1.2, 1.0),
+    "0.05 m, wanders 5 m": (0.05, 0.05, 5.0, 1.0),
+    "0.05 m, wanders 5 m, 5 Hz": (0.05, 0.05, 5.0, 5.0),
+    "1 m, wanders 5 m": (1.0, 1.0, 5.0, 1.0),
+}
+VARIANTS = ("gyro", "constant-online", "inertia-online")
+Job = tuple[str, int, str]
+
+
+def score(job: Job) -> Floats:
+    """Rows believed and measured: NEES, errors of position [m] and yaw [deg], share of fixes [%]."""
+    variant, index, name = job
+    stated, white, wander, rate = FIXES[name]
+    robot = load_robot("auriga-alpha")
+    errors = FixSpec(sigma=white, wander_sigma=wander, wander_time=60.0)
+    scenario = Scenario(duration=DURATION, seed=SEED, fix_rate=rate, fixes=errors)
+    log = simulate(scenario, robot, run_index=index)
+    if log.fixes is None or log.truth is None:
+        raise ValueError("a simulated log has fixes and a truth")
+    fixes = replace(log.fixes, variances=np.full_like(log.fixes.variances, stated**2))
+    log = replace(log, fixes=fixes)
+    rows = []
+    for least in (math.inf, scattering_fixes.FOUND):
+        with patch.object(scattering_fixes, "FOUND", least):
+            found = run(log, robot, variant)
+        share = 100.0 * found.health.scatter.used / len(fixes.stamps)
+        rows.append([*pose_scores(found.trajectory, log), share])
+    return np.array(rows)
+
+
+def main() -> None:
+    """Print the table."""
+    arguments = study_parser(__doc__, 12, VARIANTS).parse_args()
+    runs = range(arguments.runs)
+    jobs = [(name, index, case) for name in arguments.variants for case in FIXES for index in runs]
+    found = np.array(spread(score, jobs, arguments.workers))
+    found = found.reshape(len(arguments.variants), len(FIXES), len(runs), 2, 4)
+    print(f"{len(runs)} runs of {DURATION:.0f} s, scored from {SETTLED:.0f} s on\n")
+    rows = []
+    for variant, of_variant in zip(arguments.variants, found, strict=True):
+        for case, of_case in zip(FIXES, of_variant, strict=True):
+            for number, treatment in enumerate(("believed", "measured")):
+                scores = [
+                    told(*bootstrap(mean_of_runs, of_case[:, number, [column]]), form)
+                    for column, form in ((0, ".1f"), (1, ".2f"), (2, ".1f"))
+                ]
+                used = f"{of_case[:, number, 3].mean():.0f} %"
+                rows.append([f"`{variant}`", case, treatment, *scores, used])
+    heads = ("NEES, ideal 3", "position, m", "yaw, deg", "used")
+    table(("variant", "sigma stated, errors", "covariance", *heads), rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,355 @@
+"""Position fixes that scatter more than they say.
+
+Receivers state covariances that are wrong by factors of ten and more. From one fix to the next, dead
+reckoning is off by a few per cent of the way. So the newest fixes are laid over its path by the turn, the
+stretch and the shift of least squares, which take out a wrong heading and slip along the tracks. The
+residuals are noise of the fixes, if they are large both along the robot and across it: slip leaves more
+along, and a gyro's bias more across. Fixes that scatter far more than they say are used with the variance
+that they show.
+
+An error that wanders is worse than a white one of the same size, since all fixes of a minute share it.
+Then residuals resemble those before them: the sum of squares of their differences is less than twice
+that of their own (von Neumann, Distribution of the ratio of the mean square successive difference to the
+variance, Annals of Mathematical Statistics 12, 1941). How much less, of white errors and of a random
+walk, follows from the path. How long such an error lasts the residuals of some seconds do not show. It is
+taken for a minute, as of plain GPS: the fixes of that time count as one.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.records import Count, Size
+from icreckon.estimator.log.integral import running_integral
+from icreckon.estimator.log.log import Log
+
+# Most and fewest fixes that are laid over the path, and time between two of them [s]: at first less, this
+# share of the time since the oldest.
+MOST, FEWEST, APART, SHARE_APART = 16, 4, 0.9, 0.25
+# Number of fixes from which on the order of the residuals counts, and from which on they are trusted.
+IN_ORDER, TRUSTED = 8, 7
+# After a longer time without a fix, the path is no measure [s].
+LONGEST = 15.0
+# Error of the path from one fix to the next, as a share of it; after more than a second, of so many times
+# it as there are seconds.
+OF_STEP = 0.08
+# Variance by the differences of residuals over what is expected, from which on fixes scatter, and from
+# which on they still do; of few fixes it must be larger.
+FOUND, STILL, OF_FEW = 4.0, 2.0, 12.0
+# Rejected fixes in a row that are no outliers.
+ROW = 3
+# Likeness of an error to one that walks, 0 if it is white, 1 if it does: weight of a fix in its mean, its
+# value before there is any, that up to which an error is white, and that from which on it walks.
+LIKENESS_WEIGHT, LIKENESS_AT_START, WHITE, WALK = 0.025, 0.4, 0.2, 0.55
+# Assumed correlation time of an error that wanders [s].
+WANDER_TIME = 60.0
+# Share of the variance that is kept from one fix to the next, if they scatter less; of an error that
+# walks the time until 1/e of it is left [s], since it is calm at times.
+KEPT, KEPT_TIME = 0.85, 20.0
+# Least way on which the path shows a stretch [m].
+LEAST_WAY = 0.1
+# Variance by the differences over what is expected, from which on the fixes of a log may scatter: less
+# than `FOUND`, since its path is that of plain odometry.
+LIKELY = 3.0
+
+
+class PlacedFix(msgspec.Struct, frozen=True):
+    """Position fix, and the antenna's place on the path by dead reckoning.
+
+    Attributes:
+        stamp: stamp of the fix [ns].
+        x: measured [m].
+        y: measured [m].
+        path_x: on the path [m].
+        path_y: on the path [m].
+        yaw: yaw on the path [rad].
+    """
+
+    stamp: int
+    x: float
+    y: float
+    path_x: float
+    path_y: float
+    yaw: float
+
+
+class Scatter(msgspec.Struct, frozen=True):
+    """Scatter of the newest position fixes; never changed in place.
+
+    Attributes:
+        fixes: the fixes that are laid over the path, oldest first.
+        rejected: those that the gate rejected since one was used; outliers, as long as they are few.
+        newest: the newest fix.
+        interval: mean time between fixes [s].
+        antenna: estimated place of the antenna after the newest fix: x, y [m].
+        turn: yaw of the estimate less that of the path [rad].
+        moved: (SIZE,) corrections of the state with the newest fixes; those of older ones are forgotten.
+        likeness: likeness of their errors to those that walk: 0 if they are white, 1 if they do.
+        variance: variance with which a fix is used, 0 if the scatter is as stated [m²].
+        used: number of fixes that were used with it.
+    """
+
+    fixes: Annotated[tuple[PlacedFix, ...], msgspec.Meta(max_length=MOST)] = ()
+    rejected: Annotated[tuple[PlacedFix, ...], msgspec.Meta(max_length=MOST)] = ()
+    newest: PlacedFix | None = None
+    interval: Size = 0.0
+    antenna: tuple[float, float] = (0.0, 0.0)
+    turn: float = 0.0
+    moved: tuple[float, ...] = ()
+    likeness: float = LIKENESS_AT_START
+    variance: Size = 0.0
+    used: Count = 0
+
+    def of_fix(self, variance: float) -> float:
+        """Variance of a fix that states one [m²]."""
+        return max(variance, self.variance)
+
+    @property
+    def is_trusted(self) -> bool:
+        """True if enough fixes have shown that they scatter as they say."""
+        return len(self.fixes) >= TRUSTED and self.variance == 0.0
+
+    @property
+    def wanders(self) -> bool:
+        """True if the residuals resemble those before them."""
+        return self.likeness > 0.5 * (WHITE + WALK)
+
+    def shifted(self, by: int) -> Scatter:
+        """Copy for a clock that is ahead by so much [ns]."""
+
+        def later(fix: PlacedFix) -> PlacedFix:
+            return msgspec.structs.replace(fix, stamp=fix.stamp + by)
+
+        return msgspec.structs.replace(
+            self,
+            fixes=tuple(map(later, self.fixes)),
+            rejected=tuple(map(later, self.rejected)),
+            newest=None if self.newest is None else later(self.newest),
+        )
+
+
+def scatter_after(
+    before: Scatter,
+    fix: tuple[int, float, float, float],
+    predicted: tuple[float, float, float],
+    updated: tuple[float, float, float],
+    correction: Floats,
+    *,
+    admitted: bool,
+) -> Scatter:
+    """Scatter with another position fix.
+
+    Args:
+        before: scatter before it.
+        fix: its stamp [ns], x and y [m], and the variance that it states [m²].
+        predicted: place of the antenna before the update with it, and yaw [m, m, rad].
+        updated: the same after it.
+        correction: (SIZE,) change of the state by the update.
+        admitted: the fix was used.
+    """
+    stamp, x, y, variance = fix
+    place, interval, newest = 0j, 0.0, before.newest
+    if newest is not None:
+        interval = (stamp - newest.stamp) * NANOSECOND
+        if not 0.0 <= interval <= LONGEST:
+            before = Scatter(variance=before.variance, used=before.used)
+        else:
+            step = complex(*predicted[:2]) - complex(*before.antenna)
+            place = complex(newest.path_x, newest.path_y) + step * cmath.exp(-1j * before.turn)
+            weight = 0.1 if before.interval else 1.0
+            interval = before.interval + weight * (interval - before.interval)
+    at = PlacedFix(stamp, x, y, place.real, place.imag, predicted[2] - before.turn)
+    fixes, rejected = before.fixes, () if admitted else before.rejected
+    if is_apart(fixes + rejected, stamp):
+        rejected = (*rejected, at)
+        if admitted or len(rejected) >= ROW:
+            fixes, rejected = (*fixes, *rejected)[-MOST:], ()
+    is_new = fixes is not before.fixes
+    kept = 1.0 - 1.0 / MOST if is_new else 1.0
+    after = msgspec.structs.replace(
+        before,
+        fixes=fixes,
+        rejected=rejected,
+        newest=at,
+        interval=interval,
+        antenna=updated[:2],
+        turn=before.turn + math.remainder(updated[2] - predicted[2], 2.0 * math.pi),
+        moved=tuple((kept * np.array(before.moved or 0.0) + correction).tolist()),
+        used=before.used + (admitted and before.variance > variance),
+    )
+    return _measured_anew(after, variance) if is_new and len(fixes) >= FEWEST else after
+
+
+def is_apart(fixes: Sequence[PlacedFix], stamp: int) -> bool:
+    """Return True if a fix at a stamp [ns] is far enough from the newest of others."""
+    if not fixes:
+        return True
+    span, gap = ((stamp - fixes[k].stamp) * NANOSECOND for k in (0, -1))
+    return gap >= min(APART, SHARE_APART * span)
+
+
+def _measured_anew(before: Scatter, stated: float) -> Scatter:
+    """Scatter by its fixes, the newest of which states a variance [m²]."""
+    fixes, least = before.fixes, STILL if before.variance else FOUND
+    rows = np.array([(fix.x, fix.y, fix.path_x, fix.path_y, fix.yaw) for fix in fixes])
+    measured, path = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
+    seconds = np.array([fix.stamp - fixes[0].stamp for fix in fixes]) * NANOSECOND
+    found, expected = spread_of(measured, path, rows[:, 4], seconds), Expected.on(path)
+    # One jump, of the estimate's heading or of the fixes', is no scatter: neither part shows any.
+    jump = 1 + int(np.abs(np.abs(np.diff(measured)) - np.abs(np.diff(path))).argmax())
+    parts = [part for part in (slice(jump), slice(jump, None)) if len(path[part]) >= FEWEST]
+    scatters = found.is_beyond(stated, least) and any(
+        spread_of(measured[part], path[part], rows[part, 4], seconds[part]).is_beyond(stated, least)
+        for part in parts
+    )
+    apart, interval = (max(one, NANOSECOND) for one in (float(found.apart), before.interval))
+    squares, likeness, variance = float(found.squares.sum()), before.likeness, 0.0
+    if scatters and len(fixes) >= IN_ORDER:
+        ratio = float(found.successive) / squares
+        of_fixes = (expected.ratio_white - ratio) / (expected.ratio_white - expected.ratio_walk)
+        likeness += LIKENESS_WEIGHT * (of_fixes - likeness)
+    share = min(1.0, max(0.0, (likeness - WHITE) / (WALK - WHITE)))
+    if scatters:
+        # The variance of a walk over a minute, times the number of fixes in it.
+        times = WANDER_TIME**2 / (expected.of_walk * apart * interval)
+        variance = 0.5 * squares / found.freedom * max(1.0, times) ** share
+    kept = KEPT ** (1.0 - share) * math.exp(-share * apart / KEPT_TIME)
+    variance = max(variance, kept * before.variance)
+    if variance <= stated:
+        variance = 0.0
+    return msgspec.structs.replace(before, likeness=likeness, variance=variance)
+
+
+class Expected(NamedTuple):
+    """Expected sums of squares of residuals of fixes that are laid over a path.
+
+    Attributes:
+        ratio_white: sum of squares of successive differences over that of squares, of white errors.
+        ratio_walk: the same of errors that walk.
+        of_walk: mean square of each coordinate for each degree of freedom, of errors that walk by 1 from
+            fix to fix.
+    """
+
+    ratio_white: float
+    ratio_walk: float
+    of_walk: float
+
+    @classmethod
+    def on(cls, path: Any) -> Expected:
+        """Sums on a path (n,) of places x + iy [m]."""
+        n = len(path)
+        off = path - path.mean()
+        extent = float((off * off.conj()).real.sum())
+        rest = np.eye(n) - 1.0 / n
+        if extent > n * LEAST_WAY**2:
+            rest = rest - np.outer(off, off.conj()) / extent
+        walk = rest @ np.tri(n)
+        white, walking = (float((np.abs(one) ** 2).sum()) for one in (rest, walk))
+        of_white, of_walk = (
+            float((np.abs(np.diff(one, axis=0)) ** 2).sum()) for one in (rest, walk)
+        )
+        return cls(of_white / white, of_walk / walking, walking / (n - 2.0))
+
+
+class Spread(NamedTuple):
+    """Sums of squares of the residuals of fixes laid over the path.
+
+    Each has one value, or one for each window of fixes.
+
+    Attributes:
+        differences: (..., 2) sums of the squares of successive differences, along and across [m²].
+        squares: (..., 2) sums of their own squares [m²].
+        successive: (...) sums of the squares of successive differences, in both axes of odom [m²].
+        freedom: degrees of freedom of each axis.
+        apart: time between two fixes [s].
+        of_path: variance of the path from one fix to the next [m²].
+    """
+
+    differences: Floats
+    squares: Floats
+    successive: Any
+    freedom: float
+    apart: Any
+    of_path: Any
+
+    def is_beyond(self, stated: Any, least: float) -> Any:
+        """Return True if the differences are larger than fixes with a variance [m²] explain.
+
+        Args:
+            stated: variance that the fixes state [m²].
+            least: factor on what is expected, of many fixes.
+        """
+        least *= 1.0 + OF_FEW / self.freedom**2
+        expected = 2.0 * self.freedom * (stated + self.of_path)
+        return self.differences.min(axis=-1) > least * expected
+
+
+def spread_of(fixes: Any, path: Any, yaws: Floats, seconds: Floats) -> Spread:
+    """Spread of fixes about the path that is laid over them.
+
+    Args:
+        fixes: (..., n) measured places x + iy [m].
+        path: (..., n) the same places on the path.
+        yaws: (..., n) yaw on the path [rad].
+        seconds: (..., n) their times [s].
+    """
+    n = fixes.shape[-1]
+    steps = np.abs(np.diff(path)).mean(axis=-1)
+    fixes = fixes - fixes.mean(axis=-1, keepdims=True)
+    path = path - path.mean(axis=-1, keepdims=True)
+    extent = (path * path.conj()).real.sum(axis=-1, keepdims=True)
+    shared = (fixes * path.conj()).sum(axis=-1, keepdims=True)
+    is_way = (extent > n * LEAST_WAY**2) & (shared != 0.0)
+    stretch = np.where(is_way, shared, 1.0) / np.where(is_way, extent, 1.0)
+    off = fixes - stretch * path
+    successive = (np.abs(np.diff(off)) ** 2).sum(axis=-1)
+    off = off * np.exp(-1j * yaws) * np.abs(stretch) / stretch
+    axes = np.stack([off.real, off.imag], axis=-2)
+    apart = (seconds[..., -1] - seconds[..., 0]) / (n - 1.0)
+    of_path = (OF_STEP * steps * np.maximum(1.0, apart)) ** 2
+    differences = (np.diff(axes) ** 2).sum(axis=-1)
+    return Spread(differences, (axes**2).sum(axis=-1), successive, n - 2.0, apart, of_path)
+
+
+def may_scatter(log: Log, rates: Floats) -> bool:
+    """Return True if a log may hold position fixes that scatter more than they say.
+
+    Args:
+        log: log with an IMU.
+        rates: (n,) yaw rates of its samples [rad/s].
+    """
+    fixes, imu = log.fixes, log.imu
+    if fixes is None or imu is None or not len(imu.stamps) or not len(log.tracks.stamps):
+        return False
+    positions = np.flatnonzero(np.isnan(fixes.poses[:, 2]))
+    chosen = positions[_apart(fixes.stamps[positions])]
+    if len(chosen) < FEWEST:
+        return False
+    yaws = running_integral(imu.stamps, np.nan_to_num(rates))
+    speeds = np.interp(imu.stamps, log.tracks.stamps, np.nan_to_num(log.tracks.speeds).mean(axis=1))
+    path = running_integral(imu.stamps, speeds * np.exp(1j * yaws))
+    stamps = fixes.stamps[chosen]
+    of_base, yaw = np.interp(stamps, imu.stamps, path), np.interp(stamps, imu.stamps, yaws)
+    antennas = of_base + fixes.lever_arms[chosen] @ (1.0, 1j) * np.exp(1j * yaw)
+    measured = fixes.poses[chosen, :2] @ (1.0, 1j)
+    values = measured, antennas, yaw, fixes.variances[chosen, 0], stamps
+    rows = [sliding_window_view(one, min(MOST, len(chosen))) for one in values]
+    found = spread_of(rows[0], rows[1], rows[2], (rows[4] - rows[4][:, :1]) * NANOSECOND)
+    return bool(found.is_beyond(rows[3].max(axis=-1), LIKELY).any())
+
+
+def _apart(stamps: Stamps) -> list[int]:
+    """Indices of stamps that are apart as fixes laid over the path are."""
+    chosen: list[int] = []
+    for index, stamp in enumerate(stamps.tolist()):
+        if not chosen or (stamp - stamps[chosen[-1]]) * NANOSECOND >= APART:
+            chosen.append(index)
+    return chosen

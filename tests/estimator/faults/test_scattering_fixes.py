@@ -1,0 +1,280 @@
+"""Position fixes that scatter more than they say, and those that do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.batch.inputs import needs_streaming
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.faults.scattering_fixes import (
+    MOST,
+    WALK,
+    WHITE,
+    Expected,
+    Scatter,
+    scatter_after,
+)
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import PoseFix, PositionFix
+from icreckon.estimator.log.scores import interpolate_poses, pose_nees
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import FixWander, Settings
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+SECOND = 1_000_000_000
+STATED = 0.05
+ONLINE = ["constant-online", "inertia-online"]
+
+
+def after_fixes(errors, *, path=None, stated=STATED, start=None, admitted=True) -> Scatter:
+    """Scatter of fixes at 1 Hz with errors (n, 2) on a path (n,) of a filter that they do not correct."""
+    n = len(errors)
+    path = np.arange(n) * 1.0 + 0j if path is None else path
+    yaws = np.angle(np.gradient(path)) if n > 1 else np.zeros(n)
+    scatter = start or Scatter()
+    for k, (error, place, yaw) in enumerate(zip(errors, path, yaws, strict=True)):
+        fix = k * SECOND, place.real + error[0], place.imag + error[1], stated**2
+        at = place.real, place.imag, float(yaw)
+        used = admitted if isinstance(admitted, bool) else bool(admitted[k])
+        scatter = scatter_after(scatter, fix, at, at, np.zeros(3), admitted=used)
+    return scatter
+
+
+def noise(sigma: float, n: int, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0.0, sigma, (n, 2))
+
+
+LINE = np.arange(60) * 1.0 + 0j
+CIRCLE = 3.0 * np.exp(1j * np.arange(60) / 3.0)
+PATHS = pytest.mark.parametrize("path", [LINE, CIRCLE, 0.0 * LINE], ids=["line", "circle", "rest"])
+
+
+@PATHS
+@pytest.mark.parametrize("seed", range(5))
+def test_fixes_that_scatter_as_they_say_are_used_as_they_are(path, seed):
+    scatter = after_fixes(noise(STATED, 60, seed), path=path)
+    assert scatter.variance == 0.0
+    assert scatter.used == 0
+    assert scatter.is_trusted
+    assert scatter.of_fix(STATED**2) == STATED**2
+
+
+@PATHS
+def test_white_scatter_is_used_with_its_size(path):
+    """After two minutes: with fewer fixes white errors and those that walk are not told apart."""
+    path = np.concatenate([path, path + path[-1] - path[0]])
+    found = [after_fixes(noise(0.5, 120, seed), path=path) for seed in range(8)]
+    assert np.median([one.variance for one in found]) == pytest.approx(0.5**2, rel=0.3)
+    assert not any(one.wanders for one in found)
+    assert not any(one.is_trusted for one in found)
+    assert all(one.used > 100 for one in found)
+
+
+@PATHS
+def test_scatter_that_walks_counts_as_one_fix_in_a_minute(path):
+    """A walk of 0.5 m a second is off by 3.9 m after a minute, and 60 fixes share it."""
+    found = [after_fixes(np.cumsum(noise(0.5, 60, seed), axis=0), path=path) for seed in range(8)]
+    assert np.mean([one.variance for one in found]) == pytest.approx(0.25 * 60.0 * 60.0, rel=0.5)
+    assert np.mean([one.wanders for one in found]) > 0.8
+
+
+def test_expected_ratios_are_those_of_many_errors():
+    """Von Neumann's ratio of white errors and of walks, laid over a circle, by drawing them."""
+    path, rng = CIRCLE[:MOST], np.random.default_rng(4)
+    white = rng.normal(size=(4000, MOST)) + 1j * rng.normal(size=(4000, MOST))
+    basis, _ = np.linalg.qr(np.column_stack([np.ones(MOST), path]))
+    ratios, sizes = [], []
+    for errors in (white, np.cumsum(white, axis=1)):
+        rest = errors - (errors @ basis.conj()) @ basis.T
+        squares = (np.abs(rest) ** 2).sum()
+        ratios.append((np.abs(np.diff(rest)) ** 2).sum() / squares)
+        sizes.append(squares / errors.size * MOST / (MOST - 2) / 2.0)
+    expected = Expected.on(path)
+    assert ratios == pytest.approx([expected.ratio_white, expected.ratio_walk], rel=0.03)
+    assert sizes == pytest.approx([1.0, expected.of_walk], rel=0.05)
+
+
+def test_a_wrong_heading_and_slip_along_the_tracks_are_no_scatter():
+    path = np.cumsum(np.exp(1j * np.sin(np.arange(60) / 5.0)))
+    turned = 0.8 * path * np.exp(0.4j) + 3.0 - 2.0j
+    off = turned - path
+    errors = np.column_stack([off.real, off.imag]) + noise(STATED, 60)
+    assert after_fixes(errors, path=path).variance == 0.0
+
+
+@PATHS
+@pytest.mark.parametrize("angle", [0.0, 0.6, 3.0])
+def test_a_jump_of_the_fixes_or_of_the_heading_is_no_scatter(path, angle):
+    """The gate rejects the fixes after it, until the filter follows."""
+    late = np.arange(60) >= 30
+    moved = np.where(late, path * np.exp(1j * angle) + 20.0 - 7.0j, path)
+    errors = np.column_stack([(moved - path).real, (moved - path).imag]) + noise(STATED, 60)
+    admitted = ~late | (np.arange(60) > 40)
+    assert all(
+        after_fixes(errors[:k], path=path[:k], admitted=admitted[:k]).variance == 0.0
+        for k in range(30, 60)
+    )
+
+
+def test_outliers_are_no_scatter():
+    """Single fixes that the gate rejects show nothing; three in a row do."""
+    errors, admitted = noise(STATED, 60), np.ones(60, bool)
+    for k in (20, 21, 35, 50):
+        errors[k] += 8.0
+        admitted[k] = False
+    assert after_fixes(errors, admitted=admitted).variance == 0.0
+    errors[20:26] += noise(8.0, 6)
+    admitted[20:26] = False
+    assert after_fixes(errors[:30], admitted=admitted[:30]).variance > 1.0
+
+
+def test_scatter_is_forgotten_once_it_is_over():
+    errors = noise(STATED, 120)
+    errors[:30] += noise(0.5, 30, 2)
+    assert after_fixes(errors[:30]).variance > 0.05
+    path = np.arange(120) * 1.0 + 0j
+    later = after_fixes(errors, path=path)
+    assert later.variance == 0.0
+    assert later.is_trusted
+
+
+def test_a_mirrored_world_scatters_the_same():
+    errors = noise(0.4, 40)
+    one = after_fixes(errors, path=CIRCLE[:40])
+    other = after_fixes(errors * [1.0, -1.0], path=CIRCLE[:40].conj())
+    assert other.variance == pytest.approx(one.variance, rel=1e-9)
+    assert other.likeness == pytest.approx(one.likeness, rel=1e-9)
+
+
+def test_another_clock_shifts_its_stamps_alone():
+    scatter = after_fixes(noise(0.4, 20))
+    shifted = scatter.shifted(5 * SECOND)
+    assert [fix.stamp - 5 * SECOND for fix in shifted.fixes] == [fix.stamp for fix in scatter.fixes]
+    assert shifted.shifted(-5 * SECOND) == scatter
+
+
+def test_white_and_walking_are_apart():
+    assert 0.0 < WHITE < WALK < 1.0
+
+
+# --- in the filter -------------------------------------------------------------------------------
+
+
+def driven(white: float, wander: float = 0.0, *, rate: float = 1.0, seed: int = 8) -> Log:
+    """A drive of two minutes whose fixes state 5 cm."""
+    errors = FixSpec(sigma=white, wander_sigma=wander, wander_time=60.0)
+    scenario = Scenario(duration=120.0, seed=seed, fix_rate=rate, fixes=errors)
+    log = simulate(scenario, ALPHA)
+    stated = np.full_like(log.fixes.variances, STATED**2)
+    return replace(log, fixes=replace(log.fixes, variances=stated))
+
+
+def errors_of(log: Log, variant: str, **more) -> tuple[float, float, float, float]:
+    """Of the second minute NEES, RMS errors [m], [deg], and the sigma that fixes are used with [m]."""
+    one = run(log, ALPHA, variant, **more)
+    late = one.trajectory.stamps > log.start + 60 * SECOND
+    true = interpolate_poses(log.truth.poses, one.trajectory.stamps[late])
+    off = one.trajectory.poses[late] - true
+    nees = pose_nees(one.trajectory, log.truth.poses)
+    yaw = np.degrees(np.sqrt(np.mean(wrap_angle(off[:, 2]) ** 2)))
+    position = np.sqrt((off[:, :2] ** 2).sum(axis=1).mean())
+    return float(nees[len(nees) // 2 :].mean()), position, float(yaw), one.health.scatter.sigma
+
+
+@pytest.mark.parametrize("variant", ONLINE)
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_a_white_error_of_ten_times_what_fixes_say(variant, rate):
+    nees, position, yaw, sigma = errors_of(driven(0.5, rate=rate), variant)
+    assert nees < 10.0
+    assert position < 0.5
+    assert yaw < 4.0
+    assert 0.2 < sigma < 1.5
+
+
+@pytest.mark.parametrize("variant", ONLINE)
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_a_wander_of_a_hundred_times_what_fixes_say(variant, rate):
+    nees, position, yaw, sigma = errors_of(driven(0.05, 5.0, rate=rate), variant)
+    assert nees < 15.0
+    assert position < 2.5
+    assert yaw < 8.0
+    assert sigma > 5.0
+
+
+@pytest.mark.parametrize("variant", ONLINE)
+def test_fixes_that_say_what_they_are_stay_as_they_are(variant):
+    log = driven(STATED)
+    one = run(log, ALPHA, variant)
+    assert one.health.scatter.sigma == 0.0
+    assert one.health.scatter.used == 0
+
+
+def test_a_stated_wander_is_not_measured_as_scatter():
+    settings = Settings(wander=FixWander(5.0, 60.0))
+    log = driven(0.05, 5.0)
+    assert run(log, ALPHA, "constant-online", settings=settings).health.scatter.used == 0
+
+
+def test_lanes_leave_such_logs_to_the_streaming_filter():
+    assert needs_streaming(driven(0.5), [ALPHA])
+    assert needs_streaming(driven(0.05, 5.0), [ALPHA])
+    assert not needs_streaming(driven(STATED), [ALPHA])
+    with pytest.raises(BatchError, match="fixes that scatter"):
+        run_side_by_side(driven(0.5), ALPHA, "constant-online")
+
+
+def test_an_antenna_off_the_middle_is_no_scatter():
+    """One metre ahead, in tight turns."""
+    log = driven(STATED)
+    poses = log.fixes.poses.copy()
+    true = interpolate_poses(log.truth.poses, log.fixes.stamps)
+    poses[:, :2] += np.column_stack([np.cos(true[:, 2]), np.sin(true[:, 2])])
+    antennas = np.tile([1.0, 0.0], (len(poses), 1))
+    log = replace(log, fixes=replace(log.fixes, poses=poses, antennas=antennas))
+    assert run(log, ALPHA, "constant-online").health.scatter.used == 0
+    assert not needs_streaming(log, [ALPHA])
+
+
+def test_a_pose_fix_begins_anew():
+    log = driven(0.5)
+    estimator = PoseEstimator(ALPHA, "constant-online")
+    for m in log.measurements():
+        estimator.feed(m)
+    assert estimator.health.scatter.sigma > 0.0
+    x, y, yaw = estimator.pose
+    tight = tuple(tuple(row) for row in (np.eye(3) * 0.01).tolist())
+    estimator.feed(PoseFix(estimator.stamp, x, y, yaw, tight))
+    assert estimator.health.scatter.sigma == 0.0
+
+
+def test_saved_estimators_and_late_fixes_go_on_the_same(tmp_path):
+    log = driven(0.5)
+    measurements = list(log.measurements())
+    one = PoseEstimator(ALPHA, "constant-online")
+    for m in measurements[: len(measurements) // 2]:
+        one.feed(m)
+    file = tmp_path / "saved.json"
+    one.save(file)
+    other = PoseEstimator.restore(file, ALPHA)
+    assert other.health.scatter == one.health.scatter
+    late: list[PositionFix] = []
+    for m in measurements[len(measurements) // 2 :]:
+        one.feed(m)
+        if isinstance(m, PositionFix):
+            late.append(m)
+            continue
+        other.feed(m)
+        if late and m.stamp > late[0].stamp + SECOND // 5:
+            other.feed(late.pop(0))
+    for m in late:
+        other.feed(m)
+    assert other.pose == pytest.approx(one.pose, abs=1e-9)
+    assert other.health.scatter == one.health.scatter
