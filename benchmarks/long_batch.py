@@ -70,7 +70,9 @@ class Laps:
         ).fill(0, count, self.inputs)
         self.table = self.filters.prepare(self.steps)
         zero = np.zeros(3)
-        self.lanes: Lanes = self.filters.begin(measured.tracks[:, 0], zero, zero)
+        self.lanes: Lanes = self.filters.begin(
+            measured.tracks[:, 0], zero, zero, len(measured.fix_stamps)
+        )
         truths = [log.truth for log in logs]
         at = np.searchsorted(truths[0].poses.stamps, measured.fix_stamps)  # type: ignore[union-attr]
         self._true = np.stack([truth.poses.poses[at] for truth in truths if truth is not None])

@@ -10,7 +10,6 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FIX_VALUES, Measured
 from icreckon.estimator.faults.repeating_fixes import may_repeat
-from icreckon.estimator.faults.scattering_fixes import may_scatter
 from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries, ImuSeries
@@ -104,28 +103,21 @@ def has_heading(fixes: Floats) -> bool:
     return bool(headed.any())
 
 
-def needs_streaming(log: Log, robots: Sequence[Robot]) -> bool:
-    """Return True if a log may have readings that need the streaming filter.
+def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
+    """Return True if a log has readings that are rejected before the gates.
 
     Args:
         log: the log.
-        robots: robots of the filters.
-
-    Raises:
-        BatchError: there is no IMU.
+        max_track_speed: highest track speed of the robot, or of the slowest of several [m/s].
     """
     imu = log.imu
     if imu is None:
         raise BatchError(f"the log {log.name!r} holds no IMU")
-    fastest = min(robot.vehicle.max_track_speed for robot in robots)
-    readings = [(log.tracks.speeds, ABSURD_SPEED * fastest), (imu.angular_velocity, ABSURD_RATE)]
+    readings = [
+        (log.tracks.speeds, ABSURD_SPEED * max_track_speed),
+        (imu.angular_velocity, ABSURD_RATE),
+    ]
     if imu.linear_acceleration is not None:
         readings.append((imu.linear_acceleration, ABSURD_FORCE))
-    if any(not np.abs(values).max(initial=0.0) <= most for values, most in readings):
-        return True
-    if log.fixes is None:
-        return False
-    sensors = [SensorModels(one) for one in {id(one): one for one in robots}.values()]
-    return may_repeat(log) or any(
-        may_scatter(log, one.yaw_rates(imu.angular_velocity)) for one in sensors
-    )
+    absurd = any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)
+    return absurd or may_repeat(log)

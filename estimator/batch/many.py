@@ -8,8 +8,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.batch.inputs import has_heading, measured_of, needs_streaming
-from icreckon.estimator.batch.runs import side_by_side, work_through_runs
+from icreckon.estimator.batch.inputs import has_absurd_readings, has_heading, measured_of
+from icreckon.estimator.batch.runs import scatters, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.log.log import Log
@@ -59,10 +59,10 @@ def run_many(
         raise EstimatorError(f"every must be a time of more than 0 s, found {every!r}")
     filters = BatchFilter(robot, find_variant(variant), settings or Settings())
     for log in logs:
-        if needs_streaming(log, [robot]):
+        if has_absurd_readings(log, robot.vehicle.max_track_speed):
             raise BatchError(
-                f"the log {log.name!r} holds readings that no such sensor gives, or fixes that scatter, "
-                "which filters side by side do not check; use run"
+                f"the log {log.name!r} holds readings that no such sensor gives, which filters side by "
+                "side do not check; use run"
             )
     measured = measured_of(logs, robot)
     ticks = _tick_stamps(measured.imu_stamps, every)
@@ -86,6 +86,12 @@ def run_many(
             start=np.array(start, dtype=float),
             start_sigma=np.array(start_sigma, dtype=float),
         )
+        for lane, number in enumerate(group):
+            if scatters(of_group, steps, worked.lanes, lane):
+                raise BatchError(
+                    f"the log {logs[number].name!r} holds fixes that scatter more than they say, which "
+                    "filters side by side use as they are; use run"
+                )
         path = side_by_side(ticks, worked)
         found += [
             Trajectory(

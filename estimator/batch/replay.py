@@ -13,8 +13,9 @@ from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
-from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, needs_streaming
+from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
+from icreckon.estimator.batch.runs import scatters
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import (
@@ -102,7 +103,7 @@ def run_side_by_side(
         return {}
     given = np.array(start, dtype=float), np.array(start_sigma, dtype=float)
     first = np.repeat(measured.tracks[:, 0], filters[0].width, axis=0)
-    begun = [one.begin(first, *given) for one in filters]
+    begun = [one.begin(first, *given, len(measured.fix_stamps)) for one in filters]
     row_stamps = steps.row_stamps + measured.track_stamps[0]
     rows = [ReplayRows(one, robot, steps, measured, headings, row_stamps) for one in filters]
     began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
@@ -121,6 +122,12 @@ def run_side_by_side(
     by_settings = {one: FrontEnd(measured, steps, one) for one in set(chosen)}
     fronts = [by_settings[one] for one in chosen]
     work_through_log(filters, begun, rows, steps, measured, fronts, progress, smoothed=smoothed)
+    for lanes, before in zip(begun, began, strict=True):
+        if scatters(measured, steps, lanes, before=before.checkpoint().scatter):
+            raise BatchError(
+                f"the log {log.name!r} holds fixes that scatter more than they say, which filters side "
+                "by side use as they are; use run"
+            )
     found: dict[str, Run] = {}
     for name, one, lanes, before, front in zip(
         variants, filters, begun, began, fronts, strict=True
@@ -221,10 +228,10 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
     fix_stamps = NO_STAMPS if fixes is None else fixes.stamps
     if any((np.diff(one) <= 0).any() for one in (log.tracks.stamps, imu.stamps, fix_stamps)):
         raise BatchError(f"the stamps of {log.name!r} do not rise")
-    if needs_streaming(log, [robot]):
+    if has_absurd_readings(log, robot.vehicle.max_track_speed):
         raise BatchError(
-            f"the log {log.name!r} holds readings that no such sensor gives, IMU samples without forces "
-            "among others, or fixes that scatter, which filters side by side do not check"
+            f"the log {log.name!r} holds readings that no such sensor gives, or IMU samples without "
+            "forces among others, which filters side by side do not check"
         )
     values = np.zeros((0, FIX_VALUES)) if fixes is None else fix_rows(fixes)
     headings = np.isfinite(values[:, 2])

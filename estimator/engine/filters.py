@@ -19,6 +19,7 @@ from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
     GATES,
+    PLACES,
     SLIP_SHARES,
     TREND,
     TWIST,
@@ -72,12 +73,15 @@ class Lanes(NamedTuple):
         rejected: (width, n, 5) position fixes that were rejected since one was used, see
             `icreckon.estimator.filter.reacquisition.RejectedFix`.
         rejected_count: (width,) their number.
+        at_fixes: (n, 7, width) place of the antenna and yaw before and after each position fix, and 1 if
+            it was used.
         constants: constants that all lanes share, with room for those of a step.
     """
 
     workspace: Floats
     rejected: Floats
     rejected_count: Any
+    at_fixes: Floats
     constants: Floats
 
 
@@ -149,13 +153,16 @@ class BatchFilter:
         self._prepared: tuple[Steps, Floats] | None = None
         self._work: Any = None
 
-    def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
+    def begin(
+        self, first_speeds: Floats, start: Floats, start_sigma: Floats, fixes: int = 0
+    ) -> Lanes:
         """Start all lanes at their first track speeds.
 
         Args:
             first_speeds: (width, 2) speeds of the left and the right track [m/s].
             start: (3,) pose: x, y [m], yaw [rad].
             start_sigma: (3,) its standard deviations.
+            fixes: number of position fixes of the run.
         """
         lanes = aligned(len(self.rows) * self.width, self.number).reshape(-1, self.width)
         state, sigmas = self._state.copy(), self._sigmas.copy()
@@ -180,7 +187,7 @@ class BatchFilter:
         memory = self._model.memory
         for k, value in enumerate(memory):
             lanes[self.rows[f"memory{k}"]] = value
-        return Lanes(lanes, rejected, counts, constants)
+        return Lanes(lanes, rejected, counts, np.zeros((fixes, 7, self.width)), constants)
 
     def continue_from(self, lanes: Lanes, checkpoint: FilterCheckpoint, regressors: Floats) -> None:
         """Restore a checkpoint of a streaming filter in all lanes.
@@ -251,10 +258,12 @@ class BatchFilter:
             table,
             steps.kinds,
             steps.extras,
+            steps.fixes,
             since_first,
             estimates,
             lanes.rejected,
             lanes.rejected_count,
+            lanes.at_fixes,
             _places(self.layout, all_outputs),
         )
 
@@ -439,8 +448,7 @@ def _places(layout: Layout, all_outputs: bool) -> Places:
         np.array(with_pose),
         rows["position_in_a_row"],
         rows["position_used"],
-        rows["predicted_x"],
-        rows["predicted_y"],
+        np.array([rows[name] for name in PLACES]),
         layout.constants["interval"],
         len(rows),
         len(layout.constants),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
-from icreckon.estimator.engine.layout import TREND
+from icreckon.estimator.engine.layout import PLACE, TREND
 from icreckon.estimator.engine.model import (
     bias_doubt,
     factor_after_rejection,
@@ -109,7 +109,9 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     lane.stores["present_factor"] = select(taken, present, doubled)
     for name, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
         lane.stores[name] = select(taken, after_it, before_it)
-    lane.stores.update(predicted_x=values[s.X], predicted_y=values[s.Y])
+    updated, _, _ = _antenna(lane, _predicted(lane, kind))
+    for name, place in (("predicted", values), ("updated", updated)):
+        lane.stores |= {f"{name}_{axis}": one for axis, one in zip(PLACE, place, strict=True)}
     innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
     for part, value in innovation.items():
         lane.stores[f"position_{part}"] = select(mode > 0.5, value, lane.row(f"position_{part}"))

@@ -83,9 +83,11 @@ COUNTS = (
     "standstill",
 )
 # Values from the step before: 1 if the robot stood, the factors on the slip, the trend of the innovations
-# of position fixes, and the predicted position at the newest one.
+# of position fixes, and the place of the antenna and the yaw before and after the newest one.
 TREND = ("trend_forward", "trend_left", "trend_size")
-BEFORE = ("stood", "slip_factor", "present_factor", *TREND, "predicted_x", "predicted_y")
+PLACE = ("x", "y", "yaw")
+PLACES = tuple(f"{when}_{axis}" for when in ("predicted", "updated") for axis in PLACE)
+BEFORE = ("stood", "slip_factor", "present_factor", *TREND, *PLACES)
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had

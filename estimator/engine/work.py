@@ -43,8 +43,7 @@ class Places(NamedTuple):
         with_pose: (3, n) rows of the covariances with the pose.
         rejected: row of the number of position fixes rejected in a row.
         used: row of the number of position fixes used.
-        predicted_x: row of the predicted x at the newest fix.
-        predicted_y: row of the predicted y at the newest fix.
+        at_fix: (6,) rows of the place of the antenna and the yaw, before and after the newest fix.
         interval: place of the interval of the IMU among the constants.
         row_count: number of rows of the workspace.
         constant_count: number of constants, without contact points.
@@ -54,8 +53,7 @@ class Places(NamedTuple):
     with_pose: Any
     rejected: int
     used: int
-    predicted_x: int
-    predicted_y: int
+    at_fix: Any
     interval: int
     row_count: int
     constant_count: int
@@ -125,6 +123,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         constants: Floats,
         rejected: Floats,
         rejected_count: Any,
+        at_fix: Floats,
         places: Places,
         when: int,
     ) -> None:
@@ -133,14 +132,16 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         flags = update_position(workspace, given, constants, when)
         lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
         for lane in range(width):
+            for axis in range(3):
+                at_fix[axis, lane] = workspace[places.at_fix[axis], lane]
             count = rejected_count[lane]
             if count >= rejected.shape[1]:
                 raise ValueError(WRONG_SIZE)
             rejected[lane, count, 0] = given[FIX_X, lane]
             rejected[lane, count, 1] = given[FIX_Y, lane]
             rejected[lane, count, 2] = given[FIX_VARIANCE, lane]
-            rejected[lane, count, 3] = workspace[places.predicted_x, lane]
-            rejected[lane, count, 4] = workspace[places.predicted_y, lane]
+            rejected[lane, count, 3] = at_fix[0, lane]
+            rejected[lane, count, 4] = at_fix[1, lane]
             rejected_count[lane] = count + 1
         if lost:
             before = given[MODE].copy()
@@ -155,6 +156,9 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
             used |= flags >> FLAG_BITS
             given[MODE] = before
         for lane in range(width):
+            for axis in range(3, 6):
+                at_fix[axis, lane] = workspace[places.at_fix[axis], lane]
+            at_fix[6, lane] = (used >> lane) & 1
             if (used >> lane) & 1:
                 rejected_count[lane] = 0
             elif given[MODE, lane] == SKIPPED:
@@ -179,10 +183,12 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         table: Floats,
         kinds: Any,
         extras: Any,
+        fixes: Any,
         ticks: Any,
         estimates: Floats,
         rejected: Floats,
         rejected_count: Any,
+        at_fixes: Floats,
         places: Places,
     ) -> None:
         """Run all lanes through some steps; see `BatchFilter.work_through`.
@@ -194,13 +200,16 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         sizes_fit = len(workspace) == places.row_count and len(constants) >= places.constant_count
         sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
         sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
-        sizes_fit &= len(extras) == count and len(ticks) == count
+        sizes_fit &= len(extras) == count and len(ticks) == count and len(fixes) == count
         sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
         sizes_fit &= len(rejected) == width and rejected.shape[2] == 5
+        sizes_fit &= at_fixes.shape[1] == 7 and at_fixes.shape[2] == width
         if not sizes_fit or len(rejected_count) != width:
             raise ValueError(WRONG_SIZE)
         for k in range(count):
             if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
+                raise ValueError(WRONG_SIZE)
+            if extras[k] & POSITION and not 0 <= fixes[k] < len(at_fixes):
                 raise ValueError(WRONG_SIZE)
         for k in range(count):
             for c in range(PER_STEP):
@@ -230,8 +239,9 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
                     else:
                         usual(workspace, given, constants)
             if extras[k] & POSITION:
+                at_fix = at_fixes[fixes[k]]
                 process_position(
-                    workspace, given, constants, rejected, rejected_count, places, when
+                    workspace, given, constants, rejected, rejected_count, at_fix, places, when
                 )
             if extras[k] & HEADING:
                 update_heading(workspace, given, constants, when)

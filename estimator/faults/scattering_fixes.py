@@ -20,22 +20,20 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Protocol, TypeVar
 
 import msgspec
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.base.records import Count, Size
-from icreckon.estimator.log.integral import running_integral
-from icreckon.estimator.log.log import Log
 
 # Most and fewest fixes that are laid over the path, and time between two of them [s]: at first less, this
 # share of the time since the oldest.
 MOST, FEWEST, APART, SHARE_APART = 16, 4, 0.9, 0.25
-# Number of fixes from which on the order of the residuals counts, and from which on they are trusted.
-IN_ORDER, TRUSTED = 8, 7
+# Number of fixes from which on the order of the residuals counts.
+IN_ORDER = 8
 # After a longer time without a fix, the path is no measure [s].
 LONGEST = 15.0
 # Error of the path from one fix to the next, as a share of it; after more than a second, of so many times
@@ -56,9 +54,6 @@ WANDER_TIME = 60.0
 KEPT, KEPT_TIME = 0.85, 20.0
 # Least way on which the path shows a stretch [m].
 LEAST_WAY = 0.1
-# Variance by the differences over what is expected, from which on the fixes of a log may scatter: less
-# than `FOUND`, since its path is that of plain odometry.
-LIKELY = 3.0
 
 
 class PlacedFix(msgspec.Struct, frozen=True):
@@ -113,11 +108,6 @@ class Scatter(msgspec.Struct, frozen=True):
         return max(variance, self.variance)
 
     @property
-    def is_trusted(self) -> bool:
-        """True if enough fixes have shown that they scatter as they say."""
-        return len(self.fixes) >= TRUSTED and self.variance == 0.0
-
-    @property
     def wanders(self) -> bool:
         """True if the residuals resemble those before them."""
         return self.likeness > 0.5 * (WHITE + WALK)
@@ -167,11 +157,7 @@ def scatter_after(
             weight = 0.1 if before.interval else 1.0
             interval = before.interval + weight * (interval - before.interval)
     at = PlacedFix(stamp, x, y, place.real, place.imag, predicted[2] - before.turn)
-    fixes, rejected = before.fixes, () if admitted else before.rejected
-    if is_apart(fixes + rejected, stamp):
-        rejected = (*rejected, at)
-        if admitted or len(rejected) >= ROW:
-            fixes, rejected = (*fixes, *rejected)[-MOST:], ()
+    fixes, rejected = laid_out(before.fixes, before.rejected, at, admitted=admitted)
     is_new = fixes is not before.fixes
     kept = 1.0 - 1.0 / MOST if is_new else 1.0
     after = msgspec.structs.replace(
@@ -188,7 +174,42 @@ def scatter_after(
     return _measured_anew(after, variance) if is_new and len(fixes) >= FEWEST else after
 
 
-def is_apart(fixes: Sequence[PlacedFix], stamp: int) -> bool:
+class Stamped(Protocol):
+    """Fix with a stamp [ns]."""
+
+    @property
+    def stamp(self) -> int:
+        """Stamp [ns]."""
+        ...
+
+
+OneFix = TypeVar("OneFix", bound=Stamped)
+
+
+def laid_out(
+    fixes: tuple[OneFix, ...], rejected: tuple[OneFix, ...], fix: OneFix, *, admitted: bool
+) -> tuple[tuple[OneFix, ...], tuple[OneFix, ...]]:
+    """Fixes that are laid over the path, and rejected ones, with another.
+
+    Args:
+        fixes: fixes that are laid over the path so far.
+        rejected: those that were rejected since one was used.
+        fix: the newest.
+        admitted: it was used.
+
+    Returns:
+        The same two. The first is the same object if it has not changed.
+    """
+    rejected = () if admitted else rejected
+    if not is_apart(fixes + rejected, fix.stamp):
+        return fixes, rejected
+    rejected = (*rejected, fix)
+    if admitted or len(rejected) >= ROW:
+        return (*fixes, *rejected)[-MOST:], ()
+    return fixes, rejected
+
+
+def is_apart(fixes: Sequence[Stamped], stamp: int) -> bool:
     """Return True if a fix at a stamp [ns] is far enough from the newest of others."""
     if not fixes:
         return True
@@ -202,30 +223,51 @@ def _measured_anew(before: Scatter, stated: float) -> Scatter:
     rows = np.array([(fix.x, fix.y, fix.path_x, fix.path_y, fix.yaw) for fix in fixes])
     measured, path = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
     seconds = np.array([fix.stamp - fixes[0].stamp for fix in fixes]) * NANOSECOND
-    found, expected = spread_of(measured, path, rows[:, 4], seconds), Expected.on(path)
-    # One jump, of the estimate's heading or of the fixes', is no scatter: neither part shows any.
-    jump = 1 + int(np.abs(np.abs(np.diff(measured)) - np.abs(np.diff(path))).argmax())
-    parts = [part for part in (slice(jump), slice(jump, None)) if len(path[part]) >= FEWEST]
-    scatters = found.is_beyond(stated, least) and any(
-        spread_of(measured[part], path[part], rows[part, 4], seconds[part]).is_beyond(stated, least)
-        for part in parts
+    found = spread_of(measured, path, rows[:, 4], seconds)
+    scatters = found.is_beyond(stated, least) and parts_scatter(
+        measured, path, rows[:, 4], seconds, stated, least
     )
     apart, interval = (max(one, NANOSECOND) for one in (float(found.apart), before.interval))
-    squares, likeness, variance = float(found.squares.sum()), before.likeness, 0.0
-    if scatters and len(fixes) >= IN_ORDER:
-        ratio = float(found.successive) / squares
-        of_fixes = (expected.ratio_white - ratio) / (expected.ratio_white - expected.ratio_walk)
-        likeness += LIKENESS_WEIGHT * (of_fixes - likeness)
-    share = min(1.0, max(0.0, (likeness - WHITE) / (WALK - WHITE)))
+    likeness, white, times = before.likeness, 0.0, 1.0
     if scatters:
-        # The variance of a walk over a minute, times the number of fixes in it.
-        times = WANDER_TIME**2 / (expected.of_walk * apart * interval)
-        variance = 0.5 * squares / found.freedom * max(1.0, times) ** share
+        expected, squares = Expected.on(path), float(found.squares.sum())
+        if len(fixes) >= IN_ORDER:
+            ratio = float(found.successive) / squares
+            of_fixes = (expected.ratio_white - ratio) / (expected.ratio_white - expected.ratio_walk)
+            likeness += LIKENESS_WEIGHT * (of_fixes - likeness)
+        # The variance of a walk over a minute, times the number of fixes in it, over that of white
+        # errors.
+        times = max(1.0, WANDER_TIME**2 / (expected.of_walk * apart * interval))
+        white = 0.5 * squares / found.freedom
+    share = min(1.0, max(0.0, (likeness - WHITE) / (WALK - WHITE)))
     kept = KEPT ** (1.0 - share) * math.exp(-share * apart / KEPT_TIME)
-    variance = max(variance, kept * before.variance)
+    variance = max(white * times**share, kept * before.variance)
     if variance <= stated:
         variance = 0.0
     return msgspec.structs.replace(before, likeness=likeness, variance=variance)
+
+
+def parts_scatter(
+    fixes: Any, path: Any, yaws: Floats, seconds: Floats, stated: float, least: float
+) -> bool:
+    """Return True if the fixes before one jump scatter, or those after it.
+
+    A jump of the estimate's heading, or of the fixes, is no scatter: neither part shows any.
+
+    Args:
+        fixes: (n,) measured places x + iy [m].
+        path: (n,) the same places on the path.
+        yaws: (n,) yaw on the path [rad].
+        seconds: (n,) their times [s].
+        stated: variance that the fixes state [m²].
+        least: see `Spread.is_beyond`.
+    """
+    jump = 1 + int(np.abs(np.abs(np.diff(fixes)) - np.abs(np.diff(path))).argmax())
+    parts = [part for part in (slice(jump), slice(jump, None)) if len(path[part]) >= FEWEST]
+    return any(
+        spread_of(fixes[part], path[part], yaws[part], seconds[part]).is_beyond(stated, least)
+        for part in parts
+    )
 
 
 class Expected(NamedTuple):
@@ -319,37 +361,65 @@ def spread_of(fixes: Any, path: Any, yaws: Floats, seconds: Floats) -> Spread:
     return Spread(differences, (axes**2).sum(axis=-1), successive, n - 2.0, apart, of_path)
 
 
-def may_scatter(log: Log, rates: Floats) -> bool:
-    """Return True if a log may hold position fixes that scatter more than they say.
+class _Numbered(NamedTuple):
+    stamp: int
+    number: int
+
+
+def scatters_in_run(before: Scatter, stamps: Stamps, fixes: Floats, at_fixes: Floats) -> bool:
+    """Return True if `scatter_after` would find scatter in a run that used fixes as they are.
 
     Args:
-        log: log with an IMU.
-        rates: (n,) yaw rates of its samples [rad/s].
+        before: scatter before the run.
+        stamps: (n,) stamps of its position fixes [ns].
+        fixes: (n, 3) measured x, y [m], and the variance that they state [m²].
+        at_fixes: (n, 7) place of the antenna and yaw before the update with each and after it
+            [m, m, rad], and 1 if it was used.
     """
-    fixes, imu = log.fixes, log.imu
-    if fixes is None or imu is None or not len(imu.stamps) or not len(log.tracks.stamps):
-        return False
-    positions = np.flatnonzero(np.isnan(fixes.poses[:, 2]))
-    chosen = positions[_apart(fixes.stamps[positions])]
-    if len(chosen) < FEWEST:
-        return False
-    yaws = running_integral(imu.stamps, np.nan_to_num(rates))
-    speeds = np.interp(imu.stamps, log.tracks.stamps, np.nan_to_num(log.tracks.speeds).mean(axis=1))
-    path = running_integral(imu.stamps, speeds * np.exp(1j * yaws))
-    stamps = fixes.stamps[chosen]
-    of_base, yaw = np.interp(stamps, imu.stamps, path), np.interp(stamps, imu.stamps, yaws)
-    antennas = of_base + fixes.lever_arms[chosen] @ (1.0, 1j) * np.exp(1j * yaw)
-    measured = fixes.poses[chosen, :2] @ (1.0, 1j)
-    values = measured, antennas, yaw, fixes.variances[chosen, 0], stamps
-    rows = [sliding_window_view(one, min(MOST, len(chosen))) for one in values]
-    found = spread_of(rows[0], rows[1], rows[2], (rows[4] - rows[4][:, :1]) * NANOSECOND)
-    return bool(found.is_beyond(rows[3].max(axis=-1), LIKELY).any())
+    if before.variance or not len(stamps):
+        return before.variance > 0.0
+    # The fixes and their path, those before the run first.
+    old, newest = (*before.fixes, *before.rejected), before.newest
+    places, updated = at_fixes[:, 0] + 1j * at_fixes[:, 1], at_fixes[:, 3] + 1j * at_fixes[:, 4]
+    turned = before.turn + np.cumsum([0.0, *wrap_angle(at_fixes[:-1, 5] - at_fixes[:-1, 2])])
+    link, start = (
+        (places[0], 0j)
+        if newest is None
+        else (complex(*before.antenna), complex(newest.path_x, newest.path_y))
+    )
+    steps = (places - np.concatenate([[link], updated[:-1]])) * np.exp(-1j * turned)
+    path = np.concatenate([[complex(a.path_x, a.path_y) for a in old], start + steps.cumsum()])
+    measured = np.concatenate([[complex(a.x, a.y) for a in old], fixes[:, 0] + 1j * fixes[:, 1]])
+    yaws = np.concatenate([[a.yaw for a in old], at_fixes[:, 2] - turned])
+    begin = int(stamps[0])
+    seconds = np.array([a.stamp - begin for a in old] + (stamps - begin).tolist()) * NANOSECOND
 
+    windows = list[list[int]]()
+    numbered = [_Numbered(a.stamp, number) for number, a in enumerate(old)]
+    chosen, rejected = (
+        tuple(numbered[: len(before.fixes)]),
+        tuple(numbered[len(before.fixes) :]),
+    )
+    last = begin if newest is None else newest.stamp
+    for number, (stamp, used) in enumerate(
+        zip(stamps.tolist(), at_fixes[:, 6].tolist(), strict=True), len(old)
+    ):
+        if not 0.0 <= (stamp - last) * NANOSECOND <= LONGEST:
+            chosen = rejected = ()
+        were, last = chosen, stamp
+        one = _Numbered(stamp, number)
+        chosen, rejected = laid_out(chosen, rejected, one, admitted=used > 0.0)
+        if chosen is not were and len(chosen) >= FEWEST:
+            windows.append([each.number for each in chosen])
 
-def _apart(stamps: Stamps) -> list[int]:
-    """Indices of stamps that are apart as fixes laid over the path are."""
-    chosen: list[int] = []
-    for index, stamp in enumerate(stamps.tolist()):
-        if not chosen or (stamp - stamps[chosen[-1]]) * NANOSECOND >= APART:
-            chosen.append(index)
-    return chosen
+    stated = np.concatenate([np.zeros(len(old)), fixes[:, 2]])
+    for size in sorted({len(one) for one in windows}):
+        rows = np.array([one for one in windows if len(one) == size])
+        beyond = spread_of(measured[rows], path[rows], yaws[rows], seconds[rows]).is_beyond(
+            stated[rows[:, -1]], FOUND
+        )
+        for row in rows[beyond]:
+            least = float(stated[row[-1]])
+            if parts_scatter(measured[row], path[row], yaws[row], seconds[row], least, FOUND):
+                return True
+    return False

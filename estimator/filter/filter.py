@@ -468,7 +468,7 @@ class Reckoning:
                 now = point_on_robot(self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left)
                 moved = at, now.values.tolist(), ekf.x - x_before
                 self._scatter = follow_scatter(ekf, self._scatter, fix, *moved, admitted=used)
-                share *= self._scatter.is_trusted
+                share *= self._scatter.variance == 0.0
             doubt(ekf, share * self._prior.gyro_bias_sigma**2)
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()

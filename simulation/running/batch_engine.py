@@ -15,8 +15,8 @@ from msgspec import msgpack
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
-from icreckon.estimator.batch.inputs import measured_of, needs_streaming
-from icreckon.estimator.batch.runs import Worked, side_by_side, work_through_runs
+from icreckon.estimator.batch.inputs import has_absurd_readings, measured_of
+from icreckon.estimator.batch.runs import Worked, scatters, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
 from icreckon.estimator.log.log import Log
@@ -97,20 +97,17 @@ def block(
     ]
     schedule = _schedule(cell)
     width = made[0].width
-    robots = [one.robot for one in filters]
+    slowest = min(one.robot.vehicle.max_track_speed for one in filters)
     for begin in range(0, count, width):
         here = min(width, count - begin)
         # A group that is not full runs its last run more than once.
         runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
         truths = [_truth(cell, run) for run in runs]
         logs = [_log(cell, run, truth) for run, truth in zip(runs, truths, strict=True)]
-        doubtful = [lane for lane in range(here) if needs_streaming(logs[lane], robots)]
+        doubtful = {lane for lane in range(here) if has_absurd_readings(logs[lane], slowest)}
+        measured = _measured(logs, filters, schedule.track_stamps)
         worked = work_through_runs(
-            made,
-            _measured(logs, filters, schedule.track_stamps),
-            schedule.steps,
-            start=np.zeros(3),
-            start_sigma=np.zeros(3),
+            made, measured, schedule.steps, start=np.zeros(3), start_sigma=np.zeros(3)
         )
         truth = _true_ticks(truths)
         for one, lanes, result in zip(filters, made, worked, strict=True):
@@ -119,7 +116,10 @@ def block(
             rows = np.stack([*of_path, *_consistency(lanes, result)], axis=-1)
             values[one.label][begin : begin + here] = rows[:here]
             reasons[one.label][begin : begin + here] = _losses(path, times)[:here]
-        for lane in doubtful:
+        for data, result in zip(measured, worked, strict=True):
+            of_fixes = (scatters(data, schedule.steps, result.lanes, lane) for lane in range(here))
+            doubtful |= {lane for lane, found in enumerate(of_fixes) if found}
+        for lane in sorted(doubtful):
             # A run that the streaming filter rejects must not take the other lanes with it.
             for label, scores in study_streaming.block(cell, filters, runs[lane], 1).items():
                 values[label][begin + lane] = scores.values[0]

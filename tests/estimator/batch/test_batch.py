@@ -13,7 +13,7 @@ from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.state import FAST_SLIP, GRAVITY
 from icreckon.estimator.batch.inputs import has_heading, measured_of
 from icreckon.estimator.batch.many import run_many
-from icreckon.estimator.batch.runs import work_through_runs
+from icreckon.estimator.batch.runs import scatters, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.log.log import Log
@@ -75,9 +75,14 @@ def assert_same(
     (worked,) = work_through_runs(
         [side_by_side], [measured], steps, start=np.zeros(3), start_sigma=np.zeros(3)
     )
-    counts = side_by_side.counts(worked.lanes)
+    counts, compared = side_by_side.counts(worked.lanes), 0
     for lane in range(side_by_side.width):
         stream = streams[lane % len(streams)]
+        of_fixes = stream.health.scatter
+        assert scatters(measured, steps, worked.lanes, lane) == bool(of_fixes.sigma + of_fixes.used)
+        if of_fixes.sigma + of_fixes.used:
+            continue
+        compared += 1
         x, P = side_by_side.state(worked.lanes, lane)
         kept = slice(0, FAST_SLIP.start)
         sigma = np.sqrt(np.diagonal(stream.covariance))[kept]
@@ -91,6 +96,7 @@ def assert_same(
                 assert counts[f"{sensor}_rejected"][lane] == health.rejected.get("gate", 0)
                 assert counts[f"{sensor}_nis"][lane] == pytest.approx(health.nis_sum, rel=rounding)
         assert counts["standstill"][lane] == stream.health.standstill_updates
+    assert compared
     return counts, streams
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.batch.inputs import needs_streaming
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.scattering_fixes import (
     MOST,
@@ -16,6 +15,7 @@ from icreckon.estimator.faults.scattering_fixes import (
     Expected,
     Scatter,
     scatter_after,
+    scatters_in_run,
 )
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import PoseFix, PositionFix
@@ -63,7 +63,6 @@ def test_fixes_that_scatter_as_they_say_are_used_as_they_are(path, seed):
     scatter = after_fixes(noise(STATED, 60, seed), path=path)
     assert scatter.variance == 0.0
     assert scatter.used == 0
-    assert scatter.is_trusted
     assert scatter.of_fix(STATED**2) == STATED**2
 
 
@@ -74,7 +73,6 @@ def test_white_scatter_is_used_with_its_size(path):
     found = [after_fixes(noise(0.5, 120, seed), path=path) for seed in range(8)]
     assert np.median([one.variance for one in found]) == pytest.approx(0.5**2, rel=0.3)
     assert not any(one.wanders for one in found)
-    assert not any(one.is_trusted for one in found)
     assert all(one.used > 100 for one in found)
 
 
@@ -143,7 +141,6 @@ def test_scatter_is_forgotten_once_it_is_over():
     path = np.arange(120) * 1.0 + 0j
     later = after_fixes(errors, path=path)
     assert later.variance == 0.0
-    assert later.is_trusted
 
 
 def test_a_mirrored_world_scatters_the_same():
@@ -202,7 +199,9 @@ def test_a_white_error_of_ten_times_what_fixes_say(variant, rate):
 @pytest.mark.parametrize("variant", ONLINE)
 @pytest.mark.parametrize("rate", [1.0, 5.0])
 def test_a_wander_of_a_hundred_times_what_fixes_say(variant, rate):
-    nees, position, yaw, sigma = errors_of(driven(0.05, 5.0, rate=rate), variant)
+    """As means over three drives: how far such fixes are off differs from one to another."""
+    found = [errors_of(driven(0.05, 5.0, rate=rate, seed=seed), variant) for seed in (8, 9, 10)]
+    nees, position, yaw, sigma = np.mean(found, axis=0)
     assert nees < 15.0
     assert position < 2.5
     assert yaw < 8.0
@@ -224,11 +223,44 @@ def test_a_stated_wander_is_not_measured_as_scatter():
 
 
 def test_lanes_leave_such_logs_to_the_streaming_filter():
-    assert needs_streaming(driven(0.5), [ALPHA])
-    assert needs_streaming(driven(0.05, 5.0), [ALPHA])
-    assert not needs_streaming(driven(STATED), [ALPHA])
-    with pytest.raises(BatchError, match="fixes that scatter"):
-        run_side_by_side(driven(0.5), ALPHA, "constant-online")
+    for log in (driven(0.5), driven(0.05, 5.0)):
+        with pytest.raises(BatchError, match="fixes that scatter"):
+            run_side_by_side(log, ALPHA, ["constant-online"])
+    assert "constant-online" in run_side_by_side(driven(STATED), ALPHA, ["constant-online"])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.9])
+def test_a_run_as_a_whole_is_judged_as_fix_by_fix(share):
+    """With paths that the fixes correct, jumps, rejected ones, gaps, and fixes before the run."""
+    found = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 50))
+        seconds = np.cumsum(rng.uniform(0.1, 1.4, n) + 20.0 * (rng.random(n) < 0.05))
+        stamps = np.round(seconds * 1e9).astype(np.int64)
+        path = np.cumsum(np.exp(1j * np.cumsum(rng.normal(0.0, 0.2, n))))
+        off = rng.normal(0.0, rng.choice([0.05, 0.2, 1.0]), (n, 2)) @ (1.0, 1j)
+        fixes = np.column_stack([(path + off).real, (path + off).imag, np.full(n, STATED**2)])
+        corrected = np.cumsum(rng.normal(0.0, 0.1, (n, 2)) @ (1.0, 1j))
+        before = path + np.concatenate([[0j], corrected[:-1]])
+        yaws, after = rng.normal(0.0, 2.0, n), path + corrected
+        turned = yaws + rng.normal(0.0, 0.05, n)
+        used = (rng.random(n) > 0.2).astype(float)
+        columns = (before.real, before.imag, yaws, after.real, after.imag, turned, used)
+        at_fixes = np.column_stack(columns)
+        first, scatters = round(share * (n - 1)), [Scatter()]
+        for k in range(n):
+            fix = int(stamps[k]), *fixes[k].tolist()
+            at, now = tuple(at_fixes[k, :3].tolist()), tuple(at_fixes[k, 3:6].tolist())
+            of_state, is_used = np.zeros(3), bool(used[k])
+            scatters.append(scatter_after(scatters[-1], fix, at, now, of_state, admitted=is_used))
+            if scatters[-1].variance:
+                break
+        before = scatters[min(first, len(scatters) - 1)]
+        whole = scatters_in_run(before, stamps[first:], fixes[first:], at_fixes[first:])
+        assert whole == (scatters[-1].variance > 0.0)
+        found.append(whole)
+    assert 10 < sum(found) < 50
 
 
 def test_an_antenna_off_the_middle_is_no_scatter():
@@ -240,7 +272,6 @@ def test_an_antenna_off_the_middle_is_no_scatter():
     antennas = np.tile([1.0, 0.0], (len(poses), 1))
     log = replace(log, fixes=replace(log.fixes, poses=poses, antennas=antennas))
     assert run(log, ALPHA, "constant-online").health.scatter.used == 0
-    assert not needs_streaming(log, [ALPHA])
 
 
 def test_a_pose_fix_begins_anew():
