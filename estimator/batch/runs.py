@@ -89,7 +89,7 @@ def scatters(
     lane: int = 0,
     before: Scatter = Scatter(),  # noqa: B008 - it cannot be changed
 ) -> bool:
-    """Return True if a run needs the streaming filter, since its fixes scatter more than they say.
+    """Return True if the fixes of a run scatter: it needs the streaming filter.
 
     Args:
         measured: measurements of the runs.

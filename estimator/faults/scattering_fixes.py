@@ -56,7 +56,7 @@ KEPT, KEPT_TIME = 0.85, 20.0
 LEAST_WAY = 0.1
 
 
-class PlacedFix(msgspec.Struct, frozen=True):
+class PlacedFix(msgspec.Struct, frozen=True, array_like=True):
     """Position fix, and the antenna's place on the path by dead reckoning.
 
     Attributes:
@@ -323,7 +323,7 @@ class Spread(NamedTuple):
     of_path: Any
 
     def is_beyond(self, stated: Any, least: float) -> Any:
-        """Return True if the differences are larger than fixes with a variance [m²] explain.
+        """Return True if the differences are larger than expected.
 
         Args:
             stated: variance that the fixes state [m²].
@@ -367,7 +367,7 @@ class _Numbered(NamedTuple):
 
 
 def scatters_in_run(before: Scatter, stamps: Stamps, fixes: Floats, at_fixes: Floats) -> bool:
-    """Return True if `scatter_after` would find scatter in a run that used fixes as they are.
+    """Return True if `scatter_after` finds scatter in a run.
 
     Args:
         before: scatter before the run.
