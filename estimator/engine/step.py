@@ -202,6 +202,7 @@ class Step:
             lane.input("gap_density"),
             lane.input("slide_x_density"),
             lane.input("slide_y_density"),
+            lane.input("turn_density"),
         )
 
     def _with_regressors(self, now: model.TracedTwist) -> model.TracedTwist:

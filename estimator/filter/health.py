@@ -11,7 +11,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import NEVER, Count, Size
-from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
+from icreckon.estimator.faults.failed_gyro import BEYOND, CONTRADICTS, JUMPED, REPEATS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.faults.scattering_fixes import Scatter
@@ -32,7 +32,12 @@ VERDICTS = ("admitted", "rejected", "reacquired")
 SIDES = {LEFT: "left", UNKNOWN: "unknown", RIGHT: "right"}
 # Reason to reject a reading or a fix; names of a gyro's faults, the reasons to reject its readings.
 REPEATED = "repeats itself"
-GYRO_FAULTS = {JUMPED: "jumped", REPEATS: REPEATED, BEYOND: "beyond its range"}
+GYRO_FAULTS = {
+    JUMPED: "jumped",
+    REPEATS: REPEATED,
+    BEYOND: "beyond its range",
+    CONTRADICTS: "contradicts the tracks",
+}
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
 # hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
@@ -319,7 +324,8 @@ class GyroHealth:
     """Fault of the gyro, whose readings are not used meanwhile.
 
     Attributes:
-        fault: "jumped", "repeats itself" or "beyond its range"; None while it works.
+        fault: "jumped", "repeats itself", "beyond its range" or "contradicts the tracks"; None while it
+            works.
         since: stamp at which the fault was found [ns], or None.
         times: number of faults that were found.
     """
@@ -340,7 +346,7 @@ def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
     gyro = held.gyro
     fault = GYRO_FAULTS.get(gyro.fault)
     health.gyro = GyroHealth(fault, gyro.since + ahead if fault else None, gyro.times)
-    counts = gyro.jumped, gyro.repeated, gyro.beyond
+    counts = gyro.jumped, gyro.repeated, gyro.beyond, gyro.contradicted
     for reason, count in zip(GYRO_FAULTS.values(), counts, strict=True):
         if count:
             health.sensor("gyro").rejected[reason] = count

@@ -11,7 +11,7 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Interval, plain_copy
-from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
+from icreckon.estimator.faults.failed_gyro import GyroRecord, shows_bends, watch_gyro
 from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
 from icreckon.estimator.faults.spinning_tracks import (
@@ -207,8 +207,8 @@ def take_motion(
     if width > 0.0:
         spread = spread_of_bends(spin)
     turning, before = spin.right - spin.left, held.smooth_right - held.smooth_left
-    most = settings.gyro_range
-    rate = watch_gyro(held.gyro, stamp, rate, turning, width, spread, before, most)
+    speed, most = 0.5 * (spin.left + spin.right), settings.gyro_range
+    rate = watch_gyro(held.gyro, stamp, rate, turning, width, spread, before, speed, most)
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     mean = 0.5 * (held.left + held.right)
@@ -221,7 +221,8 @@ def take_motion(
         remember_jump(spin, stamp, left, right, settings.fastest)
         spin.stamp = stamp
         return rate
-    watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)
+    learns = shows_bends(held.gyro)
+    watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest, learns)
     return rate
 
 

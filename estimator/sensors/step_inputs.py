@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from icreckon.estimator.faults.failed_gyro import contradiction_density
 from icreckon.estimator.faults.odd_wheels import wheel_density
 from icreckon.estimator.faults.sliding_robot import slide_density
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, spin_density
@@ -37,13 +38,15 @@ class StepInputs(NamedTuple):
         slide_x_density: error density of the forward speed, while the robot slides forward or is carried,
             and of slip that nothing shows [m²/s].
         slide_y_density: error density of the speed to the left, while the robot is carried [m²/s].
+        turn_density: error density of the yaw rate, once the gyro contradicts the tracks [rad²/s].
         acceleration_left: averaged acceleration of the left track [m/s²].
         acceleration_right: averaged acceleration of the right track [m/s²].
         window: averaging time of the acceleration [s].
         speed_variance: variance of each track's speed, from its sensor's noise [m²/s²].
         age: age of the speeds at the start, from the middle of their interval [s].
         slow: 1 if both tracks are slow enough for a standstill, else 0.
-        unknown: 1 if the speed of a track is unknown, stale or from a stuck sensor, else 0.
+        unknown: 1 if the motion of the step is unknown, else 0: the speed of a track is stale or from a
+            stuck sensor, or the yaw is off by the turning of earlier steps.
     """
 
     smooth_left: float
@@ -57,6 +60,7 @@ class StepInputs(NamedTuple):
     gap_density: float
     slide_x_density: float
     slide_y_density: float
+    turn_density: float
     acceleration_left: float
     acceleration_right: float
     window: float
@@ -87,6 +91,7 @@ def step_inputs(
     stale = gap_density(held, start, end, settings)
     stuck_left = stuck_density(held.repeating_left, start, end, settings)
     stuck_right = stuck_density(held.repeating_right, start, end, settings)
+    of_turn, of_way = contradiction_density(held.gyro, start, end)
     return StepInputs(
         held.smooth_left,
         held.smooth_right,
@@ -103,15 +108,16 @@ def step_inputs(
         + wheel_density(held.right_wheels, held.stamp, start, end)
         + spin_density(held.spin, RIGHT, settings.weighs_tracks),
         stale,
-        slide_density(held.forward, start, end) + carried + hidden_density(held, settings),
-        carried,
+        slide_density(held.forward, start, end) + carried + hidden_density(held, settings) + of_way,
+        carried + of_way,
+        of_turn,
         held.acceleration_left,
         held.acceleration_right,
         max(ACCELERATION_AVERAGING, held.interval),
         density / held.interval,
         age_at(held, start, settings.hold),
         1.0 if slow else 0.0,
-        1.0 if stale + stuck_left + stuck_right > 0.0 else 0.0,
+        1.0 if stale + stuck_left + stuck_right + of_turn > 0.0 else 0.0,
     )
 
 

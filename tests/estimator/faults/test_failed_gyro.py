@@ -13,19 +13,26 @@ from hypothesis import strategies as st
 
 from conftest import thorough
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.failed_gyro import (
     LEARNT,
     LEAST_REPEATS,
+    LEAST_TURNING,
+    OF_BENDS_BEFORE,
     GyroRecord,
+    contradiction_density,
     watch_gyro,
 )
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import SMOOTHING
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 WIDTH = 1.5
@@ -50,7 +57,9 @@ def watched(
     turning += 0.01 * RNG.standard_normal(len(rates)) * (turning != 0.0)
     smooth = smoothed(turning, step)
     used = [
-        watch_gyro(gyro, k * step, float(rate), float(turning[k]), width, 0.05, smooth[k], most)
+        watch_gyro(
+            gyro, k * step, float(rate), float(turning[k]), width, 0.05, smooth[k], 0.5, most
+        )
         for k, rate in enumerate(rates)
     ]
     return np.array(used), gyro
@@ -162,7 +171,7 @@ def test_a_world_without_noise_is_no_fault() -> None:
     smooth, gyro = smoothed(WIDTH * rates, STEP), GyroRecord()
     for k, rate in enumerate(rates.tolist()):
         turning = WIDTH * rate
-        assert watch_gyro(gyro, k * STEP, rate, turning, WIDTH, 0.0, smooth[k], 0.0) == rate
+        assert watch_gyro(gyro, k * STEP, rate, turning, WIDTH, 0.0, smooth[k], 0.5, 0.0) == rate
     assert gyro.times == 0
 
 
@@ -178,10 +187,106 @@ def test_readings_beyond_the_range_are_not_used() -> None:
 def test_after_a_gap_nothing_is_a_jump() -> None:
     gyro = GyroRecord()
     for stamp, rate in ((0, 0.0), (SECOND, 2.0), (2 * SECOND, -2.0)):
-        assert watch_gyro(gyro, stamp, rate, 0.0, WIDTH, 0.05, 0.0, 0.0) == rate
+        assert watch_gyro(gyro, stamp, rate, 0.0, WIDTH, 0.05, 0.0, 0.0, 0.0) == rate
     assert gyro.times == 0
     assert gyro.shifted(SECOND).stamp == 3 * SECOND
     assert GyroRecord().shifted(SECOND) == GyroRecord()
+
+
+# --- gyro against tracks -------------------------------------------------------------------------
+
+READS = {
+    "noise": lambda true: 0.003 * RNG.standard_normal(len(true)),
+    "the other side": np.negative,
+}
+
+
+@pytest.mark.parametrize("name", READS)
+def test_bends_to_both_sides_show_that_the_gyro_fails(name: str) -> None:
+    """Bends of 1.2 rad; it is used again within a bend. The fault begins and ends straight ahead."""
+    true = drive(60.0)
+    rates = true.copy()
+    begin, end = 1571, 4084
+    rates[begin:end] = READS[name](rates[begin:end])
+    used, gyro = watched(rates, true)
+    found = int(np.flatnonzero(np.isnan(used))[0])
+    over = int(np.flatnonzero(np.isnan(used))[-1])
+    turned = np.cumsum(np.abs(true)) * 0.01
+    assert turned[begin] < turned[found] < turned[begin] + 2.6
+    assert turned[over] < turned[end] + 1.2
+    assert np.isnan(used[found : over + 1]).all()
+    assert gyro.times == 1
+    assert gyro.contradicted == over + 1 - found
+    assert np.isfinite(used[over + 1 :]).all()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_yaw_is_uncertain_by_what_was_not_shown(sign: float) -> None:
+    true = sign * drive(60.0)
+    rates = true.copy()
+    rates[1500:] = READS["noise"](rates[1500:])
+    gyro = GyroRecord()
+    smooth = smoothed(WIDTH * true, STEP)
+    for k in range(len(rates)):
+        turning = WIDTH * float(true[k])
+        used = watch_gyro(
+            gyro, k * STEP, float(rates[k]), turning, WIDTH, 0.05, smooth[k], 0.5, 0.0
+        )
+        if np.isnan(used):
+            break
+    off = float((true - rates)[: k + 1].sum()) * 0.01
+    of_turn, of_way = contradiction_density(gyro, (k - 1) * STEP, k * STEP)
+    assert np.sqrt(of_turn * 0.01 - OF_BENDS_BEFORE**2) == pytest.approx(
+        abs(off), rel=0.4, abs=0.05
+    )
+    assert of_way == pytest.approx(of_turn * gyro.way**2)
+    assert contradiction_density(gyro, k * STEP, (k + 1) * STEP) == (0.0, 0.0)
+
+
+def test_one_side_or_a_share_of_the_turning_is_slip() -> None:
+    """A track that spins, on straights and in bends; tracks that turn twice as far as the robot."""
+    true = drive(60.0)
+    spins = np.where(np.arange(6000) > 2000, -0.7, 0.0)
+    for rates, tracks in ((true, true + spins), (0.0 * true, spins), (0.45 * true, true)):
+        used, gyro = watched(rates, tracks)
+        assert np.isfinite(used).all()
+        assert gyro.times == 0
+
+
+def test_encoder_noise_on_a_straight_is_no_bend() -> None:
+    """Ten minutes whose bends would add up to many radians."""
+    rates = 0.003 * RNG.standard_normal(60_000)
+    turning = 0.1 * RNG.standard_normal(60_000)
+    used, gyro = watched(rates, rates + turning / WIDTH)
+    assert np.isfinite(used).all()
+    assert gyro.bends_left.turned < LEAST_TURNING
+
+
+@pytest.mark.parametrize("late", [-0.2, 0.2])
+def test_late_tracks_do_not_contradict_the_gyro(late: float) -> None:
+    """Weaving by 0.6 rad/s with a period of 3 s."""
+    times = np.arange(0.0, 60.0, 0.01)
+    rates, tracks = (0.6 * np.sin(2.0 * np.pi / 3.0 * (times - lag)) for lag in (0.0, late))
+    used, _ = watched(rates + 0.01 * RNG.standard_normal(len(times)), tracks)
+    assert np.isfinite(used).all()
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+def test_a_gyro_that_reads_noise_is_found_and_the_uncertainty_covers_it(
+    variant: str, robot: Robot
+) -> None:
+    log = simulate(Scenario(duration=60.0, trajectory="random", fix_rate=0.0), robot)
+    log = benchmark.with_rate(log, 30.0, lambda rates: benchmark.with_noise(0.0 * rates))
+    one = run(log, robot, variant)
+    assert one.health.gyro.fault == "contradicts the tracks"
+    assert one.health.sensors["gyro"].rejected["contradicts the tracks"] > 1000
+    off = one.trajectory.poses - interpolate_poses(log.truth.poses, one.stamps)
+    since = one.stamps > one.health.gyro.since + SECOND // 2
+    assert (np.abs(wrap_angle(off[since, 2])) < 3.0 * one.state_sigmas[since, 2]).all()
+    assert (np.hypot(*off[since, :2].T) < 3.0 * np.hypot(*one.state_sigmas[since, :2].T)).all()
+    (side,) = run_side_by_side(log, robot, [variant]).values()
+    assert side.states == pytest.approx(one.states, rel=1e-7, abs=1e-8)
+    assert side.health.gyro == one.health.gyro
 
 
 @pytest.fixture(scope="module")
