@@ -47,6 +47,8 @@ ROW = 3
 # Likeness of an error to one that walks, 0 if it is white, 1 if it does: weight of a fix in its mean, its
 # value before there is any, that up to which an error is white, and that from which on it walks.
 LIKENESS_WEIGHT, LIKENESS_AT_START, WHITE, WALK = 0.025, 0.4, 0.2, 0.55
+# Number of fixes over which the correlation of innovations is averaged, and from which on it counts.
+AVERAGED, ENOUGH = 100, 30
 # Assumed correlation time of an error that wanders [s].
 WANDER_TIME = 60.0
 # Share of the variance that is kept from one fix to the next, if they scatter less; of an error that
@@ -90,6 +92,10 @@ class Scatter(msgspec.Struct, frozen=True):
         likeness: likeness of their errors to those that walk: 0 if they are white, 1 if they do.
         variance: variance with which a fix is used, 0 if the scatter is as stated [m²].
         used: number of fixes that were used with it.
+        judged: number of fixes whose innovations were counted, at most `AVERAGED`.
+        innovation: normalised innovation of the newest fix, in the axes of odom [-].
+        products: averaged product of successive ones.
+        squares: averaged square of them.
     """
 
     fixes: Annotated[tuple[PlacedFix, ...], msgspec.Meta(max_length=MOST)] = ()
@@ -102,6 +108,10 @@ class Scatter(msgspec.Struct, frozen=True):
     likeness: float = LIKENESS_AT_START
     variance: Size = 0.0
     used: Count = 0
+    judged: Count = 0
+    innovation: tuple[float, float] = (0.0, 0.0)
+    products: float = 0.0
+    squares: Size = 0.0
 
     def of_fix(self, variance: float) -> float:
         """Variance of a fix that states one [m²]."""
@@ -111,6 +121,22 @@ class Scatter(msgspec.Struct, frozen=True):
     def wanders(self) -> bool:
         """True if the residuals resemble those before them."""
         return self.likeness > 0.5 * (WHITE + WALK)
+
+    @property
+    def correlation(self) -> float | None:
+        """Correlation of successive innovations, about 0 for white errors; None before `ENOUGH`."""
+        return self.products / self.squares if self.judged >= ENOUGH and self.squares else None
+
+    def with_innovation(self, x: float, y: float) -> Scatter:
+        """Add the normalised innovation of the newest fix [-]."""
+        judged, before = min(AVERAGED, self.judged + 1), self.innovation
+        return msgspec.structs.replace(
+            self,
+            judged=judged,
+            innovation=(x, y),
+            products=self.products + (x * before[0] + y * before[1] - self.products) / judged,
+            squares=self.squares + (x * x + y * y - self.squares) / judged,
+        )
 
     def shifted(self, by: int) -> Scatter:
         """Copy for a clock that is ahead by so much [ns]."""
@@ -150,7 +176,13 @@ def scatter_after(
     if newest is not None:
         interval = (stamp - newest.stamp) * NANOSECOND
         if not 0.0 <= interval <= LONGEST:
-            before = Scatter(variance=before.variance, used=before.used)
+            before = msgspec.structs.replace(
+                Scatter(variance=before.variance, used=before.used),
+                judged=before.judged,
+                innovation=before.innovation,
+                products=before.products,
+                squares=before.squares,
+            )
         else:
             step = complex(*predicted[:2]) - complex(*before.antenna)
             place = complex(newest.path_x, newest.path_y) + step * cmath.exp(-1j * before.turn)

@@ -38,6 +38,8 @@ GYRO_FAULTS = {
     BEYOND: "beyond its range",
     CONTRADICTS: "contradicts the tracks",
 }
+# Correlation of successive innovations of position fixes from which on it is clear.
+CORRELATED = 0.5
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
 # hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
@@ -361,17 +363,25 @@ class ScatterHealth:
             scatter as they say [m].
         wanders: their errors resemble those of the fixes before.
         used: number of fixes that were used with a larger standard deviation than they state.
+        correlation: correlation of successive innovations, about 0 for white errors; None before 30
+            fixes, and by filters side by side.
     """
 
     sigma: Size = 0.0
     wanders: bool = False
     used: Count = 0
+    correlation: float | None = None
+
+    @property
+    def is_correlated(self) -> bool:
+        """True if the errors of fixes clearly resemble those before them."""
+        return self.correlation is not None and self.correlation > CORRELATED
 
     @property
     def text(self) -> str:
         """Text for people."""
         if not self.sigma:
-            return "as they say"
+            return "as they say" + ", but their errors wander" * self.is_correlated
         return f"sigma {self.sigma:.2g} m" + ", wandering" * self.wanders
 
 
@@ -386,7 +396,8 @@ def add_fix_faults(
         poses: newest place of the pose fixes.
         scatter: scatter of the position fixes.
     """
-    health.scatter = ScatterHealth(math.sqrt(scatter.variance), scatter.wanders, scatter.used)
+    sigma = math.sqrt(scatter.variance)
+    health.scatter = ScatterHealth(sigma, scatter.wanders, scatter.used, scatter.correlation)
     for name, place in (("position", positions), ("pose", poses)):
         if place.rejected:
             health.sensor(name).rejected[REPEATED] = place.rejected

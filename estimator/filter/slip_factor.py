@@ -58,14 +58,14 @@ PRECISE, COARSE = 0.1**2, 0.3**2
 
 
 def normalised(
-    z: tuple[Any, Any], S: tuple[Any, Any, Any], heading: tuple[Any, Any]
+    z: tuple[Any, Any], S: tuple[Any, Any, Any], heading: tuple[Any, Any] = (1.0, 0.0)
 ) -> tuple[Any, Any]:
     """Normalised innovation of a position fix, to the front and to the left [-].
 
     Args:
         z: innovation in x and y [m].
         S: its covariance, xx, xy and yy [m²].
-        heading: cosine and sine of the yaw.
+        heading: cosine and sine of the yaw; by default the axes are those of odom.
     """
     cos, sin = heading
     forward, left = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0]

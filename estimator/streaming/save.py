@@ -39,7 +39,7 @@ from icreckon.estimator.streaming.saved_checks import require_64_bits
 FORMAT = "icreckon estimator"
 VERSION = 5
 # Objects of so many characters stand on one line of the file.
-SHORT = 100
+SHORT = 120
 # Keys of a robot file that an estimator does not depend on.
 UNUSED = ("log", "note", "format")
 # Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.

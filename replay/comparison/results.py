@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.filter.health import ScatterHealth
+from icreckon.estimator.filter.health import CORRELATED, ScatterHealth
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
@@ -45,8 +45,8 @@ FORMAT = 1
 LONG_GAP = 1.0
 # Share of rejected gyro readings from which gyro and tracks contradict each other.
 MANY_REJECTED = 0.05
-# Correlation of successive innovations of fixes that is reported, and number of fixes that show one.
-CORRELATED, ENOUGH_FIXES = 0.5, 30
+# Number of fixes that show a correlation of successive innovations.
+ENOUGH_FIXES = 30
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")

@@ -333,6 +333,11 @@ def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
 def scatter_status(scatter: ScatterHealth) -> DiagnosticStatus:
     """Scatter of the position fixes beyond what they say."""
     name, values = "icreckon: scatter of fixes", {"used_with_more": str(scatter.used)}
+    if scatter.correlation is not None:
+        values["correlation"] = f"{scatter.correlation:.2f}"
+    if not scatter.sigma and scatter.is_correlated:
+        text = f"their errors wander: innovations have a correlation of {scatter.correlation:.2f}"
+        return DiagnosticStatus(WARN, name, text, values)
     if not scatter.sigma:
         return DiagnosticStatus(OK, name, "as they say", values)
     values["sigma_m"] = f"{scatter.sigma:.3g}"

@@ -216,6 +216,20 @@ def test_fixes_that_say_what_they_are_stay_as_they_are(variant):
     assert one.health.scatter.used == 0
 
 
+@pytest.mark.parametrize("variant", ONLINE)
+def test_a_wander_that_does_not_scatter_shows_in_the_innovations(variant):
+    """An error of 5 m in a minute, of a receiver that states 1 m: from fix to fix it is as it says."""
+    log = driven(1.0, 5.0)
+    fixes = replace(log.fixes, variances=np.full_like(log.fixes.variances, 1.0))
+    health = run(replace(log, fixes=fixes), ALPHA, variant).health.scatter
+    assert health.sigma == 0.0
+    assert health.is_correlated
+    assert "wander" in health.text
+    honest = run(driven(STATED), ALPHA, variant).health.scatter
+    assert abs(honest.correlation) < 0.4
+    assert honest.text == "as they say"
+
+
 def test_a_stated_wander_is_not_measured_as_scatter():
     settings = Settings(wander=FixWander(5.0, 60.0))
     log = driven(0.05, 5.0)
