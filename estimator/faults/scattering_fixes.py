@@ -4,8 +4,10 @@ Receivers state covariances that are wrong by factors of ten and more. From one 
 reckoning is off by a few per cent of the way. So the newest fixes are laid over its path by the turn, the
 stretch and the shift of least squares, which take out a wrong heading and slip along the tracks. The
 residuals are noise of the fixes, if they are large both along the robot and across it: slip leaves more
-along, and a gyro's bias more across. Fixes that scatter far more than they say are used with the variance
-that they show.
+along, and a gyro's bias more across. A robot that slides down a slope leaves both, but goes on in one
+direction: successive differences of the residuals resemble each other, and their differences are small.
+Those of noise are not, nor those of an error that walks. Fixes that scatter far more than they say are
+used with the variance that they show.
 
 An error that wanders is worse than a white one of the same size, since all fixes of a minute share it.
 Then residuals resemble those before them: the sum of squares of their differences is less than twice
@@ -42,6 +44,9 @@ OF_STEP = 0.08
 # Variance by the differences of residuals over what is expected, from which on fixes scatter, and from
 # which on they still do; of few fixes it must be larger.
 FOUND, STILL, OF_FEW = 4.0, 2.0, 12.0
+# Sum of squares of second differences of residuals over that of differences, below which the robot
+# slides: it is 3 for white errors, 2 for those that walk, and about 1 for slides of some seconds.
+SLIDING = 1.35
 # Rejected fixes in a row that are no outliers.
 ROW = 3
 # Likeness of an error to one that walks, 0 if it is white, 1 if it does: weight of a fix in its mean, its
@@ -124,7 +129,7 @@ class Scatter(msgspec.Struct, frozen=True):
 
     @property
     def correlation(self) -> float | None:
-        """Correlation of successive innovations, about 0 for white errors; None before `ENOUGH`."""
+        """Correlation of successive innovations; None before `ENOUGH`."""
         return self.products / self.squares if self.judged >= ENOUGH and self.squares else None
 
     def with_innovation(self, x: float, y: float) -> Scatter:
@@ -256,8 +261,10 @@ def _measured_anew(before: Scatter, stated: float) -> Scatter:
     measured, path = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
     seconds = np.array([fix.stamp - fixes[0].stamp for fix in fixes]) * NANOSECOND
     found = spread_of(measured, path, rows[:, 4], seconds)
-    scatters = found.is_beyond(stated, least) and parts_scatter(
-        measured, path, rows[:, 4], seconds, stated, least
+    scatters = (
+        found.is_beyond(stated, least)
+        and found.is_noise
+        and parts_scatter(measured, path, rows[:, 4], seconds, stated, least)
     )
     apart, interval = (max(one, NANOSECOND) for one in (float(found.apart), before.interval))
     likeness, white, times = before.likeness, 0.0, 1.0
@@ -342,6 +349,7 @@ class Spread(NamedTuple):
         differences: (..., 2) sums of the squares of successive differences, along and across [m²].
         squares: (..., 2) sums of their own squares [m²].
         successive: (...) sums of the squares of successive differences, in both axes of odom [m²].
+        second: (...) sums of the squares of second differences, likewise [m²].
         freedom: degrees of freedom of each axis.
         apart: time between two fixes [s].
         of_path: variance of the path from one fix to the next [m²].
@@ -350,9 +358,15 @@ class Spread(NamedTuple):
     differences: Floats
     squares: Floats
     successive: Any
+    second: Any
     freedom: float
     apart: Any
     of_path: Any
+
+    @property
+    def is_noise(self) -> Any:
+        """True if the residuals are no slide of the robot."""
+        return self.second > SLIDING * self.successive
 
     def is_beyond(self, stated: Any, least: float) -> Any:
         """Return True if the differences are larger than expected.
@@ -384,13 +398,14 @@ def spread_of(fixes: Any, path: Any, yaws: Floats, seconds: Floats) -> Spread:
     is_way = (extent > n * LEAST_WAY**2) & (shared != 0.0)
     stretch = np.where(is_way, shared, 1.0) / np.where(is_way, extent, 1.0)
     off = fixes - stretch * path
-    successive = (np.abs(np.diff(off)) ** 2).sum(axis=-1)
+    successive, second = ((np.abs(np.diff(off, k)) ** 2).sum(axis=-1) for k in (1, 2))
     off = off * np.exp(-1j * yaws) * np.abs(stretch) / stretch
     axes = np.stack([off.real, off.imag], axis=-2)
     apart = (seconds[..., -1] - seconds[..., 0]) / (n - 1.0)
     of_path = (OF_STEP * steps * np.maximum(1.0, apart)) ** 2
     differences = (np.diff(axes) ** 2).sum(axis=-1)
-    return Spread(differences, (axes**2).sum(axis=-1), successive, n - 2.0, apart, of_path)
+    squares = (axes**2).sum(axis=-1)
+    return Spread(differences, squares, successive, second, n - 2.0, apart, of_path)
 
 
 class _Numbered(NamedTuple):
@@ -447,9 +462,8 @@ def scatters_in_run(before: Scatter, stamps: Stamps, fixes: Floats, at_fixes: Fl
     stated = np.concatenate([np.zeros(len(old)), fixes[:, 2]])
     for size in sorted({len(one) for one in windows}):
         rows = np.array([one for one in windows if len(one) == size])
-        beyond = spread_of(measured[rows], path[rows], yaws[rows], seconds[rows]).is_beyond(
-            stated[rows[:, -1]], FOUND
-        )
+        found = spread_of(measured[rows], path[rows], yaws[rows], seconds[rows])
+        beyond = found.is_beyond(stated[rows[:, -1]], FOUND) & found.is_noise
         for row in rows[beyond]:
             least = float(stated[row[-1]])
             if parts_scatter(measured[row], path[row], yaws[row], seconds[row], least, FOUND):

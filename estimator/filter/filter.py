@@ -38,7 +38,7 @@ from icreckon.estimator.filter.reacquisition import (
     follow_scatter,
     relocation,
 )
-from icreckon.estimator.filter.slip_factor import doubt, follow_fix, normalised
+from icreckon.estimator.filter.slip_factor import doubt, follow_fix
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -467,9 +467,9 @@ class Reckoning:
             if not ekf.wanders:
                 now = point_on_robot(self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left)
                 moved = at, now.values.tolist(), ekf.x - x_before
-                z_x, z_y, (xx, xy, _, yy) = *fixes.z[:2], fixes.S[:4]
-                judged = self._scatter.with_innovation(*normalised((z_x, z_y), (xx, xy, yy)))
-                self._scatter = follow_scatter(ekf, judged, fix, *moved, admitted=used)
+                self._scatter = follow_scatter(
+                    ekf, self._scatter, fixes, fix, *moved, admitted=used
+                )
                 share *= self._scatter.variance == 0.0
             doubt(ekf, share * self._prior.gyro_bias_sigma**2)
         if used and isinstance(m, PositionFix | PoseFix):

@@ -19,6 +19,8 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
 from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.filter.slip_factor import normalised
 
 # Least number of rejected fixes.
 FEWEST = 5
@@ -155,6 +157,7 @@ def laid_over(rows: Any, count: int) -> Any:
 def follow_scatter(
     ekf: IcrEkf,
     before: Scatter,
+    gate: GateRecord,
     fix: tuple[int, float, float, float],
     predicted: tuple[float, float, float],
     updated: tuple[float, float, float],
@@ -162,11 +165,13 @@ def follow_scatter(
     *,
     admitted: bool,
 ) -> Scatter:
-    """Add a position fix to the scatter, with the arguments of `scatter_after`.
+    """Add a position fix to the scatter, with its gate and the arguments of `scatter_after`.
 
     Once fixes turn out to scatter more than they say, the states are inflated by their corrections with
     them.
     """
+    innovation = normalised((gate.z[0], gate.z[1]), (gate.S[0], gate.S[1], gate.S[3]))
+    before = before.with_innovation(*innovation)
     after = scatter_after(before, fix, predicted, updated, correction, admitted=admitted)
     if after.variance > 0.0 == before.variance:
         variances = np.square(after.moved)
