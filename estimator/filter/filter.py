@@ -32,13 +32,8 @@ from icreckon.estimator.filter.health import (
     slip_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.reacquisition import (
-    RejectedFix,
-    beside_wander,
-    follow_scatter,
-    relocation,
-)
-from icreckon.estimator.filter.slip_factor import doubt, follow_fix
+from icreckon.estimator.filter.reacquisition import RejectedFix, beside_wander, relocation
+from icreckon.estimator.filter.slip_factor import doubt, follow_fix, follow_scatter
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event

@@ -15,12 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
-from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.gate import GateRecord
-from icreckon.estimator.filter.slip_factor import normalised
 
 # Least number of rejected fixes.
 FEWEST = 5
@@ -152,29 +147,3 @@ def laid_over(rows: Any, count: int) -> Any:
     if sigma > KNOWN_TURN or abs(turn) < CLEAR_TURN * sigma:
         return none
     return (True, turn, turn_variance, x, y, to_x, to_y, noise)
-
-
-def follow_scatter(
-    ekf: IcrEkf,
-    before: Scatter,
-    gate: GateRecord,
-    fix: tuple[int, float, float, float],
-    predicted: tuple[float, float, float],
-    updated: tuple[float, float, float],
-    correction: Floats,
-    *,
-    admitted: bool,
-) -> Scatter:
-    """Add a position fix to the scatter, with its gate and the arguments of `scatter_after`.
-
-    Once fixes turn out to scatter more than they say, the states are inflated by their corrections with
-    them.
-    """
-    innovation = normalised((gate.z[0], gate.z[1]), (gate.S[0], gate.S[1], gate.S[3]))
-    before = before.with_innovation(*innovation)
-    after = scatter_after(before, fix, predicted, updated, correction, admitted=admitted)
-    if after.variance > 0.0 == before.variance:
-        variances = np.square(after.moved)
-        variances[[s.X, s.Y]] = variances[s.X] + variances[s.Y]
-        ekf.inflate_jointly(tuple(range(len(variances))), np.diag(variances))
-    return after

@@ -1,4 +1,4 @@
-"""Factor on the slip, and doubt of the gyro's bias, by successive fixes.
+"""Factor on the slip, doubt of the gyro's bias, and scatter, by successive fixes.
 
 The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
 larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
@@ -27,6 +27,8 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
@@ -232,3 +234,39 @@ def doubt(ekf: IcrEkf, variance: float) -> None:
     # A bias that is larger than estimated has turned the estimate too far to the left.
     direction = np.array([-DOUBTED_TIME, 1.0])
     ekf.inflate_jointly((s.YAW, s.GYRO_BIAS), variance * np.outer(direction, direction))
+
+
+def follow_scatter(
+    ekf: IcrEkf,
+    before: Scatter,
+    gate: GateRecord,
+    fix: tuple[int, float, float, float],
+    predicted: tuple[float, float, float],
+    updated: tuple[float, float, float],
+    correction: Floats,
+    *,
+    admitted: bool,
+) -> Scatter:
+    """Add a position fix to the scatter, as `scatter_after` does.
+
+    Once fixes turn out to scatter more than they say, the states are inflated by their corrections with
+    them.
+
+    Args:
+        ekf: the filter, changed in place.
+        before: see `scatter_after`, as the others.
+        gate: gate of the position fixes.
+        fix: the fix.
+        predicted: place and yaw before the update.
+        updated: the same after it.
+        correction: (SIZE,) change of the state.
+        admitted: the fix was used.
+    """
+    innovation = normalised((gate.z[0], gate.z[1]), (gate.S[0], gate.S[1], gate.S[3]))
+    before = before.with_innovation(*innovation)
+    after = scatter_after(before, fix, predicted, updated, correction, admitted=admitted)
+    if after.variance > 0.0 == before.variance:
+        variances = np.square(after.moved)
+        variances[[s.X, s.Y]] = variances[s.X] + variances[s.Y]
+        ekf.inflate_jointly(tuple(range(len(variances))), np.diag(variances))
+    return after
