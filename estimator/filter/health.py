@@ -361,7 +361,7 @@ class ScatterHealth:
     Attributes:
         sigma: standard deviation with which fixes are used now that state a smaller one, 0 if they
             scatter as they say [m].
-        wanders: their errors resemble those of the fixes before.
+        wanders: they scatter, and their errors resemble those of the fixes before.
         used: number of fixes that were used with a larger standard deviation than they state.
         correlation: correlation of successive innovations, about 0 for white errors; None before 30
             fixes, and by filters side by side.
@@ -396,8 +396,8 @@ def add_fix_faults(
         poses: newest place of the pose fixes.
         scatter: scatter of the position fixes.
     """
-    sigma = math.sqrt(scatter.variance)
-    health.scatter = ScatterHealth(sigma, scatter.wanders, scatter.used, scatter.correlation)
+    sigma, wanders = math.sqrt(scatter.variance), scatter.variance > 0.0 and scatter.wanders
+    health.scatter = ScatterHealth(sigma, wanders, scatter.used, scatter.correlation)
     for name, place in (("position", positions), ("pose", poses)):
         if place.rejected:
             health.sensor(name).rejected[REPEATED] = place.rejected

@@ -224,6 +224,7 @@ def test_fixes_that_say_what_they_are_stay_as_they_are(variant):
     log = driven(STATED)
     one = run(log, ALPHA, variant)
     assert one.health.scatter.sigma == 0.0
+    assert not one.health.scatter.wanders
     assert one.health.scatter.used == 0
 
 
