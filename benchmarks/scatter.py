@@ -1,4 +1,4 @@
-"""Position fixes that scatter more than they say: pose with their covariance believed, and measured.
+"""Position fixes that scatter more than stated: pose with their covariance believed, and measured.
 
     python benchmarks/scatter.py [--runs N] [--variants NAMES]
 

@@ -89,7 +89,7 @@ def run_many(
         for lane, number in enumerate(group):
             if scatters(of_group, steps, worked.lanes, lane):
                 raise BatchError(
-                    f"the log {logs[number].name!r} holds fixes that scatter more than they say, which "
+                    f"the log {logs[number].name!r} holds fixes that scatter more than stated, which "
                     "filters side by side use as they are; use run"
                 )
         path = side_by_side(ticks, worked)

@@ -125,7 +125,7 @@ def run_side_by_side(
     for lanes, before in zip(begun, began, strict=True):
         if scatters(measured, steps, lanes, before=before.checkpoint().scatter):
             raise BatchError(
-                f"the log {log.name!r} holds fixes that scatter more than they say, which filters side "
+                f"the log {log.name!r} holds fixes that scatter more than stated, which filters side "
                 "by side use as they are; use run"
             )
     found: dict[str, Run] = {}

@@ -1,4 +1,4 @@
-"""Position fixes that scatter more than they say.
+"""Position fixes that scatter more than stated.
 
 Receivers state covariances that are wrong by factors of ten and more. From one fix to the next, dead
 reckoning is off by a few per cent of the way. So the newest fixes are laid over its path by the turn, the
@@ -6,7 +6,7 @@ stretch and the shift of least squares, which take out a wrong heading and slip 
 residuals are noise of the fixes, if they are large both along the robot and across it: slip leaves more
 along, and a gyro's bias more across. A robot that slides down a slope leaves both, but goes on in one
 direction: successive differences of the residuals resemble each other, and their differences are small.
-Those of noise are not, nor those of an error that walks. Fixes that scatter far more than they say are
+Those of noise are not, nor those of an error that walks. Fixes that scatter far more than stated are
 used with the variance that they show.
 
 An error that wanders is worse than a white one of the same size, since all fixes of a minute share it.

@@ -356,11 +356,11 @@ def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
 
 @dataclass(frozen=True)
 class ScatterHealth:
-    """Position fixes that scatter more than they say.
+    """Position fixes that scatter more than stated.
 
     Attributes:
         sigma: standard deviation with which fixes are used now that state a smaller one, 0 if they
-            scatter as they say [m].
+            scatter as stated [m].
         wanders: they scatter, and their errors resemble those of the fixes before.
         used: number of fixes that were used with a larger standard deviation than they state.
         correlation: correlation of successive innovations, about 0 for white errors; None before 30
@@ -381,7 +381,7 @@ class ScatterHealth:
     def text(self) -> str:
         """Text for people."""
         if not self.sigma:
-            return "as they say" + ", but their errors wander" * self.is_correlated
+            return "as stated" + ", but their errors wander" * self.is_correlated
         return f"sigma {self.sigma:.2g} m" + ", wandering" * self.wanders
 
 
@@ -485,7 +485,7 @@ class Health:
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         slip: slip beyond what bends explain: a track that spins.
         wander: estimated wander of the position fixes; None if it is not estimated.
-        scatter: scatter of position fixes beyond what they say.
+        scatter: scatter of position fixes beyond the stated sigma.
         gyro: fault of the gyro.
         tilt: tilt of the IMU beyond that of the robot file; None while it is not known.
     """

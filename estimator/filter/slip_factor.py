@@ -249,7 +249,7 @@ def follow_scatter(
 ) -> Scatter:
     """Add a position fix to the scatter, as `scatter_after` does.
 
-    Once fixes turn out to scatter more than they say, the states are inflated by their corrections with
+    Once fixes turn out to scatter more than stated, the states are inflated by their corrections with
     them.
 
     Args:

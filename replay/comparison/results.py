@@ -224,7 +224,7 @@ def _scatter_note(found: list[ScatterHealth]) -> list[str]:
     sigmas = sorted(one.sigma for one in found if one.sigma)
     at_end = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [
-        f"position fixes scatter more than they say: {used} were used with a larger sigma{at_end}; set "
+        f"position fixes scatter more than stated: {used} were used with a larger sigma{at_end}; set "
         "least_sigma in [log.fixes], or wander_sigma and wander_time where inspect proposes them"
     ]
 

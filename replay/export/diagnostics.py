@@ -138,7 +138,7 @@ def _counts(variant: str, one: Run) -> DiagnosticStatus:
     if one.health.wander is not None:
         values["wander of the fixes"] = one.health.wander.text
     if one.health.scatter.used:
-        values["fixes used with more than they say"] = str(one.health.scatter.used)
+        values["fixes used with more than stated"] = str(one.health.scatter.used)
     seconds = (one.stamps[-1] - one.stamps[0]) * NANOSECOND
     return DiagnosticStatus(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
 

@@ -331,7 +331,7 @@ def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
 
 
 def scatter_status(scatter: ScatterHealth) -> DiagnosticStatus:
-    """Scatter of the position fixes beyond what they say."""
+    """Scatter of the position fixes beyond the stated sigma."""
     name, values = "icreckon: scatter of fixes", {"used_with_more": str(scatter.used)}
     if scatter.correlation is not None:
         values["correlation"] = f"{scatter.correlation:.2f}"
@@ -339,9 +339,9 @@ def scatter_status(scatter: ScatterHealth) -> DiagnosticStatus:
         text = f"their errors wander: innovations have a correlation of {scatter.correlation:.2f}"
         return DiagnosticStatus(WARN, name, text, values)
     if not scatter.sigma:
-        return DiagnosticStatus(OK, name, "as they say", values)
+        return DiagnosticStatus(OK, name, "as stated", values)
     values["sigma_m"] = f"{scatter.sigma:.3g}"
-    text = f"more than they say: used with a sigma of {scatter.sigma:.2g} m"
+    text = f"more than stated: used with a sigma of {scatter.sigma:.2g} m"
     if scatter.wanders:
         text += ", as their errors wander"
     return DiagnosticStatus(WARN, name, text, values)

@@ -1,4 +1,4 @@
-"""Position fixes that scatter more than they say, and those that do not."""
+"""Position fixes that scatter more than stated, and those that do not."""
 
 from dataclasses import replace
 
@@ -239,7 +239,7 @@ def test_a_wander_that_does_not_scatter_shows_in_the_innovations(variant):
     assert "wander" in health.text
     honest = run(driven(STATED), ALPHA, variant).health.scatter
     assert abs(honest.correlation) < 0.4
-    assert honest.text == "as they say"
+    assert honest.text == "as stated"
 
 
 def test_a_stated_wander_is_not_measured_as_scatter():
