@@ -146,20 +146,21 @@ def gyro_fault(change: Callable[[Floats], Floats], lasts: float = 10.0) -> Fault
     return Fault(lasts, lambda log: with_rate(log, lasts, change), gyro_failed)
 
 
+# Changes of the yaw rates that may last for good.
+FOR_GOOD: dict[str, Callable[[Floats], Floats]] = {
+    "gyro reads noise alone": lambda rates: with_noise(np.zeros_like(rates)),
+    "gyro's sign is turned": np.negative,
+}
 # Faults that look like another motion to a filter that has nothing but gyro and tracks.
 LIKE_MOTION = {
-    "gyro reads noise alone": gyro_fault(lambda rates: with_noise(np.zeros_like(rates))),
+    "gyro reads noise alone": gyro_fault(FOR_GOOD["gyro reads noise alone"]),
     "gyro clipped at 0.3 rad/s, with noise": gyro_fault(
         lambda rates: with_noise(rates.clip(-0.3, 0.3))
     ),
     "gyro reads 0.05 rad/s more": gyro_fault(lambda rates: rates + 0.05),
     "gyro reads 0.2 rad/s more": gyro_fault(lambda rates: rates + 0.2),
     "gyro reads 1.5 times the rate": gyro_fault(lambda rates: 1.5 * rates),
-    "gyro's sign is turned": gyro_fault(np.negative),
-}
-FOR_GOOD: dict[str, Callable[[Floats], Floats]] = {
-    "gyro reads noise alone": lambda rates: with_noise(np.zeros_like(rates)),
-    "gyro's sign is turned": np.negative,
+    "gyro's sign is turned": gyro_fault(FOR_GOOD["gyro's sign is turned"]),
 }
 FAULTS = {
     "gyro reads 2.0 rad/s": Fault(

@@ -9,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.inputs import has_absurd_readings, has_heading, measured_of
-from icreckon.estimator.batch.runs import scatters, side_by_side, work_through_runs
+from icreckon.estimator.batch.runs import SCATTERS, scatters, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.log.log import Log
@@ -88,10 +88,7 @@ def run_many(
         )
         for lane, number in enumerate(group):
             if scatters(of_group, steps, worked.lanes, lane):
-                raise BatchError(
-                    f"the log {logs[number].name!r} holds fixes that scatter more than stated, which "
-                    "filters side by side use as they are; use run"
-                )
+                raise BatchError(f"the log {logs[number].name!r} {SCATTERS}")
         path = side_by_side(ticks, worked)
         found += [
             Trajectory(

@@ -15,7 +15,7 @@ from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
-from icreckon.estimator.batch.runs import scatters
+from icreckon.estimator.batch.runs import SCATTERS, scatters
 from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import (
@@ -124,10 +124,7 @@ def run_side_by_side(
     work_through_log(filters, begun, rows, steps, measured, fronts, progress, smoothed=smoothed)
     for lanes, before in zip(begun, began, strict=True):
         if scatters(measured, steps, lanes, before=before.checkpoint().scatter):
-            raise BatchError(
-                f"the log {log.name!r} holds fixes that scatter more than stated, which filters side "
-                "by side use as they are; use run"
-            )
+            raise BatchError(f"the log {log.name!r} {SCATTERS}")
     found: dict[str, Run] = {}
     for name, one, lanes, before, front in zip(
         variants, filters, begun, began, fronts, strict=True

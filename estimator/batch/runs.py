@@ -82,6 +82,12 @@ def work_through_runs(
     return [Worked(*of_one) for of_one in zip(begun, estimates, strict=True)]
 
 
+SCATTERS = (
+    "holds fixes that scatter more than stated, which filters side by side use as they are; use run"
+)
+"""Why a log with fixes for which `scatters` is true cannot run side by side."""
+
+
 def scatters(
     measured: Measured,
     steps: Steps | LogSteps,
