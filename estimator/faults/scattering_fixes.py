@@ -188,6 +188,7 @@ def scatter_after(
                 products=before.products,
                 squares=before.squares,
             )
+            interval = 0.0
         else:
             step = complex(*predicted[:2]) - complex(*before.antenna)
             place = complex(newest.path_x, newest.path_y) + step * cmath.exp(-1j * before.turn)

@@ -154,6 +154,15 @@ def test_scatter_is_forgotten_once_it_is_over():
     assert later.variance == 0.0
 
 
+@pytest.mark.parametrize("gap", [-5.0, 60.0])
+def test_a_gap_is_no_interval_between_fixes(gap):
+    before = after_fixes(noise(0.5, 20))
+    stamp = before.newest.stamp + round(gap * SECOND)
+    at = (1.0, 0.0, 0.0)
+    after = scatter_after(before, (stamp, 1.0, 0.0, STATED**2), at, at, np.zeros(3), admitted=True)
+    assert (after.interval, len(after.fixes), after.variance) == (0.0, 1, before.variance)
+
+
 def test_a_mirrored_world_scatters_the_same():
     errors = noise(0.4, 40)
     one = after_fixes(errors, path=CIRCLE[:40])
