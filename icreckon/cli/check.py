@@ -149,6 +149,9 @@ def _as_plain(checks: list[Check], worth: Worth | None, left_out: list[str]) -> 
             "checks": [
                 {
                     "name": one.name,
+                    "contradicts": bool(one.problem),
+                    "measured": None if one.measured is None else one.measured._asdict(),
+                    "set": one.settings,
                     "in_file": one.in_file,
                     "in_log": one.in_log,
                     "problem": one.problem,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import structs
@@ -29,6 +30,22 @@ Mend = Callable[[Log, Robot], tuple[Log, Robot]]
 OF_ROBOT_FILE = "robot file: "
 
 
+class Measured(NamedTuple):
+    """Quantity that a log shows.
+
+    Attributes:
+        value: the estimate.
+        unit: "m", "s", ...; "-" for none.
+        expected: value by the robot file, None if the file has none.
+        sigma: standard error of the estimate, None if unknown.
+    """
+
+    value: float
+    unit: str
+    expected: float | None = None
+    sigma: float | None = None
+
+
 @dataclass(frozen=True)
 class Check:
     """One quantity of a robot file, compared with a log.
@@ -40,6 +57,9 @@ class Check:
         problem: what contradicts, in a sentence; empty if nothing does.
         remedy: what to set in the file.
         mend: log and robot with this mended, None if it cannot be.
+        measured: the numbers behind `in_file` and `in_log`, None if the log shows none.
+        settings: values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if
+            no single key mends it.
     """
 
     name: str
@@ -48,6 +68,8 @@ class Check:
     problem: str = ""
     remedy: str = ""
     mend: Mend | None = None
+    measured: Measured | None = None
+    settings: dict[str, float | list[float]] = field(default_factory=dict)
 
 
 def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:

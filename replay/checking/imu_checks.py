@@ -17,6 +17,7 @@ from icreckon.replay.checking.check import (
     MOUNTING,
     SIGMAS,
     Check,
+    Measured,
     angles_text,
     in_base,
     rounded_angles,
@@ -82,8 +83,9 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         return
     size = float(np.linalg.norm(np.nanmean(imu.linear_acceleration, axis=0)))
     in_log = f"{size:.4g} m/s²"
+    measured = Measured(size, "m/s²", GRAVITY)
     if abs(size - GRAVITY) <= WRONG_GRAVITY * GRAVITY:
-        yield Check("mean specific force", f"{GRAVITY} m/s²", in_log)
+        yield Check("mean specific force", f"{GRAVITY} m/s²", in_log, measured=measured)
         return
 
     def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
@@ -99,6 +101,7 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         f"the accelerometer reads {size:.4g} m/s² on average, not {GRAVITY}{unit_of_gravity(size)}",
         "the driver's unit, or acceleration_unit in [log.imu] for fields of a message",
         scaled if size > 0.0 else None,
+        measured,
     )
 
 
@@ -115,8 +118,9 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     up = up / np.linalg.norm(up)
     tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
     angles = angles_text(robot.imu.rotation_rpy_deg)
+    measured = Measured(tilt, "deg", 0.0)
     if tilt <= LEAST_TILT + _tilt_by_turning(log, robot):
-        yield Check(MOUNTING, angles, f"{tilt:.1f} deg beside it, by gravity")
+        yield Check(MOUNTING, angles, f"{tilt:.1f} deg beside it, by gravity", measured=measured)
         return
     turned = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
     if tilt > ANOTHER_MOUNTING and (whole := estimate_mounting(log)) is not None:
@@ -133,6 +137,8 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         f"gravity shows the IMU {tilt:.1f} deg beside its mounting in the file{upside}",
         f"rotation_rpy_deg = {list(turned)} in [imu]",
         with_imu(rotation_rpy_deg=turned) if shows_turning else None,
+        measured,
+        {"imu.rotation_rpy_deg": list(turned)},
     )
 
 
@@ -170,8 +176,9 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     if yaw is None:
         return
     in_file = angles_text(robot.imu.rotation_rpy_deg)
+    measured = Measured(yaw, "deg", 0.0)
     if yaw == 0.0:
-        yield Check(FORWARD, in_file, "as the tracks accelerate")
+        yield Check(FORWARD, in_file, "as the tracks accelerate", measured=measured)
         return
     about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
     turned = rounded_angles(about_z @ robot.imu_rotation)
@@ -183,6 +190,8 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
         "accelerations",
         f"rotation_rpy_deg = {list(turned)} in [imu]",
         with_imu(rotation_rpy_deg=turned),
+        measured,
+        {"imu.rotation_rpy_deg": list(turned)},
     )
 
 
@@ -197,8 +206,9 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
     of_mean = robot.imu.gyro_noise_density / math.sqrt(seconds)
     shown = f"{bias:+.5f} rad/s at standstill"
     in_file = f"{robot.imu.gyro_bias:+.5f} ± {sigma:g} rad/s"
+    measured = Measured(bias, "rad/s", robot.imu.gyro_bias, of_mean)
     if abs(bias - robot.imu.gyro_bias) <= SIGMAS * math.hypot(sigma, of_mean):
-        yield Check("gyro bias", in_file, shown)
+        yield Check("gyro bias", in_file, shown, measured=measured)
         return
     yield Check(
         "gyro bias",
@@ -207,6 +217,8 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
         f"the gyro reads {bias:+.5f} rad/s at standstill, the file says {in_file}",
         f"gyro_bias = {bias:.5f} in [imu], or a larger gyro_bias_sigma",
         with_imu(gyro_bias=min(1.0, max(-1.0, bias))),
+        measured,
+        {"imu.gyro_bias": round(bias, 5)},
     )
 
 
@@ -219,8 +231,9 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     found = density(in_base(log.imu, robot)[0], still, step)
     stated = robot.imu.gyro_noise_density
     in_file, shown = f"{stated:.2g} rad/s/√Hz", f"{found:.2g} rad/s/√Hz at standstill"
+    measured = Measured(found, "rad/s/√Hz", stated)
     if found <= OTHER_NOISE * stated:
-        yield Check("gyro noise", in_file, shown)
+        yield Check("gyro noise", in_file, shown, measured=measured)
         return
     yield Check(
         "gyro noise",
@@ -229,4 +242,6 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
         f"at standstill the gyro shakes {found / stated:.0f} times as much as the file says",
         f"gyro_noise_density = {found:.2g} in [imu] (the filter measures noise, too)",
         with_imu(gyro_noise_density=found),
+        measured,
+        {"imu.gyro_noise_density": float(f"{found:.2g}")},
     )

@@ -21,6 +21,7 @@ from icreckon.replay.checking.check import (
     SIGMAS,
     TRACK,
     Check,
+    Measured,
     in_base,
     in_rates_of,
     tracks_usable,
@@ -120,10 +121,13 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s",
             'the driver\'s unit, or rate_unit = "deg/s" in [log.imu] for fields of a message',
             _in_radians,
+            Measured(ratio, "-", 1.0),
         )
+    measured = Measured(correlation, "-", 1.0)
     backward = _drives_backward(log)
     if correlation > 0.0 and not backward:
-        yield Check("sense of turning", "left is positive", f"correlation {correlation:.2f}")
+        shown = f"correlation {correlation:.2f}"
+        yield Check("sense of turning", "left is positive", shown, measured=measured)
         return
     if correlation > 0.0:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
@@ -141,7 +145,13 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         remedy = "exchange left and right in [log.tracks] (or the gyro's z axis points down)"
         mend = with_speeds(lambda speeds: speeds[:, ::-1].copy())
     yield Check(
-        "sense of turning", "left is positive", f"correlation {correlation:.2f}", text, remedy, mend
+        "sense of turning",
+        "left is positive",
+        f"correlation {correlation:.2f}",
+        text,
+        remedy,
+        mend,
+        measured,
     )
 
 
@@ -199,11 +209,12 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     mapped = topic_map(robot, robot.name).tracks if robot.log else None
     of_file = 0.0 if mapped is None else mapped.latency
     stated = f"{of_file:g} s"
+    measured = Measured(of_file + late.seconds, "s", of_file, late.sigma)
     shown = f"{of_file + late.seconds:.3f} ± {late.sigma:.3f} s after the gyro"
     if objection(late) or abs(late.seconds) <= max(LEAST_LATENCY, SIGMAS * late.sigma):
         if abs(late.seconds) > SIGMAS * late.sigma:
             shown += f"; counts from {LEAST_LATENCY:g} s on"
-        yield Check("latency of the tracks", stated, shown)
+        yield Check("latency of the tracks", stated, shown, measured=measured)
         return
     by = late.seconds
     word = "late" if by > 0.0 else "early"
@@ -219,6 +230,8 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
         f"track speeds are stamped {abs(by):.2f} s {word} against the gyro, ± {late.sigma:.3f} s",
         f"add {by:+.2f} to latency in [log.tracks]",
         shifted,
+        measured,
+        {"log.tracks.latency": round(of_file + by, 2)},
     )
 
 
@@ -238,6 +251,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         return
     if source != "accelerometer":
         least = max(least, SIGMAS * robot.tracks.scale_sigma)
+    measured = Measured(ratio, "-", 1.0, sigma)
     error = "" if sigma is None else f" ± {sigma:.3f}"
     shown = f"{ratio:.3f}{error}, {source} over tracks"
     if sigma is None:
@@ -250,6 +264,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
             f"the {source} moves {ratio:.3g} times as far as the tracks: one of them shows no motion, or "
             "they are in units that nobody uses",
             "look at both; a receiver without a fix may repeat one position",
+            measured=measured,
         )
         return
     if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
@@ -259,7 +274,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
                 shown += (
                     f", sprocket_radius = {ratio * robot.vehicle.sprocket_radius:.3g} would fit"
                 )
-        yield Check(SCALE, "1", shown)
+        yield Check(SCALE, "1", shown, measured=measured)
         return
     if source == "accelerometer":
         text = (
@@ -268,15 +283,19 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         )
     else:
         text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
+    radius = f"{ratio * robot.vehicle.sprocket_radius:.4g}"
+    by_radius = in_rates_of(robot)
     yield Check(
         SCALE,
         "1",
         shown,
         text,
-        f"sprocket_radius = {ratio * robot.vehicle.sprocket_radius:.4g} in [vehicle]"
-        if in_rates_of(robot)
+        f"sprocket_radius = {radius} in [vehicle]"
+        if by_radius
         else "the unit of the speeds in [log], or the driver's wheel radius",
         with_speeds(lambda speeds: ratio * speeds),
+        measured,
+        {"vehicle.sprocket_radius": float(radius)} if by_radius else {},
     )
 
 
@@ -347,9 +366,10 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     ratio = track / in_file
     error = "" if sigma is None else f" ± {sigma:.1g}"
     shown = f"{track:.2f}{error} m by the gyro, {ratio:.2f} times"
+    measured = Measured(track, "m", in_file, sigma)
     gauge = robot.vehicle.track_gauge
     if not is_other_track(ratio) and track > 0.9 * gauge:
-        yield Check(TRACK, f"{in_file:.2f} m", shown)
+        yield Check(TRACK, f"{in_file:.2f} m", shown, measured=measured)
         return
     if gauge > TOO_WIDE:
         in_metres = structs.replace(robot.vehicle, track_gauge=gauge / 1000.0)
@@ -360,6 +380,8 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
             f"track_gauge is {gauge:g} m, the effective track {track:.3g} m by the gyro: is it in mm?",
             f"track_gauge = {gauge / 1000.0:g} in [vehicle]",
             lambda log, robot: (log, structs.replace(robot, vehicle=in_metres)),
+            measured,
+            {"vehicle.track_gauge": gauge / 1000.0},
         )
         return
     eta0 = track / gauge
@@ -372,6 +394,7 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
             "which no slip explains",
             "measure track_gauge between the centrelines, and check sprocket_radius",
             lambda log, robot: (log, _with_track(robot, track, 1.0)),
+            measured,
         )
         return
     yield Check(
@@ -381,6 +404,8 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
         f"the effective track is {track:.2f} m by the gyro, {ratio:.2f} times that of the file",
         f"eta0 = {eta0:.2f} in [indices], or calibrate; where sprocket_radius is wrong, this is, too",
         lambda log, robot: (log, _with_track(robot, gauge, eta0)),
+        measured,
+        {"indices.eta0": round(eta0, 2)},
     )
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from command_line import fails, icreckon
-from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, load_robot
+from icreckon.estimator.robot.robot_toml import robot_toml
 from icreckon.replay.export.log_bag import write_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -53,6 +54,16 @@ def test_as_json(folder: Path):
     assert scale["cost_percent"] > 20.0
     assert found["drift_percent_mended"] < 3.0 < 20.0 < found["drift_percent_as_it_is"]
     assert found["is_of_another_robot"] is False
+    # A program needs no words: it reads the numbers, and sets what `set` says.
+    measured = scale["measured"]
+    assert abs(measured["value"] - 0.5) < 0.05
+    assert 0.0 < measured["sigma"] < 0.02
+    assert (measured["expected"], measured["unit"]) == (1.0, "-")
+    assert [one["contradicts"] for one in found["checks"]].count(True) == 1
+    assert list(scale["set"]) == ["vehicle.sprocket_radius"]
+    mended = changed_robot(load_robot(folder / "wrong.toml"), scale["set"])
+    (folder / "mended.toml").write_text(robot_toml(mended), encoding="utf-8")
+    assert icreckon("check", "drive", "--robot", "mended.toml", cwd=folder).returncode == 0
 
 
 def test_a_stream_that_the_file_leaves_out(folder: Path):
