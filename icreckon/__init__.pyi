@@ -84,6 +84,7 @@ from icreckon.estimator.streaming.smoother import Smoothing as Smoothing
 from icreckon.estimator.streaming.smoother import smooth as smooth
 from icreckon.replay.base.errors import ReplayError as ReplayError
 from icreckon.replay.checking.check import Check as Check
+from icreckon.replay.checking.check import Measured as Measured
 from icreckon.replay.checking.robot_check import check_robot as check_robot
 from icreckon.replay.comparison.compare import Comparison as Comparison
 from icreckon.replay.comparison.compare import compare as compare
@@ -93,7 +94,9 @@ from icreckon.replay.comparison.known_bias import KnownBias as KnownBias
 from icreckon.replay.comparison.many import compare_many as compare_many
 from icreckon.replay.comparison.results import summarise as summarise
 from icreckon.replay.comparison.truth_alignment import TruthAlignment as TruthAlignment
+from icreckon.replay.export.columns import columns_of as columns_of
 from icreckon.replay.export.log_bag import write_log as write_log
+from icreckon.replay.export.tables import run_columns as run_columns
 from icreckon.replay.inspection.inspect import Inspection as Inspection
 from icreckon.replay.inspection.inspect import inspect as inspect
 from icreckon.replay.reading.read_log import read_log as read_log

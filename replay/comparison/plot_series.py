@@ -52,7 +52,7 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
     true_poses = known = None
     if log.truth is not None and truth is not None:
         true_poses = interpolate_poses(truth, np.clip(stamps, truth.stamps[0], truth.stamps[-1]))
-        known = _bridged(truth.stamps, stamps)
+        known = bridged(truth.stamps, stamps)
         if not log.truth.headings:
             true_poses[:, 2] = np.nan
         series["truth"] = _pose_columns(np.where(known[:, None], true_poses, np.nan))
@@ -112,7 +112,7 @@ def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     """Values nearest to the stamps, NaN in a hole."""
     if len(known) < 2:
         return np.full(len(wanted), math.nan)
-    return np.where(_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
+    return np.where(bridged(known, wanted), _nearest(known, values, wanted), math.nan)
 
 
 def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
@@ -135,7 +135,7 @@ def _picks(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 
-def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
+def bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
     """Mask (n,) of the stamps between close poses of the truth, or next to one."""
     after = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
     usual = int(np.median(np.diff(known))) if len(known) > 1 else 0

@@ -58,8 +58,8 @@ def summarise(
     comparison: Comparison,
     robot: Robot,
     *,
-    command: str,
-    configuration: dict[str, Any],
+    command: str = "",
+    configuration: dict[str, Any] | None = None,
     seed: int | None = None,
     inputs: dict[str, Path] | None = None,
     drifts: Drifts | None = None,
@@ -70,7 +70,7 @@ def summarise(
     Args:
         comparison: the runs.
         robot: the robot.
-        command: name of the command.
+        command: name of the command; empty from Python.
         configuration: options of the command.
         seed: seed of a simulated log.
         inputs: bags that were read, by their displayed names, for their hashes.
@@ -95,7 +95,7 @@ def summarise(
     results: Results = {
         "format": FORMAT,
         "command": command,
-        "configuration": configuration,
+        "configuration": configuration or {},
         "seed": seed,
         "versions": versions(),
         "inputs": {name: digest(path) for name, path in (inputs or {}).items()},

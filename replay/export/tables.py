@@ -65,15 +65,20 @@ def icr_series(indices: Floats, gauge: float) -> IcrSeries:
     return IcrSeries(*(np.asarray(one, dtype=float) for one in (left_x, left_y, right_x, right_y)))
 
 
-def run_columns(one: Run, robot: Robot, start: int) -> dict[str, Any]:
+def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, Any]:
     """Columns (n,) of a run by name, float64 if precision matters, otherwise float32.
+
+    They are input of a data frame, `pandas.DataFrame(run_columns(run, robot))`, with units in their
+    names: `stamp_ns`, `t_s`, pose, twist, their covariances, ICRs, states with their standard deviations,
+    and innovations over theirs.
 
     Args:
         one: the run.
         robot: the robot, for its gauge.
-        start: stamp of `t_s` = 0 [ns].
+        start: stamp of `t_s` = 0 [ns]; the run's first by default.
     """
     moved = one.trajectory
+    start = int(moved.stamps[0]) if start is None else start
     columns = _pose_columns(moved.stamps, moved.poses, start)
     single: dict[str, Any] = dict(
         zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), moved.twists.T, strict=True)

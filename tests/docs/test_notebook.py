@@ -50,9 +50,9 @@ def test_runs_are_frames_over_time(cells: dict[str, Any]) -> None:
     run = cells["runs"]["inertia-online"]
     assert run.index[-1] == pytest.approx(90.0, abs=0.1)
     assert run.index.is_monotonic_increasing
-    assert "gyro_bias" in run.columns
+    assert "gyro_bias_rad_s" in run.columns
     end = cells["comparison"].runs["inertia-online"].trajectory.poses[-1]
-    assert (run.x.iloc[-1], run.y.iloc[-1]) == pytest.approx(tuple(end[:2]))
+    assert (run.x_m.iloc[-1], run.y_m.iloc[-1]) == pytest.approx(tuple(end[:2]))
 
 
 def test_plot_and_page_are_written(cells: dict[str, Any]) -> None:
