@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
@@ -34,6 +35,8 @@ DIFFERENCE_STEP = 1e-2
 SPEED_STEP = 1e-3
 NEWTON_STEPS, TOLERANCE = 25, 1e-10
 """Tolerance of the friction model's stationary motions."""
+SOLVED = 1e-8
+"""Largest residual of a motion that counts as found."""
 COARSE = 3
 """Number of cells with one friction solution, at their mean speeds; first order about it."""
 SAME_PLACE = 1e-3
@@ -271,7 +274,13 @@ class FrictionModel:
         return msgspec.structs.replace(robot, vehicle=vehicle, soil=soil)
 
     def _moving(self, flat: Floats, values: Floats, by: tuple[Parameter, ...]) -> TwistAt:
-        base = self._twist(flat, values, None)
+        base, solved = self._twist(flat, values, None)
+
+        def slope(speeds: Floats, values: Floats, step: float) -> Floats:
+            """Derivative by a step; zero where a motion is not found, which shows nothing."""
+            moved, found = self._twist(speeds, values, base)
+            return np.where((solved & found)[:, None], (moved - base) / step, 0.0)
+
         columns = np.zeros((*base.shape, len(by)))
         for place, parameter in enumerate(by):
             if not parameter.threshold:
@@ -282,20 +291,26 @@ class FrictionModel:
             other[place] += step
             if not np.array_equal(self.inside(other), other):
                 other[place], step = values[place] - step, -step
-            columns[..., place] = (self._twist(flat, other, base) - base) / step
+            columns[..., place] = slope(flat, other, step)
         by_speeds = []
         step = SPEED_STEP
         for side in range(2):
             other_speeds = flat.copy()
             other_speeds[:, side] += step
-            by_speeds.append((self._twist(other_speeds, values, base) - base) / step)
+            by_speeds.append(slope(other_speeds, values, step))
         return TwistAt(base, columns, np.stack(by_speeds, axis=-1))
 
-    def _twist(self, speeds: Floats, values: Floats, guess: Floats | None) -> Floats:
-        """Twists (n, 3) in REP-103 axes; the best iterate if Newton does not converge."""
+    def _twist(
+        self, speeds: Floats, values: Floats, guess: Floats | None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Twists (n, 3) in REP-103 axes, and a mask (n,) of those that balance all forces.
+
+        Without a guess, motions that Newton's iteration misses are found by the slower continuation.
+        """
         from icreckon.estimator.motion.steady_kernel import newton_of_many
 
         contact = self.put_into(self.robot, values).contact
+        base = guess is None
         if guess is None:
             found = self.nearby.get(len(speeds))
             guess = self._start(speeds) if found is None else found
@@ -304,7 +319,12 @@ class FrictionModel:
         newton_of_many(
             ground(contact), np.ascontiguousarray(speeds), NEWTON_STEPS, TOLERANCE, twist, residual
         )
-        return np.stack([twist[:, 1], -twist[:, 0], twist[:, 2]], axis=-1)
+        missed = residual > SOLVED
+        if base and missed.any():
+            again = solve_steady(speeds[missed, 0], speeds[missed, 1], contact, strict=False)
+            twist[missed] = np.stack(again.twist, axis=-1)
+            residual[missed] = again.residual
+        return np.stack([twist[:, 1], -twist[:, 0], twist[:, 2]], axis=-1), residual <= SOLVED
 
     def _start(self, speeds: Floats) -> Floats:
         """Motions (n, 3) of the robot file's contact."""
