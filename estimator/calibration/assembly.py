@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.calibration.between_logs import with_other_logs
 from icreckon.estimator.calibration.common_values import (
     KEPT,
     common_bias,
@@ -124,7 +125,7 @@ def assembled(
         stays -= {"sprocket_radius"}
     parameters = tuple(
         replace(
-            one,
+            with_other_logs(one, len(main.problem.recording.motions)),
             note=_joined(one.note, KEPT if one.name in stays and one.sigma else ""),
             is_default=one.before is not None and is_default(robot, one.name),
         )

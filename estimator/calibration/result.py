@@ -25,6 +25,8 @@ class FoundParameter:
         before: value in the robot file, or None if it has none.
         note: remark for the user.
         is_default: True if `before` is a default, which the robot file need not state.
+        sigma_other_logs: standard error for other logs of the robot, on other ground and days: `sigma`
+            is for the given logs; None if held.
     """
 
     name: str
@@ -35,10 +37,11 @@ class FoundParameter:
     before: float | None = None
     note: str = ""
     is_default: bool = False
+    sigma_other_logs: float | None = None
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """95 % interval, or None if held."""
+        """95 % interval for the given logs, or None if held."""
         if self.sigma is None:
             return None
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
@@ -124,7 +127,8 @@ class ModelComparison:
         folds: number of folds.
         distance: distance of all windows [m].
         window: longest window [s].
-        supported: the first model than which no later one is significantly better.
+        supported: the model that is left if, in their order, each takes the place of the one so far
+            where its drift is significantly lower.
     """
 
     scores: tuple[ModelScore, ...]

@@ -42,6 +42,7 @@ def summarise_calibration(
             one.name: {
                 "value": one.value,
                 "sigma": one.sigma,
+                "sigma_other_logs": one.sigma_other_logs,
                 "interval_95": None if one.interval is None else list(one.interval),
                 "unit": one.unit,
                 "status": one.status,

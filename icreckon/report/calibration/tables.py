@@ -43,15 +43,26 @@ def parameter_table(results: Results, *, narrow: bool = False) -> Table:
         status = STATUS[one["status"]] + (f"; {one['note']}" if one["note"] else "")
         cells = [
             Cell(_to_error(one["value"], one["sigma"])),
-            Cell("" if one["sigma"] is None else f"{one['sigma']:#.2g}"),
+            *_errors(one, narrow=narrow),
             Cell(one["unit"]),
             Cell(_in_file(one, narrow=narrow)),
             Cell(status, "wrap"),
         ]
         rows.append((name, cells))
     file = "robot\nfile" if narrow else "robot file"
-    head = ["parameter", "value", "standard\nerror", "unit", file, "the logs"]
+    errors = ["error/on\nother logs"] if narrow else ["standard\nerror", "on other\nlogs"]
+    head = ["parameter", "value", *errors, "unit", file, "the logs"]
     return Table(f"parameters of {results['robot']['name']}", head, rows)
+
+
+def _errors(one: Results, *, narrow: bool) -> list[Cell]:
+    """Standard errors for the given logs and for others; in one cell if narrow."""
+    if one["sigma"] is None:
+        return [Cell("")] if narrow else [Cell(""), Cell("")]
+    own, other = (f"{one[key]:#.2g}" for key in ("sigma", "sigma_other_logs"))
+    if narrow:
+        return [Cell(own if own == other else f"{own}/{other}")]
+    return [Cell(own), Cell(other)]
 
 
 def _in_file(one: Results, *, narrow: bool) -> str:

@@ -152,6 +152,21 @@ def test_H_is_never_shown(found: Calibration) -> None:
     assert "literal" in known.note
 
 
+def test_other_logs_add_what_ground_and_day_change(found: Calibration) -> None:
+    for one in found.parameters:
+        if one.sigma is None:
+            assert one.sigma_other_logs is None, one.name
+        else:
+            assert one.sigma_other_logs is not None
+            assert one.sigma_other_logs >= one.sigma, one.name
+    radius = found.parameter("sprocket_radius")
+    assert radius.sigma is not None
+    expected = np.hypot(radius.sigma, 0.01 * radius.value)
+    assert radius.sigma_other_logs == pytest.approx(expected)
+    bias = found.parameter("imu.gyro_bias")
+    assert bias.sigma_other_logs == bias.sigma  # each log has its own
+
+
 def test_correlations_are_correlations(found: Calibration) -> None:
     matrix = found.correlations
     assert matrix.shape == (len(found.correlation_names),) * 2

@@ -26,11 +26,34 @@ def test_values_end_at_the_second_digit_of_their_error(
 ) -> None:
     one = {
         "value": value, "sigma": sigma, "status": "shown", "note": "", "unit": "m", "before": None,
-        "before_is_default": False,
+        "before_is_default": False, "sigma_other_logs": sigma,
     }  # fmt: skip
     table = parameter_table({"parameters": {"a": one}, "robot": {"name": "r"}})
     (_, cells) = table.rows[0]
     assert tuple(cell.text for cell in cells[:2]) == texts
+
+
+@pytest.mark.parametrize(
+    ("sigma", "other", "wide", "narrow"),
+    [
+        (0.01, 0.02, ["0.010", "0.020"], ["0.010/0.020"]),
+        (0.01, 0.01, ["0.010", "0.010"], ["0.010"]),
+        (None, None, ["", ""], [""]),
+    ],
+)
+def test_errors_for_these_logs_and_for_others(
+    sigma: float | None, other: float | None, wide: list[str], narrow: list[str]
+) -> None:
+    one = {
+        "value": 1.0, "sigma": sigma, "status": "shown", "note": "", "unit": "m", "before": None,
+        "before_is_default": False, "sigma_other_logs": other,
+    }  # fmt: skip
+    results = {"parameters": {"a": one}, "robot": {"name": "r"}}
+    for is_narrow, texts in ((False, wide), (True, narrow)):
+        table = parameter_table(results, narrow=is_narrow)
+        (_, cells) = table.rows[0]
+        assert [cell.text for cell in cells[1 : 1 + len(texts)]] == texts
+        assert len(cells) == len(table.head) - 1
 
 
 def test_long_texts_of_a_narrow_table_stand_below_it_once() -> None:
