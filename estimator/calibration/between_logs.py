@@ -1,4 +1,4 @@
-"""Spread of calibrated parameters between logs of one robot: other ground, load and tyre pressure.
+"""Spread of calibrated parameters between logs: other ground, load, tyre pressure.
 
 One log cannot show it. The figures are those of three robots, measured by `benchmarks/between_logs.py`:
 four logs of a Warthog on grass and asphalt, four parts of a log each of the tracked Marmotte and of a
