@@ -555,6 +555,13 @@ def differences(results: dict[str, Any], baseline: dict[str, Any]) -> list[str]:
     return found
 
 
+def _rounded(value: Any) -> Any:
+    """Figures to four decimals, so that a new baseline differs where results do."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    return value if isinstance(value, str | int) else round(float(value), 4)
+
+
 def main() -> None:
     """Print the tables; write or check the baseline."""
     parser = argparse.ArgumentParser(
@@ -575,7 +582,7 @@ def main() -> None:
     results = results_of(scores)
     show(results)
     if arguments.write:
-        text = json.dumps(results, indent=1, default=float)
+        text = json.dumps(_rounded(results), indent=1)
         arguments.write.write_text(f"{text}\n", encoding="utf-8")
     if arguments.check:
         found = differences(results, json.loads(arguments.check.read_text(encoding="utf-8")))
