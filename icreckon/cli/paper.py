@@ -24,6 +24,7 @@ from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.paper.contact import PaperContact, as_toml, load_paper_contact
 from icreckon.simulation.paper.dynamic_map import VelocityErrors
+from icreckon.simulation.paper.motions_table import write_motions
 from icreckon.simulation.paper.published import published_errors
 from icreckon.simulation.paper.reproduction import (
     Reproduction,
@@ -36,7 +37,7 @@ from icreckon.simulation.paper.reproduction import (
 DEFAULT_FOLDER = "icreckon-paper"
 # Width of a terminal from which on a table says where a number is in the paper [characters].
 WIDE_FROM = 100
-CONTACT_FILE = "contact.toml"
+CONTACT_FILE, MOTIONS_FILE = "contact.toml", "motions.csv"
 PACKAGES = ("icreckon", "numpy", "scipy", "matplotlib", "msgspec")
 
 
@@ -63,6 +64,7 @@ def run_paper(
         comment = "Contact of Auriga-alpha and reading of the paper, as `icreckon paper` used them."
         if identify:
             comment = f"Found by: icreckon paper --identify --seed {seed}"
+        write_motions(folder / MOTIONS_FILE, reproduced.mapped)
         text = as_toml(guess, comment)
         (folder / CONTACT_FILE).write_text(text, encoding="utf-8")
         with working("drawing figures"), unless_missing():

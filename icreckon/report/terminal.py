@@ -26,7 +26,9 @@ def rich_table(of: Table, *, narrow: bool = False) -> RichTable:
     cells = of.rows[0][1] if of.rows else ()
     for place, heading in enumerate(of.head[1:]):
         words = place < len(cells) and cells[place].kind == "wrap"
-        table.add_column(heading, justify="left" if words else "right", no_wrap=narrow)
+        table.add_column(
+            heading, justify="left" if words else "right", no_wrap=narrow, overflow="fold"
+        )
     letters: dict[str, str] = {}
     for name, row in of.rows:
         shortened = (

@@ -7,7 +7,12 @@ from pathlib import Path
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Picture, render
-from icreckon.report.paper.tables import all_tables, contradiction_text, counts_text
+from icreckon.report.paper.tables import (
+    all_tables,
+    contradiction_text,
+    counts_text,
+    origin_text,
+)
 
 # Figures of a folder, the first at the top of the page; those with panels side by side are wide.
 CAPTIONS = {
@@ -49,9 +54,9 @@ def paper_page(results: Results, pictures: list[Picture]) -> str:
     return render(
         "paper.html",
         title="The paper, reproduced",
-        subtitle=f"icreckon paper · {results['map']['pairs']} stationary motions",
+        subtitle=f"icreckon paper · {results['map']['pairs']} simulated stationary motions",
         headline=counts_text(results),
-        remarks=[contradiction_text(results)],
+        remarks=[origin_text(results), contradiction_text(results)],
         pictures=pictures,
         tables=all_tables(results),
         configuration=results["configuration"],

@@ -16,7 +16,8 @@ LEVELS = (5.0, 10.0, 20.0)
 def paper_tables(results: Results, *, narrow: bool) -> Group:
     """Numbers, Table II, ablation and verdict, for the terminal."""
     tables = [rich_table(one) for one in all_tables(results, narrow=narrow)]
-    return Group(*tables, Text(f"{counts_text(results)}\n{contradiction_text(results)}"))
+    sentences = (counts_text(results), origin_text(results), contradiction_text(results))
+    return Group(*tables, Text("\n".join(sentences)))
 
 
 def all_tables(results: Results, *, narrow: bool = False) -> list[Table]:
@@ -39,6 +40,22 @@ def counts_text(results: Results) -> str:
         f"Of {counts['printed']} printed numbers {counts['within_5_percent']} are within 5 %, "
         f"{counts['within_10_percent']} within 10 %, {counts['within_20_percent']} within 20 %; "
         f"{counts['round_to_published']} round to the published digits."
+    )
+
+
+def origin_text(results: Results) -> str:
+    """Sentences on what is measured, simulated and fitted."""
+    of, largest = results["map"], results["configuration"]["reading"]["largest_inertia"]
+    left_out = (
+        ""
+        if largest is None
+        else f" Means and fits leave out motions above {largest:g} N of inertia."
+    )
+    return (
+        f"Nothing here is measured: all {of['pairs']} motions are simulated, by friction at contact "
+        "points. The paper states neither contact nor friction nor the height of the centre of mass; "
+        "they were fitted to these numbers. So agreement shows that one ground explains them "
+        f"together, and no more.{left_out}"
     )
 
 
@@ -67,7 +84,7 @@ def _numbers(results: Results, *, narrow: bool) -> Table:
         if not narrow:
             cells.append(Cell(row["where"], "wrap"))
         rows.append((row["name"], cells))
-    head = ["number", "published", "reproduced", "off\n%", "unit", "rounds"]
+    head = ["number", "published", "reproduced", "differ-\nence %", "unit", "equal when\nrounded"]
     return Table("The paper's numbers", head if narrow else [*head, "where"], rows)
 
 
@@ -79,16 +96,19 @@ def _table_2(results: Results, *, narrow: bool) -> Table:
         for one in errors
     ]
     parts = [(model, part) for model in ("inertia", "constant") for part in ("v_x", "v_y", "w")]
-    title = "Table II: RMSE in mm/s, mm/s, mrad/s"
+    title = (
+        "Table II: RMSE in mm/s, mm/s, mrad/s. The force |F| is that of the motion (measured), or that "
+        "of the model itself, in the paper's form (literal) or the signed one (smooth)"
+    )
     if narrow:
-        head = ["model", "as pub-\nlished", "our map,\nour fits"]
-        head += [f"our map,\npublished\n|F|\n{inertia}" for inertia in inertias]
+        head = ["model", "as pub-\nlished", "our motions,\nour fits"]
+        head += [f"published\nfits,\n|F| {inertia}" for inertia in inertias]
         labels = [f"{model} {part}" for model, part in parts]
         columns = [list(column) for column in zip(*values, strict=True)]
     else:
         head = ["truth and parameters", *(f"{model}\n{part}" for model, part in parts)]
-        labels = ["as published", "our map, our fits"]
-        labels += [f"our map, published parameters, |F| {inertia}" for inertia in inertias]
+        labels = ["as published", "our motions, our fits"]
+        labels += [f"our motions, published parameters, |F| {inertia}" for inertia in inertias]
         columns = values
     rows = [(label, list(map(Cell, row))) for label, row in zip(labels, columns, strict=True)]
     return Table(title, head, rows)

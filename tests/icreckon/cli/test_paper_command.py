@@ -48,6 +48,7 @@ def test_it_leaves_everything_it_promises(report: Path) -> None:
         "results.json",
         "page.html",
         "contact.toml",
+        "motions.csv",
     }
     assert [path.name for path in report.parent.iterdir()] == ["icreckon-paper"]
 
@@ -81,6 +82,27 @@ def test_the_page_has_all_numbers_and_figures(report: Path, results: dict) -> No
         assert base64.b64encode((report / name).read_bytes()).decode() in page
     assert page.index("printed numbers") < page.index("<img") < page.index("<table")
     assert "http" not in page.replace('http-equiv="Content-Security-Policy"', "")
+
+
+def test_motions_are_those_of_the_figures(report: Path, results: dict) -> None:
+    """Mean ICRs of the table's motions, read as documented, are the reproduced ones."""
+    table = np.genfromtxt(report / "motions.csv", delimiter=",", names=True)
+    assert len(table) == results["map"]["pairs"]
+    kept = table["F_N"] <= results["configuration"]["reading"]["largest_inertia"]
+    by_name = {row["name"]: row["reproduced"] for row in results["published"]}
+    for name in ("x_ICRl", "x_ICRr", "y_ICR"):
+        mean = np.nanmean(table[f"{name}_m"][kept])
+        assert mean == pytest.approx(by_name[f"mean_{name}"], abs=1e-6)
+    straight = table["V_l_m_s"] == table["V_r_m_s"]
+    assert np.isnan(table["eta"][straight]).all()
+    assert np.isfinite(table["eta"][~straight]).all()
+
+
+def test_the_page_states_that_all_is_simulated(report: Path) -> None:
+    page = (report / "page.html").read_text(encoding="utf-8")
+    origin = page.index("Nothing here is measured: all 441 motions are simulated")
+    assert page.index("printed numbers") < origin < page.index("<img")
+    assert "above 120 N" in page
 
 
 def test_results_say_what_was_done(results: dict) -> None:
