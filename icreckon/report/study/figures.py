@@ -17,6 +17,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormat
 from icreckon.replay.base.colours import COLOURS
 from icreckon.report.pages import Picture
 from icreckon.report.printable import any_letters
+from icreckon.report.study.axis_units import with_unit
 from icreckon.report.study.text import NEES, title_of, unit_of
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
@@ -65,18 +66,36 @@ def study_figures(results: Results) -> list[Picture]:
                 _draw_effect(axes, results, axis, effect, statistic)
 
             figures.append(_drawn(f"{short}-{_file_name(axis['name'])}", caption, draw))
+        if _known(results, drift) and len(results["variants"]) > 1:
+            figures.append(_ratio_figure(results, axis, effect))
     if _known(results, NEES):
         figures.append(
             _drawn(
                 "consistency",
-                "Normalised error squared of the pose at the end, mean of the runs with its 95 % "
-                "interval. A filter that is as sure as it may be lies in the grey band (chi-square with "
-                "3 degrees, over runs); above it, it is too sure.",
+                "NEES of the pose at the end (error squared over the filter's own covariance), mean of "
+                "the runs with its 95 % interval. Consistent filters lie in the grey band (chi-square "
+                "with 3 degrees of freedom, over runs). Above it a filter is overconfident.",
                 lambda axes: _draw_consistency(axes, results),
             )
         )
     figures.append(_distribution(results))
     return figures
+
+
+def _ratio_figure(results: Results, axis: dict[str, Any], effect: dict[str, Any]) -> Picture:
+    """Draw the drift over that of the baseline against one axis, run by run."""
+    drift, baseline = results["drift"], results["baseline"]
+    caption = (
+        f"{_capital(title_of(results, drift))} over that of {baseline} in the same runs, against "
+        f"{axis['name']}, with 95 % intervals. Below 1 a variant is better; an interval that holds 1 "
+        "shows no difference."
+    )
+
+    def draw(axes: Axes) -> None:
+        axes.axhline(1.0, color="black", lw=0.8)
+        _draw_effect(axes, results, axis, effect, drift, "ratio")
+
+    return _drawn(f"ratio-{_file_name(axis['name'])}", caption, draw)
 
 
 def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Picture:
@@ -94,18 +113,25 @@ def _png(drawing: Drawing) -> bytes:
 
 
 def _draw_effect(
-    axes: Axes, results: Results, axis: dict[str, Any], effect: dict[str, Any], statistic: str
+    axes: Axes,
+    results: Results,
+    axis: dict[str, Any],
+    effect: dict[str, Any],
+    statistic: str,
+    key: str = "mean",
 ) -> None:
-    """Draw a statistic against one axis."""
+    """Draw a statistic against one axis: its "mean", or its "ratio" to the baseline's."""
     groups = effect["groups"]
     names = axis["scale"] == "names"
     places = np.arange(len(groups)) if names else _numbers([one["value"] for one in groups])
     variants, colours = results["variants"], _colours(results)
     lows, highs = [], []
     for number, label in enumerate(variants):
+        if key == "ratio" and label == results["baseline"]:
+            continue
         summaries = [group["variants"][label][statistic] for group in groups]
         mean, low, high = (
-            _numbers([one[key] for one in summaries]) for key in ("mean", "mean_low", "mean_high")
+            _numbers([one[f"{key}{end}"] for one in summaries]) for end in ("", "_low", "_high")
         )
         style: Any = {"color": colours[label], "marker": MARKERS[number % len(MARKERS)], "ms": 5}
         if names:
@@ -117,7 +143,7 @@ def _draw_effect(
             axes.plot(places, mean, lw=1.5, label=label, **style)
             axes.fill_between(places, low, high, color=style["color"], alpha=0.15, lw=0)
         _mark_missing(axes, at if names else places, mean, style["color"])
-        if axis["sampled"]:
+        if axis["sampled"] and key == "mean":
             _draw_cells(axes, results, axis["name"], label, statistic, style["color"])
         lows.append(mean)
         highs.append(np.fmax(mean, high))
@@ -133,8 +159,11 @@ def _draw_effect(
         axes.xaxis.set_major_locator(MaxNLocator(5))
         axes.xaxis.set_major_formatter(ScalarFormatter())
         axes.minorticks_off()
-    axes.set_xlabel(axis["name"])
-    axes.set_ylabel(f"{title_of(results, statistic)}\n[{unit_of(results, statistic)}]")
+    axes.set_xlabel(with_unit(axis["name"]))
+    if key == "ratio":
+        axes.set_ylabel(f"{title_of(results, statistic)}\nover that of {results['baseline']} [-]")
+    else:
+        axes.set_ylabel(f"{title_of(results, statistic)}\n[{unit_of(results, statistic)}]")
     axes.legend(fontsize=10)
 
 
@@ -196,7 +225,13 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     means = [cell["variants"][label][NEES]["mean"] for cell in cells for label in variants]
     finite = [value for value in _numbers(means) if np.isfinite(value) and value > 0.0]
     axes.set_yscale("log")
-    axes.set_ylim(0.5 * min([low, *finite]), 3.0 * max([high, *finite]))
+    ends = _numbers(
+        [cell["variants"][label][NEES]["mean_low"] for cell in cells for label in variants]
+    )
+    ends = ends[np.isfinite(ends) & (ends > 0.0)]
+    # Whiskers are whole, but for those that dwarf the means.
+    bottom = max(0.8 * min([low, *finite, *ends]), 0.1 * min([low, *finite]))
+    axes.set_ylim(bottom, 3.0 * max([high, *finite]))
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
@@ -204,7 +239,7 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     if keys and len(cells) <= MOST_NAMED_CELLS:
         names = ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
         _name_places(axes, names)
-        axes.set_xlabel(", ".join(keys))
+        axes.set_xlabel(", ".join(map(with_unit, keys)))
     elif len(cells) == 1:
         places = [_offset(number, len(variants)) for number in range(len(variants))]
         axes.set_xticks(places, [name.replace("-", "-\n") for name in variants])

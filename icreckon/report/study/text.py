@@ -45,7 +45,7 @@ def headline(results: Results) -> str:
     after = title_of(results, drift).removeprefix("drift ")
     ratios = [
         f"{name} drifts {_number(overall[name][drift]['ratio'])} times as much "
-        f"({_between(overall[name][drift], 'ratio')})"
+        f"({_between(overall[name][drift], 'ratio')}{_unless_clear(overall[name][drift])})"
         for name in results["variants"]
         if name != baseline and overall[name][drift]["pairs"]
     ]
@@ -62,6 +62,14 @@ def headline(results: Results) -> str:
     return " ".join(sentences)
 
 
+def _unless_clear(summary: dict[str, Any]) -> str:
+    """Remark on a ratio whose interval holds 1."""
+    low, high = summary["ratio_low"], summary["ratio_high"]
+    if not (_finite(low) and _finite(high)) or not low <= 1.0 <= high:
+        return ""
+    return ": no clear difference"
+
+
 def _widest_effect(results: Results) -> list[str]:
     """Effect of the most influential axis on the filter that drifts least."""
     drift, overall = results["drift"], results["overall"]
@@ -72,19 +80,28 @@ def _widest_effect(results: Results) -> list[str]:
     found: list[tuple[float, str]] = []
     for effect in results["effects"]:
         means = [
-            (group["variants"][best][drift]["mean"], group["name"])
+            (group["variants"][best][drift]["mean"], group["name"], group["variants"][best][drift])
             for group in effect["groups"]
             if group["variants"][best][drift]["n"]
         ]
         if len(means) < 2:
             continue
-        (least, where_least), (most, where_most) = min(means), max(means)
+        (least, where_least, at_least), (most, where_most, at_most) = (
+            which(means, key=lambda one: one[0]) for which in (min, max)
+        )
         if least > 0.0:
             axis = effect["axis"]
             text = (
                 f"The drift of {best} is from {_number(least)} % ({axis} {where_least}) to "
-                f"{_number(most)} % ({axis} {where_most})."
+                f"{_number(most)} % ({axis} {where_most})"
             )
+            if best != results["baseline"] and at_least["pairs"] and at_most["pairs"]:
+                text += (
+                    f", {_number(at_least['ratio'])} ({_between(at_least, 'ratio')}) and "
+                    f"{_number(at_most['ratio'])} ({_between(at_most, 'ratio')}) times that of "
+                    f"{results['baseline']}"
+                )
+            text += "."
             found.append((most / least, text))
     return [max(found)[1]] if found else []
 

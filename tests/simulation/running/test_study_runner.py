@@ -109,6 +109,7 @@ def test_it_leaves_what_it_promises(undisturbed):
         "consistency.png",
         "drift-gyro-factor.png",
         "final-error-gyro-factor.png",
+        "ratio-gyro-factor.png",
         "final-error-distribution.png",
     }
     manifest = json.loads(undisturbed["manifest.json"])

@@ -1,5 +1,6 @@
 """What a study sums up, and how it says so."""
 
+import copy
 import io
 import json
 import re
@@ -336,7 +337,7 @@ def test_the_page_holds_all_it_needs(results):
     reader = References()
     reader.feed(page)
     assert reader.open == []
-    assert len(reader.found) == len(figures) == 6
+    assert len(reader.found) == len(figures) == 8
     assert all(link.startswith("data:image/png;base64,") for link in reader.found)
     assert not re.search(r"https?:|url\(|@import|<script|<link", page)
     text = " ".join(reader.text)
@@ -348,6 +349,24 @@ def test_the_page_holds_all_it_needs(results):
     assert '"duration": 40.0' in text
 
 
+def test_the_headline_compares_along_the_axis_and_marks_what_is_not_clear(results):
+    changed = copy.deepcopy(results)
+    drift, baseline = changed["drift"], changed["baseline"]
+    other = next(name for name in changed["variants"] if name != baseline)
+    best = changed["overall"][other][drift]
+    best |= {"mean": 0.01, "ratio": 0.9, "ratio_low": 0.7, "ratio_high": 1.1}
+    assert "0.90 times as much (0.70 to 1.10: no clear difference)" in headline(changed)
+    for group, mean, ratio in zip(
+        changed["effects"][0]["groups"], (1.0, 90.0), (0.5, 0.8), strict=False
+    ):
+        one = group["variants"][other][drift]
+        one |= {"mean": mean, "ratio": ratio, "ratio_low": ratio - 0.1, "ratio_high": ratio + 0.1}
+    text = headline(changed)
+    assert f"0.50 (0.40 to 0.60) and 0.80 (0.70 to 0.90) times that of {baseline}." in text
+    best |= {"ratio_high": 0.95}
+    assert "no clear difference" not in headline(changed)
+
+
 def test_figures_are_png_and_the_same_each_time(results):
     first, again = study_figures(results), study_figures(results)
     assert [figure.png for figure in first] == [figure.png for figure in again]
@@ -355,8 +374,10 @@ def test_figures_are_png_and_the_same_each_time(results):
     assert [figure.name for figure in first] == [
         "drift-gyro-factor",
         "final-error-gyro-factor",
+        "ratio-gyro-factor",
         "drift-noise",
         "final-error-noise",
+        "ratio-noise",
         "consistency",
         "final-error-distribution",
     ]

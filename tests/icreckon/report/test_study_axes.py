@@ -1,0 +1,58 @@
+"""Units on the axes of a study."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from icreckon.report.study.axis_units import INERTIAL, UNITS, with_unit
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.encoders import EncoderErrors
+from icreckon.simulation.sensors.fixes import FixErrors
+from icreckon.simulation.sensors.imu import InertialErrors
+from icreckon.simulation.study.plan import flatten
+
+KEYS = set(flatten(msgspec.to_builtins(Scenario())))
+SENSORS: dict[str, type] = {"encoders": EncoderErrors, "fixes": FixErrors}
+
+
+def documented(kind: type, name: str) -> str:
+    """Text of an attribute in the docstring of a type."""
+    text = (kind.__doc__ or "").partition(f"    {name}: ")[2]
+    return " ".join(text.partition("\n        ")[0].split()) + " ".join(text.split()[:60])
+
+
+@pytest.mark.parametrize("key", UNITS)
+def test_keys_are_those_of_a_scenario(key: str) -> None:
+    assert key in KEYS
+
+
+@pytest.mark.parametrize(("key", "unit"), UNITS.items())
+def test_units_are_the_documented_ones(key: str, unit: str) -> None:
+    table, _, name = key.rpartition(".")
+    if table in ("gyro", "accelerometer"):
+        placeholder = INERTIAL[name].format("unit")
+        assert f"[{placeholder}]" in documented(InertialErrors, name)
+    elif table:
+        text = documented(SENSORS[table], name)
+        assert f"[{unit}]" in text or (unit == "1/h" and "per hour" in text)
+    else:
+        assert f"[{unit}]" in documented(Scenario, name)
+
+
+def test_other_axes_stay_as_they_are() -> None:
+    assert with_unit("noise") == "noise"
+    assert with_unit("gyro.noise_density") == "gyro.noise_density [rad/s/√Hz]"
+
+
+def test_no_dimensional_key_of_a_sensor_is_forgotten() -> None:
+    def fields(kind: Any) -> set[str]:
+        return set(kind.__struct_fields__)
+
+    plain = {"scale_sigma", "scale_difference_sigma", "dropout_reads", "outlier_share"}
+    expected = {f"gyro.{name}" for name in fields(InertialErrors) - plain}
+    expected |= {f"encoders.{name}" for name in fields(EncoderErrors) - plain}
+    expected |= {f"fixes.{name}" for name in fields(FixErrors) - plain}
+    assert expected <= set(UNITS)
