@@ -105,16 +105,18 @@ def run_calibrate(
         text = robot_file_text(found, [log.name for log in logs], robot_name)
         write_file(write, text, what="robot file", overwrite=overwrite, starts=starts)
     if ros is not None:
-        settings = ros_settings(logs, found.robot, source=_origin(found))
+        # Track speeds have the radius and latency of the robot by which they are read.
+        again = [_read(path, found.robot, definitions) for path in paths]
+        settings = ros_settings(again, found.robot, source=_origin(found))
         write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=of_ros)
 
 
 def _origin(found: Calibration) -> str:
     """Origin of the multiplier of the wheel separation, with its standard error."""
     track = next((one for one in found.parameters if one.name == "effective_track"), None)
-    if track is None or track.sigma is None:
+    if track is None or track.sigma_other_logs is None:
         return "of the robot file"
-    return f"calibrated ± {track.sigma / found.robot.vehicle.track_gauge:.2g}"
+    return f"calibrated ± {track.sigma_other_logs / found.robot.vehicle.track_gauge:.2g}"
 
 
 def _read(path: Path, robot: Robot, definitions: Definitions) -> Log:

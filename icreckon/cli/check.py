@@ -18,7 +18,12 @@ from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable
 from icreckon.replay.checking.check import Check
-from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
+from icreckon.replay.checking.robot_check import (
+    check_robot,
+    is_of_another,
+    topics_left_out,
+    with_mended,
+)
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT, Worth, worth_of
 from icreckon.replay.comparison.results import json_types
@@ -61,7 +66,10 @@ def run_check(
     else:
         _show(log, checks, worth, left_out)
     if ros is not None:
-        settings = ros_settings([log], robot)
+        mended = [one.name for one in checks if one.problem and one.mend is not None]
+        of_log, of_robot = with_mended(log, robot, checks)
+        source = "by this log" if mended else "of the robot file"
+        settings = ros_settings([of_log], of_robot, source=source, mended=mended)
         write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=starts)
     if any(one.problem for one in checks):
         raise typer.Exit(FAILED)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check
 from icreckon.replay.checking.imu_checks import (
     check_bias,
@@ -65,6 +65,22 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
             if one.mend is not None:
                 log, robot = one.mend(log, robot)
     return found
+
+
+def with_mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
+    """Log and robot with all contradictions mended that a check can mend.
+
+    Args:
+        log: the log, as it was checked.
+        robot: the robot, as it was checked.
+        checks: result of `check_robot`.
+    """
+    values: dict[str, float | list[float]] = {}
+    for one in checks:
+        if one.problem and one.mend is not None:
+            log, robot = one.mend(log, robot)
+            values |= one.settings
+    return log, changed_robot(robot, values)
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:

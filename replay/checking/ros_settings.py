@@ -56,7 +56,12 @@ class TwistErrors(NamedTuple):
 
 
 def ros_settings(
-    logs: Sequence[Log], robot: Robot, *, source: str = "of the robot file", proposed: bool = False
+    logs: Sequence[Log],
+    robot: Robot,
+    *,
+    source: str = "of the robot file",
+    proposed: bool = False,
+    mended: Sequence[str] = (),
 ) -> str:
     """Format settings for ROS as YAML.
 
@@ -66,11 +71,16 @@ def ros_settings(
         source: origin of the effective track, for a comment.
         proposed: True if the effective track is that of the logs, and the gauge a stand-in for one that
             nobody has measured.
+        mended: quantities in which the logs contradicted the robot file, and which are mended.
     """
     names = ", ".join(_word(log.name) for log in logs)
     lines = [
         f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {names}. Every line is in SI units.",
     ]
+    if mended:
+        lines.append(
+            f"# The robot file contradicts the log in: {', '.join(mended)}. Here it is as the log shows."
+        )
     if any(len(log.tracks.stamps) for log in logs):
         lines += _controller_lines(logs, robot, source=source, proposed=proposed)
     with_imu = next((log for log in logs if log.imu is not None and len(log.imu.stamps) > 1), None)

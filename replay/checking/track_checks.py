@@ -69,7 +69,7 @@ USUAL_ERRORS = (
 # Windows in which driving backward is looked for [s].
 BACKWARD_WINDOW = 0.5
 # Largest relative distance from a usual error [-].
-USUAL_ERROR = 0.04
+USUAL_ERROR = 0.05
 # Scales that are a matter of units at all [-].
 PLAUSIBLE = (3e-4, 3e3)
 # Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
@@ -401,12 +401,35 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
         TRACK,
         f"{in_file:.2f} m",
         shown,
-        f"the effective track is {track:.2f} m by the gyro, {ratio:.2f} times that of the file",
-        f"eta0 = {eta0:.2f} in [indices], or calibrate; where sprocket_radius is wrong, this is, too",
+        f"the effective track is {track:.2f} m by the gyro, {ratio:.2f} times that of the file: wheel "
+        f"odometry turns {ratio:.2f} times as far as the robot",
+        f"eta0 = {eta0:.2f} in [indices]{_also(robot, eta0)}, or calibrate; where sprocket_radius is "
+        "wrong, this is, too",
         lambda log, robot: (log, _with_track(robot, gauge, eta0)),
         measured,
-        {"indices.eta0": round(eta0, 2)},
+        _keys_of_track(robot, round(eta0, 2)),
     )
+
+
+def _keys_of_track(robot: Robot, eta0: float) -> dict[str, float | list[float]]:
+    """Keys of a robot file that state the effective track, with a new one over the gauge."""
+    keys: dict[str, float | list[float]] = {"indices.eta0": eta0}
+    icr = robot.constant_icr
+    if icr is not None:
+        middle, half = 0.5 * (icr.x_ICRl + icr.x_ICRr), 0.5 * eta0 * robot.vehicle.track_gauge
+        keys["constant_icr.x_ICRl"] = round(middle - half, 4)
+        keys["constant_icr.x_ICRr"] = round(middle + half, 4)
+        keys["constant_icr.y_ICR"] = icr.y_ICR
+    return keys
+
+
+def _also(robot: Robot, eta0: float) -> str:
+    """Text of the other keys that state the effective track."""
+    keys = _keys_of_track(robot, eta0)
+    if robot.constant_icr is None:
+        return ""
+    left, right = keys["constant_icr.x_ICRl"], keys["constant_icr.x_ICRr"]
+    return f" and x_ICRl = {left}, x_ICRr = {right} in [constant_icr]"
 
 
 def _with_track(robot: Robot, gauge: float, eta0: float) -> Robot:

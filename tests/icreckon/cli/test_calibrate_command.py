@@ -18,7 +18,8 @@ from icreckon.cli.calibrate import run_calibrate
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.scores import drift
-from icreckon.estimator.robot.robot_file import Robot, Slip, load_robot
+from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
+from icreckon.estimator.robot.robot_toml import robot_toml
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.calibration.robot_file import robot_file_text
 from icreckon.replay.comparison.compare import compare
@@ -66,13 +67,32 @@ def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path
     assert shown.count("acts in the literal form only") == 1
 
 
+def test_settings_for_ros_are_of_the_calibrated_radius(folder: Path) -> None:
+    """The truth of the log shows the radius that was found, not that times the correction again."""
+    text = robot_toml(changed_robot(load_robot("auriga-alpha"), {"vehicle.sprocket_radius": 0.11}))
+    (folder / "wide.toml").write_text(text, encoding="utf-8")
+    words = ("--robot", "wide.toml", "--models", "constant", "--out", "wide")
+    done = icreckon("calibrate", "drive", *words, "--ros", "wide.yaml", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    settings = (folder / "wide.yaml").read_text(encoding="utf-8")
+    radius, shown = re.search(
+        r"wheel_radius: (\S+)  # m, effective: by the truth of this log (\S+)", settings
+    ).groups()
+    assert float(radius) == pytest.approx(0.1, rel=0.03)
+    assert float(shown) == pytest.approx(float(radius), rel=0.01)
+    multiplier, by_gyro = re.search(
+        r"multiplier: (\S+)  # calibrated ± \S+; by the gyro of this log (\S+)", settings
+    ).groups()
+    assert float(by_gyro) == pytest.approx(float(multiplier), rel=0.03)
+
+
 def test_settings_for_ros_have_the_calibrated_track_and_its_error(folder: Path) -> None:
     text = (folder / "ros.yaml").read_text(encoding="utf-8")
     found = load_robot(folder / "found.toml")
     shown = re.search(r"wheel_separation_multiplier: (\S+)  # calibrated ± (\S+);", text)
     assert float(shown[1]) == pytest.approx(found.constant_indices.eta0, rel=1e-3)
     results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
-    sigma = results["parameters"]["effective_track"]["sigma"]
+    sigma = results["parameters"]["effective_track"]["sigma_other_logs"]
     assert float(shown[2]) == pytest.approx(sigma / found.vehicle.track_gauge, rel=0.05)
 
 

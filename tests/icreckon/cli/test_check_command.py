@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 from command_line import fails, icreckon
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, load_robot
@@ -64,6 +65,26 @@ def test_as_json(folder: Path):
     mended = changed_robot(load_robot(folder / "wrong.toml"), scale["set"])
     (folder / "mended.toml").write_text(robot_toml(mended), encoding="utf-8")
     assert icreckon("check", "drive", "--robot", "mended.toml", cwd=folder).returncode == 0
+
+
+def test_settings_for_ros_are_those_that_the_log_shows(folder: Path) -> None:
+    """What the log contradicts is not written for pasting, and covariances are of what is written."""
+    narrow = changed_robot(load_robot(folder / "wrong.toml"), {"indices.eta0": 1.0})
+    (folder / "narrow.toml").write_text(robot_toml(narrow), encoding="utf-8")
+    settings = {}
+    for name in ("right", "narrow"):
+        words = ("--robot", f"{name}.toml", "--ros", f"{name}.yaml")
+        icreckon("check", "drive", *words, cwd=folder)
+        text = (folder / f"{name}.yaml").read_text(encoding="utf-8")
+        assert ("contradicts the log in: scale of the tracks" in text) == (name == "narrow")
+        settings[name] = YAML(typ="safe").load(text)["diff_drive_controller"]["ros__parameters"]
+    right, mended = settings["right"], settings["narrow"]
+    assert mended["wheel_radius"] == pytest.approx(right["wheel_radius"], rel=0.02)
+    for key in ("wheel_separation_multiplier", "wheel_separation"):
+        assert mended[key] == pytest.approx(right[key], rel=0.1)
+    for place in (0, 5):
+        variances = [one["twist_covariance_diagonal"][place] for one in (right, mended)]
+        assert 0.5 < variances[0] / variances[1] < 2.0
 
 
 def test_a_stream_that_the_file_leaves_out(folder: Path):
