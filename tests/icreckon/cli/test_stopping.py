@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import signal
@@ -11,6 +12,7 @@ import time
 import warnings
 from pathlib import Path
 
+import psutil
 import pytest
 
 from command_line import icreckon
@@ -46,12 +48,14 @@ def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
     return process
 
 
-def living(session: int) -> list[str]:
+def living(session: int) -> list[int]:
     """Processes of a session that are no zombies."""
-    listed = subprocess.run(
-        ["ps", "-o", "stat=", "-g", str(session)], capture_output=True, text=True, check=False
-    )
-    return [line for line in listed.stdout.split("\n") if line.strip() and line.strip()[0] != "Z"]
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, ProcessLookupError):
+            if os.getsid(process.pid) == session and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process.pid)
+    return found
 
 
 @pytest.fixture(scope="module")
