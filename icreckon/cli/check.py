@@ -71,7 +71,7 @@ def run_check(
         source = "by this log" if mended else "of the robot file"
         settings = ros_settings([of_log], of_robot, source=source, mended=mended)
         write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=starts)
-    if any(one.problem for one in checks):
+    if any(one.problem for one in checks) or not _any_measured(checks):
         raise typer.Exit(FAILED)
 
 
@@ -95,7 +95,9 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str
         stated = f" (file: {one.in_file})" if one.in_file else ""
         console.print(Text(f"{mark} {one.name}: {one.in_log}{stated}"))
     wrong = _costs(checks, worth)
-    if not wrong:
+    if not wrong and not _any_measured(checks):
+        console.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
+    elif not wrong:
         console.print(Text("\nNothing in the log contradicts the robot file."))
     else:
         console.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
@@ -109,6 +111,10 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str
         console.print(Text(f"\n{text}"))
     for hint in left_out:
         console.print(Text(f"\nHint: {hint}"))
+
+
+def _any_measured(checks: list[Check]) -> bool:
+    return any(one.measured is not None for one in checks)
 
 
 def _headline(count: int, checks: list[Check]) -> str:
@@ -125,8 +131,8 @@ def _sentence(text: str) -> str:
 
 def _cost(cost: float, worth: Worth) -> str:
     if cost < LEAST_COST:
-        return f"Costs nothing here after {worth.horizon:g} s without fixes."
-    return f"Costs {cost:.1f} % of the distance after {worth.horizon:g} s without fixes."
+        return f"Costs {VARIANT} nothing here after {worth.horizon:g} s without fixes."
+    return f"Costs {VARIANT} {cost:.1f} % of the distance after {worth.horizon:g} s without fixes."
 
 
 def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
@@ -146,7 +152,7 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
         return f"Drift {of}: {as_it_is}."
     text = f"Drift {of}: {as_it_is}, with all of this mended {worth.mended:.1f} %."
     if worth.mended >= worth.as_it_is + max(LEAST_COST, LEAST_SHARE * worth.as_it_is):
-        text += " Mended it is worse: the file has an error that these checks do not see."
+        text += " Mended it is worse: set only what costs something, and icreckon calibrate for the rest."
     return text
 
 

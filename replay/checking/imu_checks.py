@@ -50,7 +50,9 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             "a log",
             f"{len(log.tracks.stamps)} samples",
             f"the log has {len(log.tracks.stamps)} track speeds: too few to check anything",
-            "a log of half a minute or more, with bends",
+            "a log of half a minute or more, with bends"
+            if len(log.tracks.stamps)
+            else "the topic in [log.tracks]; icreckon inspect lists those of the log",
         )
     columns = robot.log.get("columns", {})
     topic = robot.log.get("imu", {}).get("topic")

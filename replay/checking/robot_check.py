@@ -36,6 +36,8 @@ STREAMS = {
     "heading": "a heading",
     "truth": "a ground truth",
 }
+# Factor of the scale up to which the wheels can be the right ones [-].
+SLIGHT = 1.2
 # In this order: each needs what those before it have mended.
 CHECKS = (
     check_presence,
@@ -85,8 +87,17 @@ def with_mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, R
 
 def is_of_another(checks: Sequence[Check]) -> bool:
     """True if so much contradicts that the file seems to be that of another robot."""
-    names = {one.name for one in checks if one.problem and one.mend is not None}
+    names = {
+        one.name
+        for one in checks
+        if one.problem and one.mend is not None and not (one.name == SCALE and _is_slight(one))
+    }
     return len([one for one in ({MOUNTING, FORWARD}, {SCALE}, {TRACK}) if names & one]) >= 2
+
+
+def _is_slight(scale: Check) -> bool:
+    """True if worn or sunk wheels explain a scale of the tracks."""
+    return scale.measured is not None and 1.0 / SLIGHT < scale.measured.value < SLIGHT
 
 
 def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:

@@ -168,7 +168,8 @@ def _controller_lines(
     latency = robot.log.get("tracks", {}).get("latency", 0.0)
     if latency:
         lines.append(
-            f"# Track speeds are stamped {latency:.3g} s late: take that off their stamps."
+            f"# Track speeds are stamped {latency:.3g} s late. No parameter here takes that off: let "
+            "their driver restamp them."
         )
     return lines
 
@@ -184,12 +185,13 @@ def _imu_lines(log: Log, robot: Robot) -> list[str]:
     return [
         f"# The IMU's driver, at {1.0 / step:.0f} Hz; its bias about the vertical is "
         f"{imu.gyro_bias:.2g} ± {imu.gyro_bias_sigma:.2g} rad/s, and no covariance.",
-        "imu_driver:",
+        "imu_driver:  # the name of your IMU's driver, which may name these otherwise",
         "  ros__parameters:",
         f"    angular_velocity_covariance_diagonal: {_numbers([rate] * 3)}",
         f"    linear_acceleration_covariance_diagonal: {_numbers([force] * 3)}",
         "# ros2 run tf2_ros static_transform_publisher --frame-id base_link --child-frame-id imu_link "
-        f"--x {x:g} --y {y:g} --z {z:g} --roll {roll:.5f} --pitch {pitch:.5f} --yaw {yaw:.5f}",
+        f"--x {_metres(x)} --y {_metres(y)} --z {_metres(z)} "
+        f"--roll {roll:.5f} --pitch {pitch:.5f} --yaw {yaw:.5f}",
     ]
 
 
@@ -287,6 +289,11 @@ def _number(value: float, digits: int = 4) -> str:
     """
     text = np.format_float_positional(value, digits, fractional=False, trim="0", unique=False)
     return str(text)
+
+
+def _metres(value: float) -> str:
+    """Length to the millimetre."""
+    return f"{round(value, 3) + 0.0:g}"
 
 
 def _word(name: str) -> str:

@@ -223,11 +223,13 @@ def _aligned(
         return replace(log, truth=None, notes=(*log.notes, note)), None
     notes = (*log.notes, *found.notes)
     if truth.source == OF_FIXES:
-        errors = "" if found.headings is None else f", about {found.headings.noise:.2f} m,"
+        white = "" if found.headings is None else f" (they scatter by {found.headings.noise:.2f} m)"
         notes = (
             *notes,
-            f"without a truth, the fixes that are not used are scored against: their own errors{errors} "
-            "are in the figures, and a difference of variants that is smaller shows nothing",
+            f"without a truth, the fixes that are not used are scored against: their own errors{white}, "
+            "wander of metres with plain GPS, are in the figures, most of all in drift over short times",
+            "the error at the end is that of one cut: other parts, as --fixes 0:20% and --fixes 0:60%, "
+            "show how much it varies",
         )
     return replace(log, truth=found.truth, notes=notes), found
 

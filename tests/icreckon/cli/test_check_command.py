@@ -67,6 +67,17 @@ def test_as_json(folder: Path):
     assert icreckon("check", "drive", "--robot", "mended.toml", cwd=folder).returncode == 0
 
 
+def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:
+    text = (folder / "right.toml").read_text(encoding="utf-8")
+    head, _, tail = text.partition("[log.imu]")
+    (folder / "blind.toml").write_text(head + tail[tail.index("[log.") :], encoding="utf-8")
+    done = icreckon("check", "drive", "--robot", "blind.toml", cwd=folder)
+    assert done.returncode == 1
+    assert "Nothing could be checked: that takes track speeds and an IMU." in done.stdout
+    assert "Nothing in the log contradicts" not in done.stdout
+    assert "[log.imu]" in done.stdout
+
+
 def test_settings_for_ros_are_those_that_the_log_shows(folder: Path) -> None:
     """What the log contradicts is not written for pasting, and covariances are of what is written."""
     narrow = changed_robot(load_robot(folder / "wrong.toml"), {"indices.eta0": 1.0})
