@@ -30,6 +30,9 @@ from icreckon.replay.inspection.inspect import Inspection, inspect
 
 REPOSITORY = Path(__file__).parent.parent
 
+# Test workers set it; results are as wide as their tables without it.
+os.environ.pop("COLUMNS", None)
+
 # Properties are tried with the same examples in every run; HYPOTHESIS_PROFILE=default draws new ones.
 settings.register_profile("same-examples", derandomize=True, database=None, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))

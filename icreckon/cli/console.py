@@ -57,9 +57,12 @@ def messages() -> Console:
 
 
 def results() -> Console:
-    """Console for results: standard output, as wide as the tables if not a terminal."""
+    """Console for results: standard output, as wide as the tables if not a terminal.
+
+    The environment variable COLUMNS sets another width.
+    """
     console = _PlainConsole()
-    if not console.is_terminal:
+    if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = TABLE_WIDTH
     return console
 

@@ -25,6 +25,7 @@ from icreckon.report.replay.page_text import (
     number,
     page_title,
     provenance,
+    rejections_text,
     remarks,
     scored_text,
 )
@@ -310,9 +311,7 @@ def _dropped_by_filter(results: Results) -> Table:
     rows = []
     for name, one in filtered(results).items():
         used = ", ".join(f"{count} × {what}" for what, count in one["used"].items() if count)
-        rejected = (
-            ", ".join(f"{count} × {what}" for what, count in one["rejected"].items()) or "none"
-        )
+        rejected = rejections_text(one) or "none"
         nis = ", ".join(f"{what} {number(value)}" for what, value in one["nis"].items() if value)
         cells = [Cell(text, "wrap") for text in (used, rejected, nis)]
         cells.append(Cell(str(one["standstill_updates"])))

@@ -274,3 +274,18 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
     if interval is None:
         return ""
     return f" ({before}{number(interval[0])} to {number(interval[1])})"
+
+
+def rejections_text(one: Results) -> str:
+    """Measurements that a variant rejected, of how many, by sensor and reason.
+
+    Args:
+        one: results of the variant.
+    """
+    total = dict(one["used"])
+    named = [(*what.partition(": ")[::2], count) for what, count in one["rejected"].items()]
+    for sensor, _, count in named:
+        total[sensor] = total.get(sensor, 0) + count
+    return ", ".join(
+        f"{count} of {total[sensor]} {sensor} ({reason})" for sensor, reason, count in named
+    )

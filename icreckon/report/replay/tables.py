@@ -19,6 +19,7 @@ from icreckon.report.replay.page_text import (
     headline,
     lag_text,
     lowest,
+    rejections_text,
 )
 
 # Heading, key, digits.
@@ -135,11 +136,9 @@ def _footnotes(results: Results) -> list[str]:
             )
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(OF_ROBOT_FILE)]
-    rejected = {name: one["rejected"] for name, one in filtered(results).items()}
-    for name, reasons in rejected.items():
-        counts = ", ".join(f"{count} x {what}" for what, count in reasons.items())
-        if counts:
-            lines.append(f"Rejected by {name}: {counts}")
+    for name, one in filtered(results).items():
+        if one["rejected"]:
+            lines.append(f"Rejected by {name}: {rejections_text(one)}")
     return lines
 
 

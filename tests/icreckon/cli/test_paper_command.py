@@ -63,6 +63,15 @@ def test_tables_fit_80_characters(results: dict[str, object]) -> None:
         assert f" {value:.1f} " in shown
 
 
+def test_a_redirected_table_is_as_wide_as_columns_asks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    done = icreckon("paper", "--out", "here", cwd=tmp_path)
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "--wide shows all columns." in done.stdout
+
+
 @pytest.mark.parametrize("name", sorted(FIGURES))
 def test_figures_are_pictures_with_something_on_them(report: Path, name: str) -> None:
     assert (report / name).read_bytes().startswith(b"\x89PNG\r\n")
