@@ -15,6 +15,7 @@ from icreckon.replay.export.log_bag import Format, check_place, write_log
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.robot_remarks import robot_remarks
 from icreckon.simulation.truth.terrain import refuse_idle_keys
 
 FORMATS = ("mcap", "sqlite3", "ros1")
@@ -55,6 +56,8 @@ def run_simulate(
             _print(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
         of_terrain |= change.get("terrain", {})
     refuse_idle_keys([scenario.terrain], of_terrain, source)
+    for text in robot_remarks(loaded, scenario.truth):
+        _print(text)
     log = simulate(scenario, loaded)
     path = write_log(log, out, kind, loaded, overwrite=overwrite)
     # With fixes throughout no stretch of dead reckoning is left to score.

@@ -28,6 +28,7 @@ from icreckon.simulation.study.idle import refuse_idle
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
 from icreckon.simulation.study.statistics import statistics
+from icreckon.simulation.truth.robot_remarks import robot_remarks
 from icreckon.simulation.truth.terrain import check_terrain
 
 RESULTS_PARQUET = "results.parquet"
@@ -75,8 +76,12 @@ def run_study(
         check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
     chosen = choose_engine(plan, engine)
     slow = why_slow(plan, chosen)
-    if remark is not None and slow is not None:
-        remark(f"runs are computed one after the other, which is slow: {slow}")
+    if remark is not None:
+        if slow is not None:
+            remark(f"runs are computed one after the other, which is slow: {slow}")
+        first = plan.cells[0]
+        for text in robot_remarks(first.robot, first.scenario.truth):
+            remark(text)
     identity = manifest(plan, chosen)
     shape = (len(plan.labels), len(statistics(study.horizons)))
     store = open_store(Path(folder), identity, shape, overwrite=overwrite)
