@@ -68,9 +68,9 @@ def solve(
     Args:
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
-        parameters: eight index parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`;
-            each broadcasts.
-        vehicle: L, M, x_CM, y_CM.
+        parameters: `icreckon.Indices`, as `robot.indices`, or its values in that order, each of which
+            broadcasts.
+        vehicle: L, M, x_CM, y_CM, as `robot.constants`.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
         slip: residual (r_x, r_y, r_w) added to the kinematic twist.
         slip_in_inertia: True for the inertia of the twist with slip ("measured" inertia, if the slip is
@@ -80,7 +80,8 @@ def solve(
         The motion.
     """
     in_inertia = slip if slip_in_inertia else NO_SLIP
-    problem = balance_problem(V_l, V_r, parameters, vehicle, form == "literal", in_inertia)
+    values = parameters.as_array() if hasattr(parameters, "as_array") else parameters
+    problem = balance_problem(V_l, V_r, values, vehicle, form == "literal", in_inertia)
     u = balance(problem)
     return _motion(u, evaluate(u, problem), slip)
 
