@@ -1,12 +1,16 @@
-"""Tables of the site that are made from the code when the site is built.
+"""Tables of the pages that are made from the code: keys of files, commands, robots.
 
-A page asks for one by a line `<!-- table: NAME -->`, or `<!-- table: NAME of THING -->`.
+    python docs/hooks/tables.py
+
+brings them up to date. A page has one between a line `<!-- table: NAME -->`, or
+`<!-- table: NAME of THING -->`, and a line `<!-- end of table -->`.
 """
 
 from __future__ import annotations
 
 import inspect
 import re
+from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import msgspec
@@ -26,7 +30,12 @@ from icreckon.simulation.sensors.imu import InertialErrors
 from icreckon.simulation.study import plan
 from icreckon.simulation.truth import terrain
 
-MARK = re.compile(r"^<!-- table: (\w+)(?: of ([\w.-]+))? -->$", re.MULTILINE)
+END = "<!-- end of table -->"
+MARK = re.compile(
+    rf"^<!-- table: (\w+)(?: of ([\w.-]+))? -->\n(?:.*?\n)??{re.escape(END)}$",
+    re.MULTILINE | re.DOTALL,
+)
+PAGES = Path(__file__).parents[1]
 TYPES = {
     name: getattr(module, name)
     for module, names in (
@@ -48,8 +57,18 @@ DESCRIBED = {"EncoderSpec": EncoderErrors, "InertialSpec": InertialErrors, "FixS
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put the tables in the place of their marks."""
-    return MARK.sub(lambda mark: TABLES[mark[1]](*filter(None, (mark[2],))), markdown)
+    """Leave the marks of the tables out of the site."""
+    return MARK.sub(lambda mark: "\n".join(mark[0].split("\n")[1:-1]), markdown)
+
+
+def up_to_date(markdown: str) -> str:
+    """Text of a page with its tables as the code has them."""
+    return MARK.sub(_filled, markdown)
+
+
+def _filled(mark: re.Match[str]) -> str:
+    first = mark[0].split("\n", 1)[0]
+    return f"{first}\n\n{TABLES[mark[1]](*filter(None, (mark[2],)))}\n\n{END}"
 
 
 def rows(heads: tuple[str, ...], body: list[tuple[str, ...]]) -> str:
@@ -166,3 +185,9 @@ def option(parameter: Any) -> tuple[str, str, str] | None:
 
 
 TABLES = {"robots": robots, "commands": commands, "keys": keys}
+
+if __name__ == "__main__":
+    for path in PAGES.rglob("*.md"):
+        text = path.read_text(encoding="utf-8")
+        if (found := up_to_date(text)) != text:
+            path.write_text(found, encoding="utf-8")

@@ -131,8 +131,8 @@ def _sentence(text: str) -> str:
 
 def _cost(cost: float, worth: Worth) -> str:
     if cost < LEAST_COST:
-        return f"Costs {VARIANT} nothing here after {worth.horizon:g} s without fixes."
-    return f"Costs {VARIANT} {cost:.1f} % of the distance after {worth.horizon:g} s without fixes."
+        return f"Costs {VARIANT} nothing here in {worth.horizon:g} s."
+    return f"Costs {VARIANT} {cost:.1f} % of the distance in {worth.horizon:g} s."
 
 
 def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:

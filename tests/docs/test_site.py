@@ -17,6 +17,7 @@ from readme import ROOT
 DOCS = ROOT / "docs"
 PAGES = DOCS / "reference" / "api"
 NAMES = run_path(str(DOCS / "hooks" / "names.py"))
+TABLES = run_path(str(DOCS / "hooks" / "tables.py"))
 LOADED = re.compile(
     r"<(?:script|img|iframe|source|link)\b[^>]*?\s(?:src|href)=[\"']?(?:https?:)?//[^>]*>"
     r"|(?:url\(|@import )[\"']?(?:https?:)?//[^)]*",
@@ -39,6 +40,15 @@ def test_the_tables_of_names_hold_the_first_lines_of_the_docstrings() -> None:
         assert NAMES["up_to_date"](text) == text, "run `python docs/hooks/names.py`"
 
 
+def test_the_tables_of_keys_and_options_are_those_of_the_code() -> None:
+    pages = [path for path in DOCS.rglob("*.md") if "<!-- table: " in path.read_text("utf-8")]
+    assert len(pages) == 5
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert text.count("<!-- table: ") == len(TABLES["MARK"].findall(text)), page
+        assert TABLES["up_to_date"](text) == text, f"{page}: run `python docs/hooks/tables.py`"
+
+
 def test_what_is_loaded_from_outside_is_found() -> None:
     assert LOADED.search('<script async src="https://cdn.example/a.js">')
     assert LOADED.search("<link rel=stylesheet href=//fonts.example/css>")
@@ -59,7 +69,7 @@ def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path)
         found = LOADED.search(file.read_text(encoding="utf-8"))
         assert found is None, f"{file.relative_to(tmp_path)} loads {found[0]}"
     by_name = {str(page.parent.relative_to(tmp_path)): text for page, text in pages.items()}
-    assert not any("<!-- table" in text for text in by_name.values())
+    assert not any("<!-- table" in text or "end of table" in text for text in by_name.values())
     # Made from the code: a robot, a key, an option, a docstring.
     assert "<code>warthog</code>" in by_name["reference/robots"]
     assert "<code>gyro_bias_walk</code>" in by_name["reference/robot-file"]

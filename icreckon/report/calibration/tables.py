@@ -69,7 +69,7 @@ def _in_file(one: Results, *, narrow: bool) -> str:
     """Value in the robot file, and whether it is a default."""
     if one["before"] is None:
         return ""
-    mark = " (default)" if one["before_is_default"] and not narrow else ""
+    mark = " (= default)" if one["before_is_default"] and not narrow else ""
     return _number(one["before"]) + mark
 
 

@@ -16,6 +16,8 @@ from icreckon.report.replay.page_text import (
 UNSCORED = (
     "No log has a ground truth, so nothing is scored. The page of each log compares its variants."
 )
+# Variant that the ROS 2 node runs unless another one is set.
+LEARNS = "inertia-online"
 # Horizon that stands for all where only one is shown.
 USUAL_HORIZON = "30s"
 
@@ -79,7 +81,22 @@ def _ratio_text(results: Results, robot: str) -> str:
     )
     if interval is None:
         return f"{said} The logs are too short to say whether that is more than chance."
-    return f"{said} That may be chance." if interval[0] <= 1.0 <= interval[1] else said
+    if interval[0] <= 1.0 <= interval[1]:
+        said += " That may be chance."
+    return said + _learning_text(results, robot, best)
+
+
+def _learning_text(results: Results, robot: str, best: str) -> str:
+    """Ratio of the variant that a robot runs by default, where another one is the best."""
+    ratios, label = results["ratios"][robot], horizon_of(results)
+    learns = ratios["variants"].get(LEARNS)
+    if best == LEARNS or learns is None or learns[f"ratio_{label}"] is None:
+        return ""
+    ratio, interval = (learns[f"ratio_{label}{end}"] for end in ("", "_95"))
+    return (
+        f" {LEARNS}, which learns as it drives, drifts {number(ratio)} times as far"
+        f"{interval_text(interval, '95 % interval ')}."
+    )
 
 
 def horizon_of(results: Results) -> str:
