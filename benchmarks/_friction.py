@@ -11,7 +11,7 @@ from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, PoseSeries
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 
 ONLINE = ("constant-online", "inertia-online", "friction-online")
 # The goal for pose NEES (3 is ideal): between half and twice that.

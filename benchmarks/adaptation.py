@@ -28,7 +28,7 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, find_variant, motion_model
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate

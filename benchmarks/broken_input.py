@@ -31,7 +31,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario

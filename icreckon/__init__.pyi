@@ -75,10 +75,11 @@ from icreckon.estimator.robot.variants import default_adaptation as default_adap
 from icreckon.estimator.robot.variants import state_names as state_names
 from icreckon.estimator.streaming.latencies import Latencies as Latencies
 from icreckon.estimator.streaming.lost import LostFilter as LostFilter
-from icreckon.estimator.streaming.pose_estimator import IcrPoints as IcrPoints
+from icreckon.estimator.streaming.outputs import IcrPoints as IcrPoints
+from icreckon.estimator.streaming.outputs import PredictedPose as PredictedPose
+from icreckon.estimator.streaming.outputs import Run as Run
+from icreckon.estimator.streaming.outputs import Snapshot as Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator as PoseEstimator
-from icreckon.estimator.streaming.pose_estimator import Snapshot as Snapshot
-from icreckon.estimator.streaming.recorded_run import Run as Run
 from icreckon.estimator.streaming.run import run as run
 from icreckon.estimator.streaming.smoother import Smoothing as Smoothing
 from icreckon.estimator.streaming.smoother import smooth as smooth

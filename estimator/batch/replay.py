@@ -41,8 +41,7 @@ from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.engines import engine_of
-from icreckon.estimator.streaming.pose_estimator import Snapshot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run, Snapshot
 
 # Number of steps of a part; all filters run through a part before the next.
 PART = 1024

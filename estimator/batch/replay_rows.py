@@ -32,8 +32,7 @@ from icreckon.estimator.motion.motion_model import NO_SLIP, gravity_in, track_fa
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.sensors.measurement_models import innovation_components
-from icreckon.estimator.streaming.pose_estimator import Snapshot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run, Snapshot
 from icreckon.estimator.streaming.run import Rows
 
 # Number of steps at the end whose innovations are output, rows or not. The mean NIS over recent ones

@@ -543,6 +543,10 @@ class Reckoning:
             return twist_ahead(x, model, density, self.imu_interval)
         return pose_ahead(x, model, density, (stamp - self._start(stamp)) * NANOSECOND)
 
+    def pose_ahead(self, stamp: int) -> Prediction:
+        """Predict the pose at a later stamp [ns]."""
+        return self._predict("pose", stamp, ahead=True)
+
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
         """Density (3, 3) of the fast slip from the estimate's stamp to a later one [ns]."""
         inputs, sigma = self._inputs(stamp), self.slip_sigma()

@@ -10,7 +10,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.trajectory import Trajectory
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 
 # No position is further from its origin, not even in UTM coordinates [m].
 FURTHEST = 1e8

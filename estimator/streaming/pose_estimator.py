@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.checks import require_kind, three_numbers
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter import Reckoning
@@ -33,7 +31,7 @@ from icreckon.estimator.log.input_checks import (
     measurement_of,
 )
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement
-from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
+from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
@@ -45,6 +43,12 @@ from icreckon.estimator.robot.variants import (
 from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.late_measurements import History
 from icreckon.estimator.streaming.latencies import Latencies, StampCorrection
+from icreckon.estimator.streaming.outputs import (
+    IcrPoints,
+    PredictedPose,
+    Snapshot,
+    icr_points,
+)
 from icreckon.estimator.streaming.save import (
     SavedEstimator,
     read_saved,
@@ -55,42 +59,12 @@ from icreckon.estimator.streaming.saved_checks import require_sound
 from icreckon.estimator.streaming.warm_up import warm_up
 
 
-class IcrPoints(NamedTuple):
-    """ICRs of the left and the right track in base_link: (x forward, y left) [m]."""
-
-    left: tuple[float, float]
-    right: tuple[float, float]
-
-
-def icr_points(indices: IndexValues, track_gauge: float) -> IcrPoints:
-    """Compute the ICRs of the tracks by (28) to (30).
-
-    Args:
-        indices: zeta, epsilon [m], eta [-].
-        track_gauge: track gauge [m].
-    """
-    icrs = icrs_from_indices(indices, track_gauge)
-    left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
-    right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
-    return IcrPoints(left, right)
-
-
-class Snapshot(NamedTuple):
-    """Estimate at one stamp, see the properties of `PoseEstimator` by these names."""
-
-    stamp: int
-    state: Floats
-    covariance: Floats
-    twist: Floats
-    twist_covariance: Floats
-    indices: IndexValues
-
-
 class PoseEstimator:
     """Dead reckoning of a skid-steer robot from track speeds, IMU and some fixes.
 
     Feed measurements as they come; read the estimate at any time. Poses are those of `base_link` in
-    `odom`, twists are in `base_link` (REP-103).
+    `odom`, twists are in `base_link` (REP-103). Use it from one thread at a time: share it between
+    threads only with a lock about feeding and reading alike.
 
     The pose is continuous, as REP-105 requires of `odom`: tracks, IMU and body velocity correct the
     twist, which moves the pose, and only fixes make it jump. The stamp of the estimate is that of the
@@ -265,6 +239,30 @@ class PoseEstimator:
             twist_covariance(jacobian, P, self.robot.vehicle.max_track_speed),
             model.motion.indices,
         )
+
+    def pose_at(self, stamp: int) -> PredictedPose:
+        """Predict the pose between two samples or a little ahead of the estimate.
+
+        The motion goes on as it is. The estimate does not change. For a pose of the past set a `mark`.
+
+        Args:
+            stamp: time [ns], up to `Settings.hold` after `stamp` of the estimate.
+
+        Raises:
+            EstimatorError: there was no measurement yet, or the stamp is no integer, before that of the
+                estimate, or further ahead.
+        """
+        stamp, now = as_stamp("pose_at", stamp), self.stamp
+        if now is None:
+            raise EstimatorError("there is no estimate before the first measurement")
+        if not 0.0 <= (stamp - now) * NANOSECOND <= self.settings.hold:
+            raise EstimatorError(
+                f"no pose at {stamp}: it is {(stamp - now) * NANOSECOND:+.3g} s from the estimate, and "
+                f"must be 0 to {self.settings.hold:g} s (Settings.hold) after it; for the past set a mark"
+            )
+        values, H, R = self._reckoning.pose_ahead(stamp)
+        P = self._reckoning.ekf.P
+        return PredictedPose(stamp, values, H @ P[: H.shape[1], : H.shape[1]] @ H.T + R)
 
     def _named(self, part: slice) -> dict[str, float]:
         names = state_names(self.variant)[part]

@@ -17,8 +17,8 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.streaming.innovation_rows import InnovationRows
 from icreckon.estimator.streaming.lost import loss_of, stopped_by
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run, Snapshot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 # Number of measurements between two reports of progress.
 PROGRESS_EVERY = 500

@@ -58,8 +58,8 @@ from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run, Snapshot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import Rows, work_through
 
 SMOOTHED = "-smoothed"

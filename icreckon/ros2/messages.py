@@ -12,7 +12,7 @@ from typing import Any
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose, quaternion_to_yaw, relative
-from icreckon.estimator.streaming.pose_estimator import IcrPoints
+from icreckon.estimator.streaming.outputs import IcrPoints
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import KEY_VALUE, MARKER, POINT, STATUS
 from icreckon.replay.bags.messages import ICR_MARKERS, planar_covariance

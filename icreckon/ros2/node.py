@@ -13,7 +13,7 @@ import msgspec
 
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.pose_estimator import IcrPoints, icr_points
+from icreckon.estimator.streaming.outputs import IcrPoints, icr_points
 from icreckon.replay.bags.message_types import (
     DIAGNOSTICS,
     KEY_VALUE,

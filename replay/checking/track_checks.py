@@ -412,7 +412,7 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
 
 
 def _keys_of_track(robot: Robot, eta0: float) -> dict[str, float | list[float]]:
-    """Keys of a robot file that state the effective track, with a new one over the gauge."""
+    """Keys of a robot file that state the effective track, for a new one."""
     keys: dict[str, float | list[float]] = {"indices.eta0": eta0}
     icr = robot.constant_icr
     if icr is not None:

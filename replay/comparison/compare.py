@@ -26,7 +26,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS, find_variant, motion_model
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.lost import LostFilter, described, loss_of
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
 from icreckon.estimator.tracing.kernel_cache import kernel_files

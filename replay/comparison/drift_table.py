@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Drift, Unit, drift
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS

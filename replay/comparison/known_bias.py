@@ -19,7 +19,7 @@ from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.scores import even_grid, interpolate, interpolate_poses, pieces
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 
 GYRO = "gyro"
 KNOWN_BIAS = "gyro-known-bias"

@@ -17,7 +17,7 @@ from icreckon.estimator.log.series import Truth
 from icreckon.estimator.motion.icr import Icrs, PaperTwist, icrs_from_twist, indices_from_icrs
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 
 # Rows of the series: one each `SERIES_STEP` [s], but at least and at most so many. With all nine

@@ -24,7 +24,7 @@ from icreckon.estimator.filter.health import CORRELATED, ScatterHealth
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import (

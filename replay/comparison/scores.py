@@ -17,7 +17,7 @@ from icreckon.estimator.log.scores import (
     pose_nees,
     velocity_errors,
 )
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES

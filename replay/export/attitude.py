@@ -10,7 +10,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import yaw_to_quaternion
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.bags.messages import UNUSED_VARIANCE
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.scores import interpolate_poses, nees, regular
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.fixes import OF_FIXES

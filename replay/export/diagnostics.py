@@ -9,7 +9,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.scores import even_grid
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import DIAGNOSTICS, KEY_VALUE, STATUS
 from icreckon.replay.bags.messages import Messages

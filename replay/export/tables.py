@@ -16,7 +16,7 @@ from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.base.units import column

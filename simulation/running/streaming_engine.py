@@ -18,8 +18,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.streaming.lost import LostFilter, loss_of, stopped_by
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.estimator.streaming.run import Rows
 from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import to_stamps

@@ -32,7 +32,7 @@ from icreckon.estimator.log.scores import (
 )
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.scenario import Scenario
 

@@ -1,4 +1,4 @@
-"""Remarks on a robot that friction is to move, and whose file leaves out what friction needs."""
+"""Remarks on a robot file that leaves out what simulated friction needs."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def _ratio_text(results: Results, robot: str) -> str:
 
 
 def _learning_text(results: Results, robot: str, best: str) -> str:
-    """Ratio of the variant that a robot runs by default, where another one is the best."""
+    """Ratio of the default variant, where another one is the best."""
     ratios, label = results["ratios"][robot], horizon_of(results)
     learns = ratios["variants"].get(LEARNS)
     if best == LEARNS or learns is None or learns[f"ratio_{label}"] is None:

@@ -22,7 +22,7 @@ from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison import compare as comparison
 from icreckon.replay.comparison.compare import compare

@@ -13,8 +13,8 @@ import typer
 from icreckon.cli.comparing import compare_and_report, exit_if_failed
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.lost import LostFilter
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
-from icreckon.estimator.streaming.recorded_run import Run
+from icreckon.estimator.streaming.outputs import Run, Snapshot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison import compare as comparing
 from icreckon.replay.comparison.compare import compare

@@ -24,8 +24,8 @@ from icreckon.estimator.base.frames import quaternion_to_yaw
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.recorded_run import Run
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import Outbox, write_bag
 from icreckon.replay.base.errors import ReplayError

@@ -17,7 +17,8 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.batch.runs import Worked
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.streaming.lost import LostFilter
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator, Snapshot
+from icreckon.estimator.streaming.outputs import Snapshot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.report.study.folder import run_study
 from icreckon.report.study.text import failures, headline, summary_tables

@@ -1,0 +1,103 @@
+"""Outputs of the estimator: snapshot, predicted pose, ICRs, run over a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.filter.health import Health
+from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
+from icreckon.estimator.streaming.innovation_rows import Singles
+
+
+class IcrPoints(NamedTuple):
+    """ICRs of the left and the right track in base_link: (x forward, y left) [m]."""
+
+    left: tuple[float, float]
+    right: tuple[float, float]
+
+
+def icr_points(indices: IndexValues, track_gauge: float) -> IcrPoints:
+    """Compute the ICRs of the tracks by (28) to (30).
+
+    Args:
+        indices: zeta, epsilon [m], eta [-].
+        track_gauge: track gauge [m].
+    """
+    icrs = icrs_from_indices(indices, track_gauge)
+    left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
+    right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
+    return IcrPoints(left, right)
+
+
+class Snapshot(NamedTuple):
+    """Estimate at one stamp.
+
+    Attributes:
+        stamp: time [ns].
+        state: (SIZE,) state of the filter: x, y [m], yaw [rad] first; names in `STATE_NAMES`.
+        covariance: (SIZE, SIZE) its covariance; that of the pose is `covariance[:3, :3]`.
+        twist: (3,) v_x forward, v_y left [m/s], w [rad/s] of base_link.
+        twist_covariance: (3, 3) covariance of the twist.
+        indices: sliding, eccentricity and steering efficiency of the present motion.
+    """
+
+    stamp: int
+    state: Floats
+    covariance: Floats
+    twist: Floats
+    twist_covariance: Floats
+    indices: IndexValues
+
+
+class PredictedPose(NamedTuple):
+    """Predicted pose of base_link in odom.
+
+    Attributes:
+        stamp: time [ns].
+        pose: (3,) x, y [m], yaw [rad].
+        covariance: (3, 3) its covariance, that of the motion until then included.
+    """
+
+    stamp: int
+    pose: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run of one variant over a log, sampled after each pair of track speeds.
+
+    Attributes:
+        variant: name of the filter variant, with "-smoothed" appended if the run is smoothed.
+        trajectory: poses and twists with covariances.
+        indices: (n, 3) zeta [m], epsilon [m], eta [-] of the motion at that time.
+        state_names: (SIZE,) names of the states, see `icreckon.estimator.base.state`.
+        states: (n, SIZE) states of the filter.
+        state_sigmas: (n, SIZE) standard deviations of the states.
+        health: counts of the measurements.
+        innovation_names: (k,) components of the sensors with innovations, see
+            `icreckon.estimator.streaming.innovation_rows`.
+        innovations: (n, k) newest innovation of each component since the row before, over its predicted
+            standard deviation [-]; NaN if there was none. A smoothed run has no innovations.
+    """
+
+    variant: str
+    trajectory: Trajectory
+    indices: Floats
+    state_names: tuple[str, ...]
+    states: Floats
+    state_sigmas: Floats
+    health: Health
+    innovation_names: tuple[str, ...] = ()
+    innovations: Singles = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+
+    @property
+    def stamps(self) -> Stamps:
+        """Stamps (n,) of the rows [ns]."""
+        return self.trajectory.stamps
