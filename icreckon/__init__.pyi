@@ -1,5 +1,6 @@
 """Public names of icreckon and their homes: for type checkers, and for `__init__.py`."""
 
+from icreckon.estimator.base.errors import BatchError as BatchError
 from icreckon.estimator.base.errors import EstimatorError as EstimatorError
 from icreckon.estimator.base.errors import IcreckonError as IcreckonError
 from icreckon.estimator.base.state import STATE_NAMES as STATE_NAMES
@@ -32,6 +33,7 @@ from icreckon.estimator.log.log import Log as Log
 from icreckon.estimator.log.measurements import BodyVelocity as BodyVelocity
 from icreckon.estimator.log.measurements import HeadingFix as HeadingFix
 from icreckon.estimator.log.measurements import ImuSample as ImuSample
+from icreckon.estimator.log.measurements import Measurement as Measurement
 from icreckon.estimator.log.measurements import PoseFix as PoseFix
 from icreckon.estimator.log.measurements import PositionFix as PositionFix
 from icreckon.estimator.log.measurements import TrackSpeeds as TrackSpeeds

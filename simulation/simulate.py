@@ -77,6 +77,10 @@ def run_scenario(
     recording: TrackSpeedSeries | None = None,
 ) -> Simulation:
     """Simulate a run, true motion and biases included; arguments as in `simulate`."""
+    if not isinstance(scenario, Scenario):
+        raise SimulationError(
+            f"scenario must be Scenario(...), found {type(scenario).__name__}: simulate(scenario, robot)"
+        )
     if not isinstance(robot, Robot):
         raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
     streams = random_streams(scenario.seed, run_index)

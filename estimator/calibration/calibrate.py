@@ -22,6 +22,7 @@ from icreckon.estimator.calibration.segments import Motion, Recording, motion_of
 from icreckon.estimator.log.lag import NOWHERE
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
+from icreckon.estimator.log.series import require_part
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 
 SEGMENT = 3.0
@@ -29,12 +30,14 @@ SEGMENT = 3.0
 SHORTEST, LONGEST = 1.0, 20.0
 LEAST_MOVED = 0.02
 """Way of a truth over that of the tracks, below which one of them shows no motion [-]."""
+ALIKE, OTHER_UNIT = 0.8, 2.0
+"""Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
 AGAINST = -0.3
 """Correlation of turning by gyro and truth, or tracks, that indicates a wrong sign."""
 
 
 def calibrate(
-    logs: Sequence[Log],
+    logs: Sequence[Log] | Log,
     robot: Robot,
     *,
     segment: float = SEGMENT,
@@ -54,7 +57,7 @@ def calibrate(
     centre of mass forward and left) are held, and the lever arm is relative to them.
 
     Args:
-        logs: one or more logs of one robot, each with track speeds [m/s] made with the robot's sprocket
+        logs: a log or several of one robot, each with track speeds [m/s] made with the robot's sprocket
             radius, IMU samples and a truth; slices of logs are allowed.
         robot: the robot as described by its file; unobservable parameters keep these values.
         segment: length of a segment [s].
@@ -70,10 +73,13 @@ def calibrate(
 
     Raises:
         EstimatorError: no log, a log without truth, IMU or tracks, too little driving or turning,
-            signs that contradict each other, a truth that turns otherwise than the gyro, or an
+            signs or units that contradict each other, a truth that turns otherwise than the gyro, or an
             invalid option.
     """
     require_robot(robot)
+    logs = [logs] if isinstance(logs, Log) else logs
+    for log in logs:
+        require_part("each of logs", log, Log)
     chosen = _models(models)
     if not logs:
         raise EstimatorError("no log to calibrate from; give one or more")
@@ -187,12 +193,31 @@ def _check_signs(problem: Problem) -> None:
     ):
         if _correlation(values, by_truth) < AGAINST:
             raise EstimatorError(f"{what} turned against the truth; {hint}")
+    _check_unit(gyro, by_truth)
     residuals = problem.rows(problem.start)[moving][:, ALONG]
     forward = speeds.mean(axis=-1).sum(axis=1) * recording.cell
     if _correlation(residuals + forward, forward) < AGAINST and way.sum() > 0.0:
         raise EstimatorError(
             "the tracks drove against the truth; the sign of the track speeds, or the truth's yaw, is "
             "reversed"
+        )
+
+
+def _check_unit(gyro: Floats, by_truth: Floats) -> None:
+    """Reject a gyro in another unit: its turning is far from the truth's.
+
+    Args:
+        gyro: (n,) turning of the segments by the gyro [rad].
+        by_truth: (n,) by the truth [rad].
+    """
+    size = float(by_truth @ by_truth)
+    if size == 0.0 or _correlation(gyro, by_truth) < ALIKE:
+        return
+    ratio = float(gyro @ by_truth) / size
+    if not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
+        raise EstimatorError(
+            f"the gyro turns {ratio:.3g} times as far as the truth: one of them is in another unit "
+            "(57.3: the gyro is in deg/s)"
         )
 
 

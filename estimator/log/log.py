@@ -32,6 +32,7 @@ from icreckon.estimator.log.series import (
     TrackSpeedSeries,
     Truth,
     TwistSeries,
+    require_part,
 )
 
 AT_A_TIME = 8192
@@ -71,6 +72,13 @@ class Log:
     notes: tuple[str, ...] = ()
     others: tuple[Measurement, ...] = ()
     origin: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        require_part("name", self.name, str)
+        require_part("tracks", self.tracks, TrackSpeedSeries)
+        require_part("imu", self.imu, ImuSeries, or_none=True)
+        require_part("fixes", self.fixes, FixSeries, or_none=True)
+        require_part("truth", self.truth, Truth, or_none=True)
 
     @classmethod
     def from_measurements(

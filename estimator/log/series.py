@@ -126,6 +126,11 @@ class Truth:
     source: str = "unknown"
     headings: bool = True
 
+    def __post_init__(self) -> None:
+        require_part("poses", self.poses, PoseSeries)
+        require_part("twists", self.twists, TwistSeries, or_none=True)
+        require_part("tracks", self.tracks, TrackSpeedSeries, or_none=True)
+
     def positions_alone(self) -> Truth:
         """Truth without headings, and without what would show them."""
         poses = self.poses.poses.copy()
@@ -134,7 +139,30 @@ class Truth:
         return replace(self, poses=known, twists=None, tracks=None, headings=False)
 
 
+def require_part(name: str, value: object, kind: type, *, or_none: bool = False) -> None:
+    """Reject a part of a log of another type, such as an array in place of a series.
+
+    Raises:
+        EstimatorError: it has.
+    """
+    if not (isinstance(value, kind) or (or_none and value is None)):
+        more = " or None" if or_none else ""
+        raise EstimatorError(
+            f"{name} must be {kind.__name__}(...){more}, found {type(value).__name__}"
+        )
+
+
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:
+    for what, array in (("stamps", stamps), (name, values)):
+        if not isinstance(array, np.ndarray):
+            raise EstimatorError(
+                f"{what} must be a numpy array, found {type(array).__name__}; use numpy.asarray"
+            )
+    if stamps.dtype.kind not in "iu":
+        raise EstimatorError(
+            f"stamps must be integers [ns], found {stamps.dtype}; of seconds they are "
+            "numpy.round(seconds * 1e9).astype(numpy.int64)"
+        )
     if values.shape != (len(stamps), *width):
         raise EstimatorError(
             f"{name} must have shape {(len(stamps), *width)} to go with {len(stamps)} stamps, "

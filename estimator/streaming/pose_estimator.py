@@ -170,18 +170,18 @@ class PoseEstimator:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Estimated parameters by name, in the units of docs/explanation/model.md."""
+        """Estimated parameters by name, in SI units; see `Indices` for the indices."""
         named = self._named(s.PARAMETERS)
         return {name: named[name] for name in used_parameters(self.variant)}
 
     @property
     def biases(self) -> dict[str, float]:
-        """Biases and scales by their names in `icreckon.estimator.base.state`."""
+        """Biases and scales by their names in `STATE_NAMES`."""
         return self._named(s.BIASES)
 
     @property
     def state(self) -> Floats:
-        """(SIZE,) copy of the filter's state, see `icreckon.estimator.base.state`."""
+        """(SIZE,) copy of the filter's state, in the order of `STATE_NAMES`."""
         return self._reckoning.ekf.x[: s.SIZE].copy()
 
     @property
@@ -279,7 +279,7 @@ class PoseEstimator:
         its stamp.
 
         Returns:
-            True if the measurement was used.
+            True if the measurement was used; otherwise `health.rejections()` counts the reason.
 
         Raises:
             EstimatorError: the object is no measurement, holds what is no number, or is of a kind that
@@ -368,8 +368,8 @@ class PoseEstimator:
 
         Raises:
             EstimatorError: there was no measurement yet, the stamp is no integer, older than the
-                history or further ahead of the estimate than `Settings.hold`, or there are `MOST_MARKS`
-                marks already.
+                history or further ahead of the estimate than `Settings.hold`, or there are 20
+                marks (`MOST_MARKS`) already.
         """
         now = self.stamp
         if now is None:
@@ -395,7 +395,8 @@ class PoseEstimator:
         """Motion of the robot from one mark to another, or to now.
 
         Its covariance does not contain the error that both poses have in common, such as earlier drift.
-        Fixes since the first mark correct the motion.
+        Fixes since the first mark correct the motion: factors of a graph whose poses are fed back would
+        count them twice, so take those from a second estimator without fixes.
 
         Args:
             from_stamp: stamp of a mark [ns].
@@ -409,7 +410,7 @@ class PoseEstimator:
         return self._reckoning.clones.between(start, end, self.stamp or 0)
 
     def forget(self, stamp: int) -> None:
-        """Drop a mark that is no longer used; each costs time in every step.
+        """Drop a mark that is no longer used; steps take several times as long with marks.
 
         Args:
             stamp: stamp of the mark [ns].

@@ -11,6 +11,7 @@ from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.filter.health import Health, Judged
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.log.series import require_part
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -49,6 +50,7 @@ def run(
         EstimatorError: no such variant, or a log without track speeds.
         LostFilter: the estimate is not finite, has negative variances, or is absurd.
     """
+    require_part("log", log, Log)
     estimator = PoseEstimator(
         robot, variant, settings=settings, start=start, start_sigma=start_sigma
     )

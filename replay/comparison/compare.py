@@ -20,8 +20,8 @@ from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import Truth
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.log.series import Truth, require_part
+from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS, find_variant, motion_model
 from icreckon.estimator.sensors.sensor_models import SensorModels
@@ -128,11 +128,13 @@ def compare(
         progress: called periodically with the share that is done, 0 to 1.
 
     Raises:
-        EstimatorError: no such variant, a log without track speeds, or a robot whose ground does not
-            permit a friction variant.
+        EstimatorError: no such variant, a log without track speeds, a robot whose ground does not
+            permit a friction variant, or an argument of another type.
         ReplayError: no such engine, fixes were requested that the log lacks, or every variant failed.
         BatchError: the engine "batch" does not support this log; the message gives the reason.
     """
+    require_part("log", log, Log)
+    require_robot(robot)
     report = progress or _unreported
     if engine not in ENGINES:
         raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")

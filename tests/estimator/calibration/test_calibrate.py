@@ -507,6 +507,14 @@ def test_options_that_make_no_sense_are_refused(
         calibrate([case.log], case.robot, **options)
 
 
+@pytest.mark.parametrize(("factor", "found"), [(180.0 / np.pi, "5[0-9]"), (0.3, "0.30")])
+def test_a_gyro_in_another_unit_is_refused(case: Case, factor: float, found: str) -> None:
+    imu = case.log.imu
+    wrong = replace(imu, angular_velocity=imu.angular_velocity * factor)
+    with pytest.raises(EstimatorError, match=rf"the gyro turns {found}\S* times as far"):
+        calibrate([replace(case.log, imu=wrong)], case.robot, models=("constant",))
+
+
 def test_no_log_is_refused(robot: Robot) -> None:
     with pytest.raises(EstimatorError, match="no log"):
         calibrate([], robot)
