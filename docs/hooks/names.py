@@ -16,6 +16,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 import icreckon
 
 PAGES = Path(__file__).parents[1] / "reference" / "api"
@@ -32,7 +34,30 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 def entries(table: str) -> str:
     """Entries of mkdocstrings for the names of a table."""
-    return "".join(f"::: {'.'.join(icreckon._HOMES[name])}\n\n" for name in ROW.findall(table))
+    return "".join(map(_entry, ROW.findall(table)))
+
+
+def _entry(name: str) -> str:
+    """Entry of a name under that name, with the defaults of a structure, which have no signature."""
+    found, home = getattr(icreckon, name), ".".join(icreckon._HOMES[name])
+    if inspect.isclass(found) or inspect.isfunction(found):
+        # A function may be in a module of its own name.
+        home = f"{found.__module__}.{found.__qualname__}"
+    entry = f"::: {home}\n    options:\n      heading: {name}\n\n"
+    if not (inspect.isclass(found) and issubclass(found, msgspec.Struct)):
+        return entry
+    known = [
+        f"`{one.name} = {text}`" for one in msgspec.structs.fields(found) if (text := _default(one))
+    ]
+    return entry + (f"Defaults: {', '.join(known)}.\n\n" if known else "")
+
+
+def _default(field: Any) -> str:
+    """Default of a field as Python; empty if it is required, or a structure of its own."""
+    value = field.default
+    if value is msgspec.NODEFAULT and field.default_factory is not msgspec.NODEFAULT:
+        value = field.default_factory()
+    return "" if value is msgspec.NODEFAULT or isinstance(value, msgspec.Struct) else repr(value)
 
 
 def first_line(name: str) -> str:

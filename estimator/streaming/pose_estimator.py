@@ -76,7 +76,7 @@ class PoseEstimator:
     is re-run over all later ones. The estimate is the same as if all had come in time. It changes as soon
     as a late measurement is fed.
 
-    The constructor compiles all functions that `feed` calls: some seconds with an empty cache, less
+    The constructor compiles all functions that `feed` calls: up to 20 s with an empty cache, less
     than a second in later processes (`icreckon prepare` compiles ahead, for an image). `feed` never waits
     for the compiler.
 

@@ -54,10 +54,10 @@ CHECKS = (
 
 
 def check_robot(log: Log, robot: Robot) -> list[Check]:
-    """Check a robot file against a log that was read with it.
+    """Check a robot against a log: units, signs, mounting, latency, scale.
 
     Args:
-        log: the log, from `read_log` with this robot.
+        log: the log, from `read_log` with this robot, or made of arrays.
         robot: the robot.
     """
     found: list[Check] = []
