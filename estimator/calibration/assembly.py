@@ -51,6 +51,11 @@ COMMON = {
     "imu_left": "imu.left",
 }
 """Parameters that all models have, beside the difference of the radii: name in the results by name."""
+BY_TRACKS_ALONE = (
+    "models are compared by the tracks alone, and all of them go into the file; which filter variant to "
+    "run, with the gyro, icreckon replay shows on a log that was not calibrated with"
+)
+"""Note on the verdict."""
 TURN, PLACE = "rotation_rpy_deg", "position"
 """Keys of the IMU's mounting."""
 
@@ -141,7 +146,7 @@ def assembled(
         comparison,
         _verdict(comparison),
         _residuals(shared["constant"], main),
-        tuple(notes),
+        (*notes, BY_TRACKS_ALONE),
     )
 
 

@@ -54,6 +54,10 @@ LEAST_TURNING = 1.0
 SMALLEST_BLOCK, LARGEST_BLOCK, BLOCKS = 3, 8, 10
 """Segments of a block, which is what is left out or resampled together, and how many blocks there are to
 be at least, as long as they are not too small."""
+FIXES_AS_TRUTH = (
+    " (positions of RTK GPS can be it: rename [log.fixes] to [log.truth]; plain GPS is too rough)"
+)
+"""What can be done where there are fixes, but no truth."""
 
 
 @dataclass(frozen=True)
@@ -264,7 +268,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     if log.truth is None or len(log.truth.poses.stamps) < 2:
         raise EstimatorError(
             f"log {log.name!r} holds no pose truth, so nothing to calibrate from; name its topic in "
-            "[log.truth] of the robot file"
+            f"[log.truth] of the robot file{FIXES_AS_TRUTH if log.fixes is not None else ''}"
         )
     if log.imu is None or len(log.imu.stamps) < 2:
         raise EstimatorError(

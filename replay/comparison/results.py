@@ -47,6 +47,8 @@ LONG_GAP = 1.0
 MANY_REJECTED = 0.05
 # Number of fixes that show a correlation of successive innovations.
 ENOUGH_FIXES = 30
+# Source of a truth of `icreckon simulate` in which friction moves the robot.
+SIMULATED_FRICTION = "friction"
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
@@ -107,7 +109,13 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
-            "notes": [*log.notes, *_holes(log), *_doubts(comparison), *_findings(comparison)],
+            "notes": [
+                *log.notes,
+                *_simulated(comparison),
+                *_holes(log),
+                *_doubts(comparison),
+                *_findings(comparison),
+            ],
             "start_ns": log.start,
             "origin": log.origin,
         },
@@ -143,6 +151,18 @@ def write_results(path: Path, results: Results) -> None:
 
 def _in_one_line(numbers: re.Match[str]) -> str:
     return "".join(numbers[0].split())
+
+
+def _simulated(comparison: Comparison) -> list[str]:
+    """Report that the truth is simulated by the model of some variants."""
+    truth = comparison.log.truth
+    of_friction = [name for name in comparison.runs if name.startswith("friction")]
+    if truth is None or truth.source != SIMULATED_FRICTION or not of_friction:
+        return []
+    return [
+        "the truth is simulated, by friction at contact points: the friction variants model that, too, "
+        "which flatters them"
+    ]
 
 
 def _holes(log: Log) -> list[str]:
@@ -187,9 +207,12 @@ def _findings(comparison: Comparison) -> list[str]:
         name: one.health for name, one in comparison.runs.items() if not name.endswith(SMOOTHED)
     }
     notes = []
-    found = [f"{name} {one.wander.text}" for name, one in healths.items() if one.wander is not None]
+    found = [(name, one.wander) for name, one in healths.items() if one.wander is not None]
     if found:
-        notes.append(f"wander of the fixes at the newest of them: {'; '.join(found)}")
+        name, wander = found[-1]
+        notes.append(
+            f"the last fix was off by {wander.text}, by {name}: its estimate of the wander of the fixes"
+        )
     notes += _scatter_note([one.scatter for one in healths.values()])
     tilts = [one.tilt for one in healths.values() if one.tilt is not None and one.tilt.is_wrong]
     if tilts:

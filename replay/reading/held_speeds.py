@@ -73,8 +73,8 @@ def without_holding(log: Log, held: Held) -> Log:
     longest = max(hold for hold in usual if hold is not None)
     note = (
         f"track speeds change only {1.0 / longest:.0f} times a second, and are repeated in between: the "
-        'repetitions are replaced by interpolation, which the live node cannot do; `held = "keep"` in the '
-        "robot file leaves them, as the node does"
+        "repetitions are replaced by interpolation, which the live node cannot do; "
+        '`held = "keep"` in the robot file leaves them, as the node does'
     )
     tracks = TrackSpeedSeries(stamps, changed, *wheels)
     return replace(log, tracks=tracks, notes=(*log.notes, note))

@@ -37,6 +37,7 @@ def test_a_version_is_the_same_everywhere() -> None:
     assert changes[0][0] == version
     cited = yaml.safe_load(read("CITATION.cff"))
     assert cited["version"] == version
+    assert f"version = {{{version}}}" in read("docs/explanation/cite.md")
     assert str(cited["date-released"]) == changes[0][1]
     assert f'{{% set version = "{version}" %}}' in read(".github/conda-recipe/meta.yaml")
 

@@ -87,6 +87,12 @@ def test_demo_drifts_least_with_the_indices_of_friction(demo: Path) -> None:
     assert drift["inertia-online"] < min(drift["constant-online"], drift["gyro"])
 
 
+def test_demo_notes_that_its_truth_is_of_the_friction_variants_kind(demo: Path) -> None:
+    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    (note,) = (one for one in results["log"]["notes"] if one.startswith("the truth is simulated"))
+    assert "the friction variants model that, too" in note
+
+
 def test_demo_trajectories_agree_with_the_results(demo: Path) -> None:
     results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
     truth = read_tum(demo / "ground_truth.tum")
