@@ -12,6 +12,7 @@ from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
 from icreckon.report.replay.page_charts import constant_parameters, page_data, switches
+from icreckon.report.replay.page_drive import has_wheels
 from icreckon.report.replay.page_text import (
     CHECK_HINT,
     doubts,
@@ -209,9 +210,11 @@ def _drive_note(results: Results) -> str:
         rings = " Rings: where the ICRs truly are, while the robot turns."
     times = results["series"]["t_s"]
     step = (times[-1] - times[0]) / max(1, len(times) - 1)
+    size = f"{number(2.0 * half)} m{assumed}"
+    along = f"wheelbase {size}" if has_wheels(vehicle) else f"contact length {size}"
     return (
-        f"Drawn to scale, by the robot file: track gauge {number(vehicle['track_gauge'])} m, contact "
-        f"length {number(2.0 * half)} m{assumed}; the width of the tracks is not. The ICR of a track is "
+        f"Drawn to scale, by the robot file: track gauge {number(vehicle['track_gauge'])} m, {along}; "
+        f"the width of the {'wheels' if has_wheels(vehicle) else 'tracks'} is not. The ICR of a track is "
         "the point where its tread would not slide over the ground. Without slip it lies on the "
         "track; the farther out both lie, the more turning is lost. Dots: their last 6 s. Line: the last "
         f"8 s of the path.{rings} Lateral acceleration is speed times yaw rate. The page has a row of "

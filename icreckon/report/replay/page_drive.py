@@ -15,6 +15,8 @@ from icreckon.replay.comparison.results import Results
 
 # Least speed at which a slip angle is computed [m/s].
 LEAST_SPEED = 0.1
+# Contact points of a side with wheels, and the largest diameter that is drawn, over the wheelbase [-].
+WHEELS, LARGEST_WHEEL = 2, 0.9
 # Columns of a variant's motion, by their names in the script.
 MOTION = {
     "x": "x_m",
@@ -38,6 +40,7 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
         columns: columns of the page, with those of the charts.
     """
     series, vehicle = results["series"], results["robot"]["vehicle"]
+    contacts = _contacts(vehicle)
     for name, one in series["variants"].items():
         v_x, v_y, w = (floats(one[key]) for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
         commanded = floats(columns["inputs/tracks_rad_s"])
@@ -45,7 +48,9 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
         columns[f"{name}/slip_angle_deg"] = listed(_slip_angle(v_x, v_y))
     return {
         "gauge": vehicle["track_gauge"],
-        "length": 2.0 * vehicle["half_contact_length"],
+        "length": max(2.0 * centre + size for centre, size in contacts),
+        "base": 2.0 * vehicle["half_contact_length"],
+        "contacts": contacts,
         "variants": {
             name: {key: f"{name}/{column}" for key, column in MOTION.items()}
             for name in series["variants"]
@@ -56,6 +61,20 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
         "gyro": "gyro_rad_s" in series["inputs"],
         "colourings": _colourings(results, columns),
     }
+
+
+def has_wheels(vehicle: Results) -> bool:
+    """True for a robot on two wheels a side."""
+    return bool(vehicle["contact_points"] == WHEELS)
+
+
+def _contacts(vehicle: Results) -> list[list[float]]:
+    """Centre and length of what a side runs on: one track, or two wheels [m]."""
+    length = 2.0 * vehicle["half_contact_length"]
+    if not has_wheels(vehicle):
+        return [[0.0, length]]
+    wheel = min(2.0 * vehicle["sprocket_radius"], LARGEST_WHEEL * length)
+    return [[0.5 * length, wheel], [-0.5 * length, wheel]]
 
 
 def _first(results: Results) -> str:

@@ -594,3 +594,23 @@ def test_at_the_width_of_a_phone_nothing_is_cut_off(
     assert told["cut"] == []
     # At first glance, above the fold.
     assert told["verdict"] < 500
+
+
+@pytest.mark.parametrize(
+    ("points", "contacts", "length"),
+    [(5, [[0.0, 0.9]], 0.9), (2, [[0.45, 0.56], [-0.45, 0.56]], 1.46)],
+)
+def test_a_wheeled_robot_is_drawn_on_wheels(
+    results: dict[str, Any], points: int, contacts: list[list[float]], length: float
+) -> None:
+    changed = copy.deepcopy(results)
+    changed["robot"]["vehicle"] |= {
+        "contact_points": points,
+        "half_contact_length": 0.45,
+        "sprocket_radius": 0.28,
+    }
+    page = replay_page(changed)
+    assert ("wheelbase 0.9" if points == 2 else "contact length 0.9") in page
+    drive = page_data(changed)["drive"]
+    assert drive["contacts"] == contacts
+    assert drive["length"] == pytest.approx(length)

@@ -78,11 +78,13 @@ const Drive = (() => {
       `${0.16 * length * scale}h${-0.28 * gauge * scale}z` }, svg);
     for (const [side, key] of [[1, "left"], [-1, "right"]]) {
       const middle = 0.5 * side * gauge, speed = State.at(`inputs/${key}_m_s`, State.cursor);
-      make("rect", { class: "track", x: px(middle + 0.5 * wide), y: py(0.5 * length), rx: 3,
-        width: wide * scale, height: length * scale }, svg);
-      drawTreads(middle, wide, travelled(key));
+      for (const [centre, size] of drive.contacts) {
+        make("rect", { class: "track", x: px(middle + 0.5 * wide), y: py(centre + 0.5 * size), rx: 3,
+          width: wide * scale, height: size * scale }, svg);
+        drawTreads(middle, wide, travelled(key), centre, size);
+      }
       if (speed === null) continue;
-      const tip = py(speed * 0.6 * length), from = py(0);
+      const tip = py(speed * 0.6 * drive.base), from = py(0);
       if (Math.abs(tip - from) > 4) {
         const back = tip < from ? 7 : -7;
         make("path", { class: `arrow ${key}`, d: `M${px(middle)} ${from}V${tip}m-6 ${back}l6 ${-back}l6 ${back}` },
@@ -93,12 +95,11 @@ const Drive = (() => {
     }
   }
 
-  // Treads that pass as the track runs.
-  function drawTreads(middle, wide, way) {
-    const pitch = drive.length / 12;
+  // Treads that pass as the track or wheel runs.
+  function drawTreads(middle, wide, way, centre, size) {
+    const pitch = drive.length / 12, from = -centre - 0.5 * size;
     let d = "";
-    for (let at = -0.5 * drive.length + (((way % pitch) + pitch) % pitch); at < 0.5 * drive.length;
-      at += pitch) {
+    for (let at = from + (((way % pitch) + pitch) % pitch); at < from + size; at += pitch) {
       d += `M${view.px(middle + 0.42 * wide).toFixed(1)} ${view.py(-at).toFixed(1)}h${(0.84 * wide * view.scale).toFixed(1)}`;
     }
     make("path", { class: "treads", d }, view.svg);

@@ -167,8 +167,10 @@ const PathMap = (() => {
     make("rect", { class: "hull", x: -0.45 * length, y: -0.5 * gauge, width: 0.9 * length,
       height: gauge }, robot);
     for (const side of [-1, 1]) {
-      make("rect", { class: "track", x: -0.5 * length, y: side * 0.5 * gauge - 0.5 * track,
-        width: length, height: track }, robot);
+      for (const [centre, size] of drive.contacts) {
+        make("rect", { class: "track", x: centre - 0.5 * size, y: side * 0.5 * gauge - 0.5 * track,
+          width: size, height: track }, robot);
+      }
     }
     make("path", { class: "nose", d: `M${0.42 * length} 0l${-0.3 * length} ${-0.22 * gauge}v${0.44 * gauge}z` },
       robot);
