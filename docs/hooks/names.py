@@ -20,6 +20,12 @@ import msgspec
 
 import icreckon
 
+DESCRIBED_ELSEWHERE = {
+    "EncoderSpec": "encoders",
+    "InertialSpec": "gyro-accelerometer",
+    "FixSpec": "fixes",
+}
+"""Structures whose fields a page describes: name and heading there."""
 PAGES = Path(__file__).parents[1] / "reference" / "api"
 ROW = re.compile(r"^\| `icreckon\.(\w+)` \|.*\|$", re.MULTILINE)
 TABLE = re.compile(r"(?:^\|.*\|\n)+", re.MULTILINE)
@@ -46,6 +52,8 @@ def _entry(name: str) -> str:
     entry = f"::: {home}\n    options:\n      heading: {name}\n\n"
     if not (inspect.isclass(found) and issubclass(found, msgspec.Struct)):
         return entry
+    if name in DESCRIBED_ELSEWHERE:
+        entry += f"Its fields: [keys of a scenario](../scenario-file.md#{DESCRIBED_ELSEWHERE[name]}).\n\n"
     known = [
         f"`{one.name} = {text}`" for one in msgspec.structs.fields(found) if (text := _default(one))
     ]

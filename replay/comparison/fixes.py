@@ -24,7 +24,12 @@ SCORED_OUTAGE = 15.0
 
 
 class Bound(NamedTuple):
-    """A time in a log: seconds since its start, or a share of its duration."""
+    """A time in a log.
+
+    Attributes:
+        value: seconds since the log's start, or a share of its duration [-].
+        is_share: True for a share.
+    """
 
     value: float
     is_share: bool
@@ -36,7 +41,12 @@ class Bound(NamedTuple):
 
 
 class LogPart(NamedTuple):
-    """A part of a log."""
+    """A part of a log; `parse_part` makes one of a text such as "0:40%".
+
+    Attributes:
+        start: its start, as (value, is_share): seconds since the log's start, or a share of its duration.
+        end: its end.
+    """
 
     start: Bound
     end: Bound

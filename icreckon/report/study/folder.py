@@ -32,7 +32,24 @@ def run_study(
 ) -> Results:
     """Run or continue a study, and write its tables, figures and page to a folder.
 
-    Arguments, results and errors are those of `icreckon.simulation.running.run_study.run_study`.
+    Args:
+        study: the study, from `load_study` or made in code.
+        folder: folder of blocks and results; if it has blocks of the same study, the study continues.
+        engine: "auto", "batch", "streaming" or "single" (single precision); None for the study's setting.
+        workers: number of threads or processes; None for one per core.
+        executor: executor to run on instead.
+        cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).
+        overwrite: True if another study in the folder may be deleted.
+        report: called at the start and after each block.
+        remark: called with warnings, as text.
+
+    Returns:
+        Content of `results.json`, with NaN for null.
+
+    Raises:
+        SimulationError: an invalid study, a swept key that changes nothing, ground that a vehicle cannot
+            drive on, or a folder with other content.
+        EstimatorError: no such robot.
     """
     results = computed.run_study(
         study,
