@@ -36,7 +36,7 @@ class TrackSpeeds:
 
     Attributes:
         stamp: time [ns] from which on the filter holds the speeds, until the next sample. Where they are
-            averages since the previous one, set a latency of half an interval, see `Latencies`.
+            averages since the previous one, set a latency of one interval, see `Latencies`.
         left: speed of the left track, or mean of the left wheels [m/s], forward positive.
         right: speed of the right track, or mean of the right wheels [m/s], forward positive.
         left_wheels: speeds of the left wheels [m/s], always in the same order; empty if there is one.
