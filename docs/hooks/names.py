@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 import re
 from importlib import import_module
 from itertools import pairwise
@@ -49,7 +50,12 @@ def _entry(name: str) -> str:
     if inspect.isclass(found) or inspect.isfunction(found):
         # A function may be in a module of its own name.
         home = f"{found.__module__}.{found.__qualname__}"
-    entry = f"::: {home}\n    options:\n      heading: {name}\n\n"
+    options = "" if home.rpartition(".")[2] == name else f"      heading: {name}\n"
+    if inspect.ismodule(found):
+        # Members with an entry of their own have it once.
+        own = [one for module, one in icreckon._HOMES.values() if module == home]
+        options += f"      filters: {json.dumps(['!^_', *(f'!^{one}$' for one in own)])}\n"
+    entry = f"::: {home}\n" + (f"    options:\n{options}" if options else "") + "\n"
     if not (inspect.isclass(found) and issubclass(found, msgspec.Struct)):
         return entry
     if name in DESCRIBED_ELSEWHERE:

@@ -24,6 +24,7 @@ from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import load_study, study_names
+from icreckon.simulation.truth.robot_remarks import robot_remarks
 
 # Kernels depend on the motion model and on what is uncertain, not on the robot.
 ROBOT = "auriga-alpha"
@@ -84,6 +85,8 @@ def _long_log(variant: str) -> None:
 
 def _study(name: str) -> None:
     """Run the first seconds of each cell: the shapes of filters differ between cells."""
-    for cell in expand(load_study(name)).cells:
+    cells = expand(load_study(name)).cells
+    robot_remarks(cells[0].robot, cells[0].scenario.truth)
+    for cell in cells:
         short = msgspec.structs.replace(cell.scenario, duration=SECONDS, outages=())
         batch_engine.block(replace(cell, scenario=short), cell.filters, 0, 1)
