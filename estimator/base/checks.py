@@ -147,7 +147,9 @@ def require_flag(name: str, value: object) -> None:
         raise SettingError(f"{name} must be True or False, found {value!r}")
 
 
-def require_kind(name: str, value: object, kind: type, *, or_none: bool = False) -> None:
+def require_kind(
+    name: str, value: object, kind: type, *, or_none: bool = False, shown: bool = True
+) -> None:
     """Reject a value that is not an instance of a structure.
 
     Args:
@@ -155,6 +157,7 @@ def require_kind(name: str, value: object, kind: type, *, or_none: bool = False)
         value: its value.
         kind: the structure.
         or_none: True to allow None, too.
+        shown: False to leave a long value out of the message.
 
     Raises:
         SettingError: the value has another type.
@@ -162,9 +165,8 @@ def require_kind(name: str, value: object, kind: type, *, or_none: bool = False)
     if isinstance(value, kind) or (or_none and value is None):
         return
     leave_out = " or None" if or_none else ""
-    raise SettingError(
-        f"{name} must be {kind.__name__}(...){leave_out}, found {type(value).__name__} {value!r}"
-    )
+    found = f"{type(value).__name__} {value!r}" if shown else type(value).__name__
+    raise SettingError(f"{name} must be {kind.__name__}(...){leave_out}, found {found}")
 
 
 def require_wander(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.checks import require_kind
 from icreckon.estimator.base.errors import EstimatorError
 
 
@@ -145,11 +146,7 @@ def require_part(name: str, value: object, kind: type, *, or_none: bool = False)
     Raises:
         EstimatorError: it has.
     """
-    if not (isinstance(value, kind) or (or_none and value is None)):
-        more = " or None" if or_none else ""
-        raise EstimatorError(
-            f"{name} must be {kind.__name__}(...){more}, found {type(value).__name__}"
-        )
+    require_kind(name, value, kind, or_none=or_none, shown=False)
 
 
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:

@@ -410,7 +410,7 @@ class PoseEstimator:
         return self._reckoning.clones.between(start, end, self.stamp or 0)
 
     def forget(self, stamp: int) -> None:
-        """Drop a mark that is no longer used; steps take several times as long with marks.
+        """Drop a mark that is no longer used; each costs time in every step.
 
         Args:
             stamp: stamp of the mark [ns].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -70,6 +70,14 @@ class Check:
     mend: Mend | None = None
     measured: Measured | None = None
     settings: dict[str, float | list[float]] = field(default_factory=dict)
+
+
+def mended(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
+    """Mend log and robot by the checks that can, one after the other."""
+    for one in checks:
+        if one.mend is not None:
+            log, robot = one.mend(log, robot)
+    return log, robot
 
 
 def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
-from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check
+from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check, mended
 from icreckon.replay.checking.imu_checks import (
     check_bias,
     check_forward,
@@ -64,8 +64,7 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     for look in CHECKS:
         for one in look(log, robot):
             found.append(one)
-            if one.mend is not None:
-                log, robot = one.mend(log, robot)
+            log, robot = mended(log, robot, [one])
     return found
 
 
@@ -77,12 +76,9 @@ def with_mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, R
         robot: the robot, as it was checked.
         checks: result of `check_robot`.
     """
-    values: dict[str, float | list[float]] = {}
-    for one in checks:
-        if one.problem and one.mend is not None:
-            log, robot = one.mend(log, robot)
-            values |= one.settings
-    return log, changed_robot(robot, values)
+    wrong = [one for one in checks if one.problem and one.mend is not None]
+    log, robot = mended(log, robot, wrong)
+    return log, changed_robot(robot, {key: to for one in wrong for key, to in one.settings.items()})
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:

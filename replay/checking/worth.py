@@ -12,7 +12,7 @@ from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import Check
+from icreckon.replay.checking.check import Check, mended
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.scores import truths_of
 
@@ -65,14 +65,14 @@ def worth_of(
     wrong = [one for one in checks if one.problem]
     count = 2 + len(wrong)
     horizon = next((one for one in HORIZONS if log.duration > 2.0 * one), HORIZONS[-1])
-    best, truth = _run(*_mended(log, robot, wrong))
+    best, truth = _run(*mended(log, robot, wrong))
     reference = best if truth is None else truth
     drift_of_best = drift(best, reference, horizon).percent_mean
     report(1 / count)
 
-    def drift_without(mended: Sequence[Check]) -> float:
+    def drift_without(errors_mended: Sequence[Check]) -> float:
         try:
-            path, own_truth = _run(*_mended(log, robot, mended))
+            path, own_truth = _run(*mended(log, robot, errors_mended))
         except ReplayError:
             return float("nan")
         return drift(path, reference if own_truth is None else own_truth, horizon).percent_mean
@@ -89,13 +89,6 @@ def worth_of(
         costs = [as_it_is - drift_of_best]
     report(1.0)
     return Worth(horizon, as_it_is, drift_of_best if truth is not None else np.nan, tuple(costs))
-
-
-def _mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
-    for one in checks:
-        if one.mend is not None:
-            log, robot = one.mend(log, robot)
-    return log, robot
 
 
 def _run(log: Log, robot: Robot) -> tuple[PoseSeries, PoseSeries | None]:

@@ -49,13 +49,10 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
     truth = None if log.truth is None else log.truth.poses
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
-    true_poses = known = None
-    if log.truth is not None and truth is not None:
-        true_poses = interpolate_poses(truth, np.clip(stamps, truth.stamps[0], truth.stamps[-1]))
-        known = bridged(truth.stamps, stamps)
-        if not log.truth.headings:
-            true_poses[:, 2] = np.nan
-        series["truth"] = _pose_columns(np.where(known[:, None], true_poses, np.nan))
+    true_poses = None
+    if log.truth is not None:
+        true_poses = true_poses_at(log.truth, stamps)
+        series["truth"] = _pose_columns(true_poses)
         if log.truth.twists is not None:
             twists = log.truth.twists
             series["truth"] |= _twist_columns(_nearest(twists.stamps, twists.twists, stamps))
@@ -82,8 +79,8 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
             "epsilon_m": _rounded(one.indices[rows, 1]),
             "eta": _rounded(one.indices[rows, 2]),
         }
-        if true_poses is not None and known is not None:
-            apart = np.where(known[:, None], poses - true_poses, np.nan)
+        if true_poses is not None:
+            apart = poses - true_poses
             columns["position_error_m"] = _rounded(np.hypot(apart[:, 0], apart[:, 1]))
             columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(apart[:, 2])))
         columns["parameters"] = _parameters(one, log.start)
@@ -112,7 +109,7 @@ def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     """Values nearest to the stamps, NaN in a hole."""
     if len(known) < 2:
         return np.full(len(wanted), math.nan)
-    return np.where(bridged(known, wanted), _nearest(known, values, wanted), math.nan)
+    return np.where(_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
 
 
 def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
@@ -135,7 +132,17 @@ def _picks(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 
-def bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
+def true_poses_at(truth: Truth, stamps: Stamps) -> Floats:
+    """Poses (n, 3) of a truth, NaN in its holes; the yaw NaN if it has no headings."""
+    known = truth.poses.stamps
+    poses = interpolate_poses(truth.poses, np.clip(stamps, known[0], known[-1]))
+    poses[~_bridged(known, stamps)] = np.nan
+    if not truth.headings:
+        poses[:, 2] = np.nan
+    return poses
+
+
+def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
     """Mask (n,) of the stamps between close poses of the truth, or next to one."""
     after = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
     usual = int(np.median(np.diff(known))) if len(known) > 1 else 0

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.log.scores import interpolate_poses, nees, regular
+from icreckon.estimator.log.scores import nees, regular
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.fixes import OF_FIXES
-from icreckon.replay.comparison.plot_series import bridged
+from icreckon.replay.comparison.plot_series import true_poses_at
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.export.tables import run_columns
 
@@ -56,11 +56,7 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
 def _truth_columns(comparison: Comparison, variant: str, one: Run) -> dict[str, Column]:
     """Truth and errors at the rows of a run, NaN where the truth does not show them."""
     truth = truths_of(comparison)[variant].truth
-    known = truth.poses.stamps
-    poses = interpolate_poses(truth.poses, np.clip(one.stamps, known[0], known[-1]))
-    poses[~bridged(known, one.stamps)] = np.nan
-    if not truth.headings:
-        poses[:, 2] = np.nan
+    poses = true_poses_at(truth, one.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
     apart = one.trajectory.poses - poses
     apart[:, 2] = wrap_angle(apart[:, 2])

@@ -16,7 +16,7 @@ VALUES = np.array([0.02, 0.4128, 0.0, 0.0, 0.0])
 
 @pytest.mark.parametrize("length", [0.2, 0.45, 1.0])
 def test_derivatives_do_not_depend_on_the_start(length: float) -> None:
-    """A missed motion made derivatives of 1000 and standard errors of millimetres."""
+    """A missed motion made derivatives far too large, and standard errors too small."""
     robot = changed_robot(
         load_robot("warthog"),
         {
