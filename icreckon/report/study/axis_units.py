@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from icreckon.simulation.study.cells import OUTAGE
+
 INERTIAL = {
     "noise_density": "{}/√Hz",
     "bias_sigma": "{}",
@@ -32,9 +34,11 @@ UNITS = {
     "fix_rate": "Hz",
 }
 """Unit by the key of a scenario."""
+OF_STUDIES = {OUTAGE: "s"}
+"""Unit by a key that only studies have."""
 
 
 def with_unit(axis: str) -> str:
-    """Name of an axis with its unit, if it is a key of a scenario that has one."""
-    unit = UNITS.get(axis)
+    """Name of an axis with its unit, if it is a key that has one."""
+    unit = (UNITS | OF_STUDIES).get(axis)
     return axis if unit is None else f"{axis} [{unit}]"

@@ -44,6 +44,7 @@ def test_units_are_the_documented_ones(key: str, unit: str) -> None:
 
 def test_other_axes_stay_as_they_are() -> None:
     assert with_unit("noise") == "noise"
+    assert with_unit("outage") == "outage [s]"
     assert with_unit("gyro.noise_density") == "gyro.noise_density [rad/s/√Hz]"
 
 
