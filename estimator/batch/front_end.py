@@ -37,6 +37,7 @@ from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import (
     StandstillMemory,
     StandstillRecord,
+    memory_of,
     quiet_mean,
     stopped_after,
 )
@@ -158,22 +159,16 @@ class FrontEnd:
         room = lanes.quiet_stamps.shape[1] + readings
         stamps, rates = np.zeros((1, room), np.int64), np.zeros((1, room))
         stamps[0, :readings], rates[0, :readings] = standstill.stamps, standstill.rates
-        carried = standstill.restless_since, standstill.carried_since, standstill.carries
-        still = StandstillRecord(standstill.stopped_since, 0, readings, *carried)
-        records = record_array(held, 1), record_array(still, 1), record_array(noise, 1)
-        self._lanes = LaneRecords(*records, stamps, rates, lanes.stuck[:1])
+        still = record_array(standstill.record, 1)
+        of_lane = record_array(held, 1), still, record_array(noise, 1)
+        self._lanes = LaneRecords(*of_lane, stamps, rates, lanes.stuck[:1])
         self._added = 1
 
     def records(self, lane: int) -> tuple[TrackRecord, StandstillMemory, NoiseRecord]:
         """Records of track speeds and noise, and checkpoint of the standstill, of a lane."""
         lanes = self._lanes
         still = record_of(StandstillRecord, lanes.still[lane])
-        readings = lane, slice(still.first, still.end)
-        stamps = lanes.quiet_stamps[readings].tolist()
-        rates = lanes.quiet_rates[readings].tolist()
-        newest = tuple(stamps), tuple(rates)
-        carried = still.restless_since, still.carried_since, still.carries
-        standstill = StandstillMemory(still.stopped_since, *newest, *carried)
+        standstill = memory_of(still, lanes.quiet_stamps[lane], lanes.quiet_rates[lane])
         noise = record_of(NoiseRecord, lanes.noise[lane])
         return record_of(TrackRecord, lanes.held[lane]), standstill, noise
 

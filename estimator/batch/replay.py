@@ -133,8 +133,8 @@ def run_side_by_side(
         health.sensor("tracks").used = len(measured.track_stamps)
         tracks, still, noise = front.records(0)
         factor = float(lanes.workspace[one.rows["slip_factor"], 0])
-        health.slip = slip_health(tracks, still, factor, int(measured.track_stamps[0]))
-        health.noise = noise_health(noise, still.stopped_since != NEVER, chosen[0])
+        health.slip = slip_health(tracks, still.record, factor, int(measured.track_stamps[0]))
+        health.noise = noise_health(noise, still.record.stopped_since != NEVER, chosen[0])
         found[name] = rows.pop(0).finish(name, one, lanes, health)
         health = found[name].health
         add_gyro_faults(health, tracks, int(measured.track_stamps[0]))

@@ -407,7 +407,6 @@ def shared_constants(
         **dict.fromkeys(SLIP_SHARES, 1.0),
         "bias_variance": robot.imu.gyro_bias_sigma**2,
         "patience": settings.gates.patience,
-        "bias_margin": settings.standstill.bias_margin,
         "standstill_duration": settings.standstill.duration,
         **{f"fixed{i}": value for i, value in enumerate(state)},
         **{f"walk{i}": value for i, value in enumerate(walks)},

@@ -100,10 +100,7 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     doubt = select(taken, bias_doubt(trended, *smooth), trace.truth_as_number(many & to_a_side))
     doubt = doubt * precise * lane.constant("bias_variance")
     raised = precise * is_moving(*smooth) * trace.truth_as_number(many & ~to_a_side)
-    if s.GYRO_BIAS in P.states and s.GYRO_BIAS not in shape.considered:
-        P.add(s.GYRO_BIAS, s.GYRO_BIAS, doubt)
-        P.add(s.YAW, s.GYRO_BIAS, -doubt * DOUBTED_TIME)
-    P.add(s.YAW, s.YAW, doubt * DOUBTED_TIME**2)
+    lane.add_doubt(doubt, -doubt * DOUBTED_TIME, doubt * DOUBTED_TIME**2)
     doubled = factor_after_rejection(lane.row("present_factor"), raised)
     lane.stores["slip_factor"] = select(taken, after, maximum(factor, doubled))
     lane.stores["present_factor"] = select(taken, present, doubled)

@@ -64,7 +64,6 @@ CONSTANTS = (
     "patience",
     "interval",
     *SLIP_SHARES,
-    "bias_margin",
     "standstill_duration",
     "position_threshold",
     "bias_variance",

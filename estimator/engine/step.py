@@ -120,10 +120,8 @@ class Step:
         self.regressors: tuple[Vector, ...] = ({}, {}, {})
         slow = step_input("slow") > 0.5
         if kind.stands:
-            variance = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS)
-            of_mean = self.noise.gyro / constant("standstill_duration")
-            mean, bias = step_input("quiet_mean"), lane.x[s.GYRO_BIAS]
-            self.stands = model.stands(mean, bias, variance, of_mean, constant("bias_margin"))
+            mean = step_input("quiet_mean")
+            self.stands = mean == mean
             slow = slow & ~self.stands
         elif not kind.imu:
             slow = slow & (lane.row("stood") < 0.5)
@@ -202,7 +200,6 @@ class Step:
             lane.input("gap_density"),
             lane.input("slide_x_density"),
             lane.input("slide_y_density"),
-            lane.input("turn_density"),
         )
 
     def _with_regressors(self, now: model.TracedTwist) -> model.TracedTwist:
@@ -212,8 +209,13 @@ class Step:
         return now
 
     def update_standstill(self) -> None:
-        """Update standing lanes with a twist of zero."""
+        """Update standing lanes with a twist of zero, after a change of the gyro's bias."""
         lane, now = self.lane, self.model
+        variance = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS)
+        variance = variance + self.noise.gyro / lane.constant("standstill_duration")
+        mean = select(self.stands, lane.input("quiet_mean"), lane.x[s.GYRO_BIAS])
+        times = lane.input("rest_time"), lane.input("drive_time")
+        lane.add_doubt(*model.bias_change(mean - lane.x[s.GYRO_BIAS], variance, *times))
         before = lane.x.copy()
         for axis, variance in enumerate(STANDSTILL_VARIANCE):
             row = now.rows[axis]
@@ -330,6 +332,7 @@ class Step:
         cos, sin = model.turn(step[2])
         kept = exponential(-constant("slope_forgetting") * travel * dt)
         faded = _transition(lane.P.states, fades, kept * cos, kept * sin)
+        with_pose[s.YAW, s.YAW] = with_pose[s.YAW, s.YAW] + lane.input("turn_density") * dt
         after: dict[tuple[int, int], Any] = {}
         for i in range(3):
             # The carried row times the derivatives of the twist.

@@ -252,7 +252,6 @@ def watch_spin(
     change_left: float,
     change_right: float,
     fastest: float,
-    learns: bool,
 ) -> None:
     """Add a sample of the IMU, and decide whether a track spins.
 
@@ -267,7 +266,6 @@ def watch_spin(
         change_left: newest change of the left track's speed [m/s].
         change_right: newest change of the right track's speed [m/s].
         fastest: highest speed of a track [m/s].
-        learns: False if the sample may be none of the robot's own bends.
     """
     dt = (stamp - spin.stamp) * NANOSECOND if spin.stamp != NEVER else 0.0
     if not 0.0 < dt < LONGEST:
@@ -304,7 +302,7 @@ def watch_spin(
         spin.way += abs(mismatch) * dt
     elif spin.since != NEVER and (not was_found or (stamp - spin.newest) * NANOSECOND > OVER):
         forget_mismatch(spin)
-    if learns and not (was_found and is_found(spin)) and not spin.gyro_jumped:
+    if not (was_found and is_found(spin)) and not spin.gyro_jumped:
         learn_width(spin, dt)
     if is_found(spin) and not was_found:
         spin.times += 1

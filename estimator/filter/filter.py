@@ -33,7 +33,7 @@ from icreckon.estimator.filter.health import (
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import RejectedFix, beside_wander, relocation
-from icreckon.estimator.filter.slip_factor import doubt, follow_fix, follow_scatter
+from icreckon.estimator.filter.slip_factor import DOUBTED_TIME, doubt, follow_fix, follow_scatter
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -90,7 +90,7 @@ from icreckon.estimator.sensors.predictions import (
     with_wander,
 )
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, SensorModels
-from icreckon.estimator.sensors.standstill import QuietReadings, stands, tracks_rest
+from icreckon.estimator.sensors.standstill import QuietReadings, bias_change, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
 from icreckon.estimator.sensors.wheel_speeds import by_wheels
 
@@ -375,11 +375,11 @@ class Reckoning:
         mean = self._readings.mean(record.still, m.stamp, rate, spread, record.settings)
         noise = noise_of_step(record.noise, record.still, record.settings)
         # A mean that is not a number is that of a moving robot.
-        record.stands = mean == mean and self._stands(mean, noise.gyro)
+        record.stands = mean == mean
         # Predict the twist of the step.
         self._begin_step(m.stamp)
         if record.stands:
-            self._update_standstill()
+            self._update_standstill(mean, noise.gyro)
         inputs = self._inputs(m.stamp)
         at = StepTwist(self.model(), ekf.x.copy(), imu.interval, track_change(inputs), noise)
         # Gate, update and record.
@@ -397,27 +397,25 @@ class Reckoning:
         self._advance(m.stamp)
         return used
 
-    def _stands(self, mean: float, density: float) -> bool:
-        """Return True if the mean of quiet yaw rates is that of a standing robot.
-
-        Args:
-            mean: the mean [rad/s].
-            density: noise density of the gyro [rad²/s].
-        """
-        bias, variance = self.ekf.x.item(s.GYRO_BIAS), self.ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
-        standstill = self._settings.standstill
-        of_mean = density / standstill.duration
-        return stands(mean, bias, variance, of_mean, standstill.bias_margin)
-
     def _can_step_at_once(self, stamp: int) -> bool:
         """Return True if nothing is to follow each part of a whole step to a stamp [ns]."""
         record, ekf = self._record, self.ekf
         is_whole = NEVER != record.stamp < stamp and not record.step_under_way
         return is_whole and not (self.by_parts or ekf.clones or ekf.observer)
 
-    def _update_standstill(self) -> None:
-        """Update with the zero twist of a standing robot."""
+    def _update_standstill(self, mean: float, density: float) -> None:
+        """Update with the zero twist of a standing robot, after a change of the gyro's bias.
+
+        Args:
+            mean: mean of the quiet yaw rates [rad/s].
+            density: noise density of the gyro [rad²/s].
+        """
         self._counts.standstill_updates += 1
+        ekf, still = self.ekf, self._record.still
+        variance = ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
+        variance += density / self._settings.standstill.duration
+        change = mean - ekf.x.item(s.GYRO_BIAS)
+        doubt(ekf, *bias_change(change, variance, still.rest_time, still.drive_time))
         model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
         fixed = self.ekf.fixed_for_gyro
         correct(self.ekf, -model.twist, model.jacobian, R, fixed=fixed, correlated=False)
@@ -466,7 +464,8 @@ class Reckoning:
                     ekf, self._scatter, fixes, fix, *moved, admitted=used
                 )
                 share *= self._scatter.variance == 0.0
-            doubt(ekf, share * self._prior.gyro_bias_sigma**2)
+            added = share * self._prior.gyro_bias_sigma**2
+            doubt(ekf, added, -added * DOUBTED_TIME, added * DOUBTED_TIME**2)
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
             self._scatter = Scatter() if isinstance(m, PoseFix) else self._scatter
@@ -573,7 +572,8 @@ class Reckoning:
         if record.stamp >= stamp:
             return
         sigma, factor = self.slip_sigma(), record.slip_factor
-        noise = self._disturbances.of_step(self._tracks, sigma, factor=factor)
+        turn = self._inputs(stamp).turn_density
+        noise = self._disturbances.of_step(self._tracks, sigma, factor=factor, turn_density=turn)
         self.ekf.predict_motion(*self._mean_motion(stamp), noise)
         record.stamp = stamp
         record.step_under_way = False

@@ -11,7 +11,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import NEVER, Count, Size
-from icreckon.estimator.faults.failed_gyro import BEYOND, CONTRADICTS, JUMPED, REPEATS
+from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.faults.scattering_fixes import Scatter
@@ -22,7 +22,7 @@ from icreckon.estimator.robot.robot_file import Imu
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.standstill import StandstillMemory, StandstillRecord
+from icreckon.estimator.sensors.standstill import StandstillRecord
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
@@ -36,7 +36,6 @@ GYRO_FAULTS = {
     JUMPED: "jumped",
     REPEATS: REPEATED,
     BEYOND: "beyond its range",
-    CONTRADICTS: "contradicts the tracks",
 }
 # Correlation of successive innovations of position fixes from which on it is clear.
 CORRELATED = 0.5
@@ -279,7 +278,7 @@ class SlipHealth:
 
 def slip_health(
     held: TrackRecord,
-    still: StandstillRecord | StandstillMemory,
+    still: StandstillRecord,
     factor: float,
     ahead: int = 0,
 ) -> SlipHealth:
@@ -326,8 +325,7 @@ class GyroHealth:
     """Fault of the gyro, whose readings are not used meanwhile.
 
     Attributes:
-        fault: "jumped", "repeats itself", "beyond its range" or "contradicts the tracks"; None while it
-            works.
+        fault: "jumped", "repeats itself" or "beyond its range"; None while it works.
         since: stamp at which the fault was found [ns], or None.
         times: number of faults that were found.
     """
@@ -348,7 +346,7 @@ def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
     gyro = held.gyro
     fault = GYRO_FAULTS.get(gyro.fault)
     health.gyro = GyroHealth(fault, gyro.since + ahead if fault else None, gyro.times)
-    counts = gyro.jumped, gyro.repeated, gyro.beyond, gyro.contradicted
+    counts = gyro.jumped, gyro.repeated, gyro.beyond
     for reason, count in zip(GYRO_FAULTS.values(), counts, strict=True):
         if count:
             health.sensor("gyro").rejected[reason] = count

@@ -124,12 +124,13 @@ class Disturbances:
             inputs.gap_density,
             inputs.slide_x_density,
             inputs.slide_y_density,
-            inputs.turn_density,
         )
         return np.array(density)
 
-    def of_step(self, tracks: TrackRecord, sigma: Vector3, *, factor: float = 1.0) -> ProcessNoise:
-        """Process noise of a step at a `slip_sigma`, and the factor in that.
+    def of_step(
+        self, tracks: TrackRecord, sigma: Vector3, *, factor: float = 1.0, turn_density: float = 0.0
+    ) -> ProcessNoise:
+        """Process noise of a step at a `slip_sigma`, the factor in that, and a density of the yaw.
 
         The random walk of the parameters has its full rate in turns, where they are observable, and none
         when driving straight or standing. The slope changes with the distance that the tracks travel.
@@ -140,6 +141,7 @@ class Disturbances:
         walk += self._slope_walk * math.sqrt(travel)
         forgetting = self.slope_forgetting * travel
         times = slip_times(self._slip.time_constant, factor)
+        walk[s.YAW] = math.sqrt(turn_density)
         return ProcessNoise(np.array(sigma), times, walk, forgetting)
 
 
@@ -198,7 +200,6 @@ def fast_slip_density(
     gap_density: float,
     slide_x_density: float,
     slide_y_density: float,
-    turn_density: float,
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
 
@@ -211,7 +212,6 @@ def fast_slip_density(
         gap_density: density of the change of stale speeds, of their mean and half difference [m²/s].
         slide_x_density: density of the forward speed of a robot that slides or is carried [m²/s].
         slide_y_density: density of the speed to the left of a robot that is carried [m²/s].
-        turn_density: density of the yaw rate, once the gyro contradicts the tracks [rad²/s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
     xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
@@ -222,7 +222,7 @@ def fast_slip_density(
     yy = left_density * (y[0] * y[0]) + right_density * (y[1] * y[1])
     yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + slide_y_density
     ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
-    ww += 2.0 * white_time * (sigma_w * sigma_w) + turn_density
+    ww += 2.0 * white_time * (sigma_w * sigma_w)
     ww += 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
 

@@ -219,21 +219,24 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float, variance: fl
     return float(precision(variance) * bias_doubt(trend, *speeds))
 
 
-def doubt(ekf: IcrEkf, variance: float) -> None:
-    """Inflate the gyro's bias, and the yaw by what that turns in a time.
+def doubt(ekf: IcrEkf, bias: float, shared: float, yaw: float) -> None:
+    """Inflate the gyro's bias, and the yaw by what that turns.
+
+    A bias that is larger than estimated has turned the estimate too far to the left.
 
     Args:
         ekf: the filter, changed in place.
-        variance: what is added to the variance of the bias [rad²/s²].
+        bias: what is added to the variance of the bias [rad²/s²].
+        shared: the same for the covariance of yaw and bias [rad²/s].
+        yaw: the same for the variance of the yaw [rad²].
     """
-    if variance <= 0.0:
+    if bias <= 0.0:
         return
     if s.GYRO_BIAS in ekf.considered:
-        ekf.inflate(s.YAW, variance=variance * DOUBTED_TIME**2)
-        return
-    # A bias that is larger than estimated has turned the estimate too far to the left.
-    direction = np.array([-DOUBTED_TIME, 1.0])
-    ekf.inflate_jointly((s.YAW, s.GYRO_BIAS), variance * np.outer(direction, direction))
+        ekf.inflate(s.YAW, variance=yaw)
+    else:
+        covariance = np.array([[yaw, shared], [shared, bias]])
+        ekf.inflate_jointly((s.YAW, s.GYRO_BIAS), covariance)
 
 
 def follow_scatter(

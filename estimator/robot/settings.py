@@ -73,8 +73,6 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         quiet_gyro: the yaw-rate readings of that time are within this of their mean [rad/s], or
             within five standard deviations of the file's noise if that is more; measured noise beyond
             that counts with eight.
-        bias_margin: their mean is within this of the bias estimate [rad/s], or within four standard
-            deviations of the two together if that is more.
 
     Raises:
         EstimatorError: a value is negative or not a finite number, or `duration` is out of range.
@@ -83,7 +81,6 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     track_speed: NotNegative = 0.005
     duration: Annotated[float, _LONG_ENOUGH] = 0.5
     quiet_gyro: NotNegative = 0.02
-    bias_margin: NotNegative = 0.03
 
     def __post_init__(self) -> None:
         check_bounds(self, "StandstillSettings.{}")

@@ -11,7 +11,7 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Interval, plain_copy
-from icreckon.estimator.faults.failed_gyro import GyroRecord, shows_bends, watch_gyro
+from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
 from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
 from icreckon.estimator.faults.spinning_tracks import (
@@ -20,7 +20,6 @@ from icreckon.estimator.faults.spinning_tracks import (
     forget_mismatch,
     is_found,
     remember_jump,
-    spread_of_bends,
     watch_spin,
     width_of_bends,
 )
@@ -203,12 +202,12 @@ def take_motion(
     if held.stamp == NEVER or rate != rate:
         return rate
     spin = held.spin
-    width, spread = width_of_bends(spin), 0.0
-    if width > 0.0:
-        spread = spread_of_bends(spin)
+    width = width_of_bends(spin)
+    if width == 0.0:
+        width = settings.track_width
     turning, before = spin.right - spin.left, held.smooth_right - held.smooth_left
-    speed, most = 0.5 * (spin.left + spin.right), settings.gyro_range
-    rate = watch_gyro(held.gyro, stamp, rate, turning, width, spread, before, speed, most)
+    most, acceleration = settings.gyro_range, settings.yaw_acceleration
+    rate = watch_gyro(held.gyro, stamp, rate, turning, width, before, most, acceleration)
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     mean = 0.5 * (held.left + held.right)
@@ -221,8 +220,7 @@ def take_motion(
         remember_jump(spin, stamp, left, right, settings.fastest)
         spin.stamp = stamp
         return rate
-    learns = shows_bends(held.gyro)
-    watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest, learns)
+    watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)
     return rate
 
 

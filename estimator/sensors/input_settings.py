@@ -5,12 +5,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.motion.icr import GRAVITY
+from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 
-# Standard deviations within which a gyro's bias lies, and at least so much [rad/s].
-OF_BIAS, LEAST_TURN = 5.0, 0.1
+# Coefficient of friction beyond that of any tyre on any ground, bumps included [-].
+MOST_FRICTION = 2.0
+# Standard deviations within which a gyro's bias lies, and at least so much [rad/s]: 20 deg/s, the
+# zero-rate output of the coarsest gyros (data sheet of the MPU-6050).
+OF_BIAS, LEAST_TURN = 5.0, 0.35
+# Share of the standard deviation of its bias by which that may change between standstills.
+USUAL_CHANGE = 0.5
 
 
 class InputSettings(NamedTuple):
@@ -25,9 +31,12 @@ class InputSettings(NamedTuple):
         track_speed: slower tracks are stopped [m/s].
         duration_ns: duration of a standstill before it is detected [ns].
         quiet_gyro: largest distance of quiet yaw-rate readings from their mean [rad/s].
+        track_width: effective track width by the robot file [m].
+        yaw_acceleration: more than friction can turn the robot [rad/s²].
         gyro_range: range of the gyro; 0 if unknown [rad/s].
         gyro_bias: its bias at the start [rad/s].
         most_bias: no bias is further from that [rad/s].
+        usual_change: change of the bias between standstills that needs no other explanation [rad/s].
         gyro_noise_density: noise density of the gyro in the robot file [rad/s/√Hz].
         accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
         undetected_share: slip of both tracks that nothing shows, as a share of their speed [-].
@@ -44,9 +53,12 @@ class InputSettings(NamedTuple):
     track_speed: float
     duration_ns: int
     quiet_gyro: float
+    track_width: float
+    yaw_acceleration: float
     gyro_range: float
     gyro_bias: float
     most_bias: float
+    usual_change: float
     gyro_noise_density: float
     accelerometer_noise_density: float
     undetected_share: float
@@ -66,12 +78,24 @@ def input_settings(robot: Robot, settings: Settings, variant: Variant) -> InputS
         float(standstill.track_speed),
         int(standstill.duration * 1e9),
         float(standstill.quiet_gyro),
+        float(robot.vehicle.track_gauge * robot.indices.eta0),
+        _yaw_acceleration(robot.vehicle),
         float(robot.imu.gyro_range),
         float(robot.imu.gyro_bias),
         float(max(LEAST_TURN, OF_BIAS * robot.imu.gyro_bias_sigma)),
+        float(USUAL_CHANGE * robot.imu.gyro_bias_sigma),
         float(robot.imu.gyro_noise_density),
         float(robot.imu.accelerometer_noise_density),
         float(robot.undetected_slip.share),
         float(robot.undetected_slip.time),
         variant.weighs_tracks,
     )
+
+
+def _yaw_acceleration(vehicle: Vehicle) -> float:
+    """Angular acceleration beyond what friction can give a vehicle [rad/s²].
+
+    Both tracks pull with all friction, to opposite sides, on a plate as large as the contact's outline.
+    """
+    width, length = vehicle.track_gauge, 2.0 * vehicle.half_contact_length
+    return float(MOST_FRICTION * GRAVITY * 6.0 * width / (width * width + length * length))

@@ -1,4 +1,7 @@
-"""Standstill detection: both tracks stopped, and a gyro whose mean is its bias.
+"""Standstill detection: both tracks stopped, and a quiet gyro, whose mean is its bias.
+
+A bias that differs from the estimate jumped, or walked, since the robot last stood. A robot that is
+turned slowly and steadily with its tracks at rest looks the same; the uncertainty of the yaw covers that.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`. Yaw-rate
 readings lie in a buffer beside the record, for their number is known only when a log is.
@@ -7,12 +10,13 @@ readings lie in a buffer beside the record, for their number is known only when 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, assign, plain_copy
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.sensors.input_settings import InputSettings
 
@@ -21,8 +25,10 @@ ROOM = 64
 # Standard deviations within which quiet readings are about their mean: of the file's noise, and of
 # measured noise beyond that, which may be that of an engine and no white noise.
 OF_FILE, OF_MEASURED = 5.0, 8.0
-# Standard deviations within which their mean is about the bias.
+# Standard deviations beyond which their mean shows that the bias has changed.
 OF_MEAN = 4.0
+# A slow turn is this share of a bias that changed, at one standard deviation.
+SLOW_TURN = 1.0 / 3.0
 # Time without quiet readings after which a robot with its tracks at rest is carried: a robot rocks for a
 # moment when it stops [s]. Its speed then, as a standard deviation [m/s].
 ROCKING, CARRIED_SPEED = 1.0, 0.5
@@ -39,6 +45,12 @@ class StandstillRecord(msgspec.Struct):
             for long enough [ns], or NEVER.
         carried_since: stamp from which on the robot is carried [ns], or NEVER.
         carries: number of times that it was.
+        quiet_at: stamp of the newest reading at which the robot stood [ns], or NEVER.
+        quiet_mean: mean of the readings then [rad/s].
+        mean_before: the same at the end of the rest before [rad/s].
+        changed_at: stamp from which on the mean is another than before this rest [ns], or NEVER.
+        rest_time: time at rest since the robot last stood, at the newest quiet reading [s].
+        drive_time: time of driving since then [s]; 0 if it never stood.
     """
 
     stopped_since: int = NEVER
@@ -47,39 +59,46 @@ class StandstillRecord(msgspec.Struct):
     restless_since: int = NEVER
     carried_since: int = NEVER
     carries: int = 0
+    quiet_at: int = NEVER
+    quiet_mean: float = 0.0
+    mean_before: float = 0.0
+    changed_at: int = NEVER
+    rest_time: float = 0.0
+    drive_time: float = 0.0
 
 
 class StandstillMemory(msgspec.Struct, frozen=True):
     """Checkpoint of a standstill.
 
     Attributes:
-        stopped_since: stamp of the first track speeds that were slow enough [ns], or NEVER.
+        record: record, whose buffer begins with the oldest reading that counts.
         stamps: stamps of the yaw-rate readings since then [ns].
         rates: the readings [rad/s].
-        restless_since: stamp from which on readings have not been quiet [ns], or NEVER.
-        carried_since: stamp from which on the robot is carried [ns], or NEVER.
-        carries: number of times that it was.
     """
 
-    stopped_since: int = NEVER
+    record: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
     stamps: tuple[int, ...] = ()
     rates: tuple[float, ...] = ()
-    restless_since: int = NEVER
-    carried_since: int = NEVER
-    carries: int = 0
 
     def __post_init__(self) -> None:
-        if len(self.stamps) != len(self.rates):
+        count = len(self.stamps)
+        if count != len(self.rates) or (self.record.first, self.record.end) != (0, count):
             raise ValueError("each yaw-rate reading of a standstill needs a stamp")
 
     def shifted(self, by: int) -> StandstillMemory:
         """Copy for a clock that is ahead by so much [ns]."""
-        stopped, restless, carried = (
-            stamp if stamp == NEVER else stamp + by
-            for stamp in (self.stopped_since, self.restless_since, self.carried_since)
-        )
-        stamps = tuple(stamp + by for stamp in self.stamps)
-        return StandstillMemory(stopped, stamps, self.rates, restless, carried, self.carries)
+        record = plain_copy(StandstillRecord, self.record)
+        for name in ("stopped_since", "restless_since", "carried_since", "quiet_at", "changed_at"):
+            if getattr(record, name) != NEVER:
+                setattr(record, name, getattr(record, name) + by)
+        return StandstillMemory(record, tuple(stamp + by for stamp in self.stamps), self.rates)
+
+
+def memory_of(still: StandstillRecord, stamps: Stamps, rates: Floats) -> StandstillMemory:
+    """Checkpoint of a record and its buffers, see `quiet_mean`."""
+    kept, record = slice(still.first, still.end), plain_copy(StandstillRecord, still)
+    record.first, record.end = 0, still.end - still.first
+    return StandstillMemory(record, tuple(stamps[kept].tolist()), tuple(rates[kept].tolist()))
 
 
 def stopped_after(
@@ -96,7 +115,8 @@ def stopped_after(
     """
     if abs(left) >= track_speed or abs(right) >= track_speed:
         if still.stopped_since != NEVER:
-            still.stopped_since = NEVER
+            still.stopped_since = still.changed_at = NEVER
+            still.mean_before = still.quiet_mean
             settle(still)
             still.first = still.end = 0
     elif still.stopped_since == NEVER:
@@ -129,8 +149,8 @@ def quiet_mean(
         settings: settings of the filter.
 
     Returns:
-        The mean [rad/s]; NaN if the tracks move, have not stopped for long enough, or a reading is
-        further from the mean than noise explains.
+        The mean [rad/s]; NaN if the tracks move, readings have not been quiet for long enough, or their
+        mean is no bias.
 
     Raises:
         ValueError: the buffers are too short.
@@ -150,26 +170,43 @@ def quiet_mean(
     stamps[end], rates[end] = stamp, rate
     end += 1
     still.first, still.end = first, end
-    if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
-        return math.nan
     total = 0.0
     for k in range(first, end):
         total += rates[k]
     mean = total / (end - first)
-    per_second = (end - first - 1) * 1e9 / (stamp - stamps[first])
+    per_second = (end - first - 1) * 1e9 / max(1, stamp - stamps[first])
     of_file = settings.gyro_noise_density
     spread = OF_FILE * of_file + OF_MEASURED * max(0.0, noise - of_file)
     quiet = max(settings.quiet_gyro, spread * math.sqrt(per_second))
-    for k in range(first, end):
+    for k in range(end - 1, first - 1, -1):
         if abs(rates[k] - mean) > quiet:
-            keep_restless(still, stamp)
+            # Readings begin to count after the newest one that is not quiet.
+            still.first = min(k + 1, end - 1)
+            if still.stopped_since <= oldest_needed:
+                keep_restless(still, stamp)
             return math.nan
+    if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
+        return math.nan
     if abs(mean - settings.gyro_bias) > settings.most_bias:
         # Smooth, and no bias: it turns.
         keep_restless(still, stamp)
-    else:
-        settle(still)
+        return math.nan
+    settle(still)
+    keep_quiet(still, stamp, mean, settings)
     return mean
+
+
+def keep_quiet(still: StandstillRecord, stamp: int, mean: float, settings: InputSettings) -> None:
+    """Add a sample [ns] at which the robot stands, and the mean of its quiet readings [rad/s]."""
+    before = still.quiet_at
+    since = max(still.stopped_since, before)
+    still.rest_time = (stamp - since) * NANOSECOND
+    still.drive_time = 0.0 if before == NEVER else (since - before) * NANOSECOND
+    still.quiet_at, still.quiet_mean = stamp, mean
+    if before == NEVER:
+        still.mean_before = mean
+    if still.changed_at == NEVER and abs(mean - still.mean_before) > settings.usual_change:
+        still.changed_at = stamp
 
 
 def keep_restless(still: StandstillRecord, stamp: int) -> None:
@@ -209,19 +246,50 @@ def carried_density(still: StandstillRecord, start: int, end: int) -> float:
     return 2.0 * CARRIED_SPEED * CARRIED_SPEED * age
 
 
-def stands(
-    mean: float, bias: float, bias_variance: float, mean_variance: float, margin: float
-) -> bool:
-    """Return True if quiet readings are those of a standing robot.
+def turn_density(still: StandstillRecord, start: int, end: int) -> float:
+    """Error density of the yaw over a step of a robot that may turn slowly while it rests [rad²/s].
 
     Args:
-        mean: their mean; not a number if the robot moves [rad/s].
-        bias: estimated bias of the gyro [rad/s].
-        bias_variance: variance of that estimate [rad²/s²].
-        mean_variance: variance of the mean [rad²/s²].
-        margin: means this close to the bias are those of a standing robot in any case [rad/s].
+        still: record.
+        start: stamp of the step's start [ns].
+        end: stamp of its end [ns].
     """
-    return abs(mean - bias) <= max(margin, OF_MEAN * math.sqrt(bias_variance + mean_variance))
+    if still.changed_at == NEVER:
+        return 0.0
+    rate, since = SLOW_TURN * (still.quiet_mean - still.mean_before), still.changed_at
+    return rate * rate * max(0.0, (start - since + end - since) * NANOSECOND)
+
+
+class BiasChange(NamedTuple):
+    """Variances to add when the mean of quiet readings shows that the gyro's bias has changed.
+
+    Attributes:
+        bias: of the bias [rad²/s²].
+        shared: of yaw and bias together [rad²/s].
+        yaw: of the yaw [rad²].
+    """
+
+    bias: Any
+    shared: Any
+    yaw: Any
+
+
+def bias_change(change: Any, variance: Any, rest_time: Any, drive_time: Any) -> BiasChange:
+    """Variances to add to bias and yaw, 0 if the change is within what is expected.
+
+    At rest all turning was that of the bias. While driving it may have changed at any time since the
+    robot last stood.
+
+    Args:
+        change: mean of the quiet readings less the estimated bias [rad/s].
+        variance: variance of that difference [rad²/s²].
+        rest_time: time at rest since the robot last stood [s].
+        drive_time: time of driving since then [s].
+    """
+    square = max(0.0, change * change - OF_MEAN * OF_MEAN * variance)
+    of_rest = (1.0 + SLOW_TURN * SLOW_TURN) * (rest_time * rest_time)
+    of_drive = drive_time * drive_time * (1.0 / 3.0)
+    return BiasChange(square, -square * rest_time, square * (of_rest + of_drive))
 
 
 def is_full(still: StandstillRecord, stamps: Stamps) -> bool:
@@ -261,17 +329,11 @@ class QuietReadings:
 
     def memory(self, still: StandstillRecord) -> StandstillMemory:
         """Checkpoint of the readings that count."""
-        kept = slice(still.first, still.end)
-        stamps, rates = self.stamps[kept].tolist(), self.rates[kept].tolist()
-        readings = tuple(stamps), tuple(rates)
-        carried = still.restless_since, still.carried_since, still.carries
-        return StandstillMemory(still.stopped_since, *readings, *carried)
+        return memory_of(still, self.stamps, self.rates)
 
     def recall(self, still: StandstillRecord, memory: StandstillMemory) -> None:
         """Restore a checkpoint."""
+        assign(still, memory.record)
         count = len(memory.stamps)
-        still.stopped_since, still.first, still.end = memory.stopped_since, 0, count
-        still.restless_since, still.carried_since = memory.restless_since, memory.carried_since
-        still.carries = memory.carries
         self.stamps, self.rates = np.zeros(count + ROOM, np.int64), np.zeros(count + ROOM)
         self.stamps[:count], self.rates[:count] = memory.stamps, memory.rates

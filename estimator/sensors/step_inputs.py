@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from icreckon.estimator.faults.failed_gyro import contradiction_density
 from icreckon.estimator.faults.odd_wheels import wheel_density
 from icreckon.estimator.faults.sliding_robot import slide_density
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, spin_density
@@ -19,7 +18,7 @@ from icreckon.estimator.sensors.held_tracks import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.sensor_models import TrackChange
-from icreckon.estimator.sensors.standstill import StandstillRecord, carried_density
+from icreckon.estimator.sensors.standstill import StandstillRecord, carried_density, turn_density
 
 
 class StepInputs(NamedTuple):
@@ -38,7 +37,7 @@ class StepInputs(NamedTuple):
         slide_x_density: error density of the forward speed, while the robot slides forward or is carried,
             and of slip that nothing shows [m²/s].
         slide_y_density: error density of the speed to the left, while the robot is carried [m²/s].
-        turn_density: error density of the yaw rate, once the gyro contradicts the tracks [rad²/s].
+        turn_density: error density of the yaw of a robot that may turn while it rests [rad²/s].
         acceleration_left: averaged acceleration of the left track [m/s²].
         acceleration_right: averaged acceleration of the right track [m/s²].
         window: averaging time of the acceleration [s].
@@ -46,7 +45,9 @@ class StepInputs(NamedTuple):
         age: age of the speeds at the start, from the middle of their interval [s].
         slow: 1 if both tracks are slow enough for a standstill, else 0.
         unknown: 1 if the motion of the step is unknown, else 0: the speed of a track is stale or from a
-            stuck sensor, or the yaw is off by the turning of earlier steps.
+            stuck sensor.
+        rest_time: see `StandstillRecord` [s].
+        drive_time: likewise [s].
     """
 
     smooth_left: float
@@ -68,6 +69,8 @@ class StepInputs(NamedTuple):
     age: float
     slow: float
     unknown: float
+    rest_time: float
+    drive_time: float
 
 
 def step_inputs(
@@ -91,7 +94,6 @@ def step_inputs(
     stale = gap_density(held, start, end, settings)
     stuck_left = stuck_density(held.repeating_left, start, end, settings)
     stuck_right = stuck_density(held.repeating_right, start, end, settings)
-    of_turn, of_way = contradiction_density(held.gyro, start, end)
     return StepInputs(
         held.smooth_left,
         held.smooth_right,
@@ -108,16 +110,18 @@ def step_inputs(
         + wheel_density(held.right_wheels, held.stamp, start, end)
         + spin_density(held.spin, RIGHT, settings.weighs_tracks),
         stale,
-        slide_density(held.forward, start, end) + carried + hidden_density(held, settings) + of_way,
-        carried + of_way,
-        of_turn,
+        slide_density(held.forward, start, end) + carried + hidden_density(held, settings),
+        carried,
+        turn_density(still, start, end),
         held.acceleration_left,
         held.acceleration_right,
         max(ACCELERATION_AVERAGING, held.interval),
         density / held.interval,
         age_at(held, start, settings.hold),
         1.0 if slow else 0.0,
-        1.0 if stale + stuck_left + stuck_right + of_turn > 0.0 else 0.0,
+        1.0 if stale + stuck_left + stuck_right > 0.0 else 0.0,
+        still.rest_time,
+        still.drive_time,
     )
 
 
